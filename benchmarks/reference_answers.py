@@ -23,7 +23,7 @@ from typing import Final
 
 from webgym.core.errors import WebGymError
 from webgym.judge.config import WAYS_BY_SOURCE, Way
-from webgym.judge.reference import hold_against
+from webgym.judge.reference import compare_with_reference
 from webgym.judge.value_comparison import Match
 from webgym.offline.web import OfflineWeb
 from webgym.tasks.sampling import draw
@@ -58,7 +58,7 @@ class Case:
 
     def match(self, ways: Sequence[Way] = WAYS) -> Match:
         """The decision of the rules."""
-        return hold_against(self.reference, self.answer, ways, self.instruction).match
+        return compare_with_reference(self.reference, self.answer, ways, self.instruction).match
 
 
 COUNTS: Final = (*(1,) * 8, *(2,) * 4, *(3,) * 4, *(5,) * 4, *(10,) * 4, *(30,) * 2, 100)
@@ -234,7 +234,8 @@ class Families:
                 break
             rival = self._rng.choice(pool if attempt < count * 5 else self._all)
             if not _overlaps(rival, one.reference) and not any(
-                hold_against(item, rival, WAYS).match is Match.SAME for item in one.reference.split("; ")
+                compare_with_reference(item, rival, WAYS).match is Match.SAME
+                for item in one.reference.split("; ")
             ):
                 found.append(rival)
         return found or ["Zanzibar"]

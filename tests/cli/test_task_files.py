@@ -121,7 +121,7 @@ def test_tasks_without_a_fact_to_judge_are_set_aside_and_counted(
     ("arguments", "expected"),
     [
         (("none.jsonl", "out.parquet"), "cannot read the task file"),
-        (("tasks.parquet", "out.txt"), "does not tell a format"),
+        (("tasks.parquet", "out.txt"), "has no known suffix"),
         (("tasks.parquet", "out.jsonl", "--format", "csv"), "jsonl, parquet, published"),
         (("tasks.parquet", "out.jsonl", "--format", "parquet"), "Parquet ends in .parquet"),
         (("tasks.parquet", "folder"), "split the tasks first"),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import date, timedelta
 from typing import Any
 
-from webgym.judge.reference import hold_against
+from webgym.judge.reference import compare_with_reference
 from webgym.judge.value_comparison import Match
 from webgym.judge.verdicts import Finding, Words, may_be_echoed, read_verdict
 from webgym.judge.webjudge import read_status
@@ -276,12 +276,15 @@ class Generator:
         right, _ = self.spellings()
         one, other = self.rng.choice(right), self._told(self.rng.choice(right))
         return Case(
-            "same", f"{one} / {other}", (Match.SAME,), hold_against(one, other, ("normalised", "set")).match
+            "same",
+            f"{one} / {other}",
+            (Match.SAME,),
+            compare_with_reference(one, other, ("normalised", "set")).match,
         )
 
     def other(self) -> Case:
         """Spellings of two values never do."""
         right, wrong = self.spellings()
         one, other = self.rng.choice(right), self._told(self.rng.choice(wrong))
-        found = hold_against(one, other, ("normalised", "set")).match
+        found = compare_with_reference(one, other, ("normalised", "set")).match
         return Case("other", f"{one} / {other}", (Match.DIFFERENT, Match.UNSURE), found)

@@ -11,7 +11,7 @@ from webgym.core.errors import ConfigError
 from webgym.core.task import Task
 from webgym.judge.config import JudgeChoice
 from webgym.judge.factory import refuse_unjudgeable
-from webgym.judge.offline import what_is_missing
+from webgym.judge.offline import why_unjudgeable
 from webgym.offline.web import OfflineWeb
 
 CHAT = {"base_url": "http://127.0.0.1:1/v1", "model": "m"}
@@ -35,7 +35,7 @@ def test_the_offline_judge_takes_all_of_the_offline_web_and_nothing_else(tasks: 
 def test_a_truth_that_knows_too_little_is_found(tasks: Sequence[Task]) -> None:
     truth = tasks[0].truth
     assert truth is not None
-    assert "knows nothing about fact" in what_is_missing(replace(tasks[0], truth=replace(truth, facts=())))
+    assert "without evidence for fact" in why_unjudgeable(replace(tasks[0], truth=replace(truth, facts=())))
 
 
 @pytest.mark.parametrize(

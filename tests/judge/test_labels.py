@@ -78,7 +78,7 @@ def test_a_table_as_people_write_it() -> None:
     ]
     assert list(map(str, read.broken)) == [
         "line 5: the label 'maybe' is not one of success, failure, unsure, not_executable",
-        "line 6: it names neither an attempt nor a task",
+        "line 6: it has neither an attempt_id nor a task_id",
         "line 7: 2 columns where the header has 4",
         "line 4: t2 is labelled again further down, at line 9",
     ]
@@ -104,7 +104,7 @@ def test_json_lists_and_lines() -> None:
             ("b", "success", ""),
         ]
         assert len(read.broken) == 2
-    with pytest.raises(ValueError, match="broken JSON"):
+    with pytest.raises(ValueError, match="invalid JSON"):
         parse_labels(b'[{"attempt_id": "a"')
     with pytest.raises(ValueError, match="first line"):
         parse_labels(b"name,verdict\na,success\n")
@@ -114,7 +114,7 @@ def test_files_that_are_not_there_or_no_labels(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="cannot read"):
         read_labels(tmp_path / "none.csv")
     (tmp_path / "other.csv").write_text("x,y\n1,2\n")
-    with pytest.raises(UsageError, match=r"holds no labels.*attempt_id"):
+    with pytest.raises(UsageError, match=r"not a table of labels.*attempt_id"):
         read_labels(tmp_path / "other.csv")
 
 
@@ -133,7 +133,7 @@ def test_labels_of_online_mind2web() -> None:
         HumanLabel("not_executable", task_id="t", agent="Two"),
         HumanLabel("failure", task_id="u", agent="One"),
     ]
-    assert [str(broken) for broken in read.broken] == ["record 2: Two's label '3' is none of 0, 1 and 2"]
+    assert [str(broken) for broken in read.broken] == ["record 2: Two's label '3' is not 0, 1 or 2"]
 
 
 @pytest.mark.skipif(not OM2W.exists(), reason=f"{OM2W} is not there")

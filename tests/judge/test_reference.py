@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from webgym.judge.config import WAYS_BY_SOURCE, Way
-from webgym.judge.reference import READ_CHARS, as_set, exact, hold_against, is_reference, normalised
+from webgym.judge.reference import READ_CHARS, as_set, compare_with_reference, exact, is_reference, normalised
 from webgym.judge.value_comparison import Match
 from webgym.judge.values import tokens
 
@@ -425,22 +425,22 @@ NOT_SAME = [
 
 @pytest.mark.parametrize(("reference", "answer"), SAME)
 def test_pairs_that_match(reference: str, answer: str) -> None:
-    assert hold_against(reference, answer, WAYS).match is Match.SAME
+    assert compare_with_reference(reference, answer, WAYS).match is Match.SAME
 
 
 @pytest.mark.parametrize(("reference", "answer"), NOT_SAME)
 def test_pairs_that_do_not_match(reference: str, answer: str) -> None:
-    assert hold_against(reference, answer, WAYS).match is not Match.SAME
+    assert compare_with_reference(reference, answer, WAYS).match is not Match.SAME
 
 
 @pytest.mark.parametrize(("task", "reference", "answer"), ASKED)
 def test_words_of_the_task_may_stand_around_an_answer(task: str, reference: str, answer: str) -> None:
-    assert hold_against(reference, answer, WAYS, task).match is Match.SAME
+    assert compare_with_reference(reference, answer, WAYS, task).match is Match.SAME
 
 
 @pytest.mark.parametrize(("task", "reference", "answer"), NOT_ASKED)
 def test_words_of_the_task_excuse_no_second_claim(task: str, reference: str, answer: str) -> None:
-    assert hold_against(reference, answer, WAYS, task).match is Match.UNSURE
+    assert compare_with_reference(reference, answer, WAYS, task).match is Match.UNSURE
 
 
 def test_the_table_is_large_and_has_no_pair_twice() -> None:
@@ -462,7 +462,7 @@ def test_the_table_is_large_and_has_no_pair_twice() -> None:
     ],
 )
 def test_rules_are_sure_where_a_value_differs(reference: str, answer: str) -> None:
-    assert hold_against(reference, answer, WAYS).match is Match.DIFFERENT
+    assert compare_with_reference(reference, answer, WAYS).match is Match.DIFFERENT
 
 
 @pytest.mark.parametrize(
@@ -488,7 +488,7 @@ def test_rules_are_sure_where_a_value_differs(reference: str, answer: str) -> No
     ],
 )
 def test_rules_leave_to_a_model_what_they_cannot_tell(reference: str, answer: str) -> None:
-    assert hold_against(reference, answer, WAYS).match is Match.UNSURE
+    assert compare_with_reference(reference, answer, WAYS).match is Match.UNSURE
 
 
 def test_what_the_task_says_is_no_part_of_the_answer() -> None:
@@ -502,9 +502,9 @@ def test_what_the_task_says_is_no_part_of_the_answer() -> None:
 def test_ways_are_taken_in_turn_and_only_when_asked_for() -> None:
     assert exact("Blue Mug", "blue  mug.").match is Match.SAME
     assert exact("1,234", "1234").match is Match.UNSURE
-    assert hold_against("1,234", "1234", ("exact",)).match is Match.UNSURE
-    assert hold_against("1,234", "1234", ("exact", "normalised")).match is Match.SAME
-    assert hold_against("x, y", "y, x", ("normalised",)).match is Match.UNSURE
+    assert compare_with_reference("1,234", "1234", ("exact",)).match is Match.UNSURE
+    assert compare_with_reference("1,234", "1234", ("exact", "normalised")).match is Match.SAME
+    assert compare_with_reference("x, y", "y, x", ("normalised",)).match is Match.UNSURE
     assert as_set("x, y", "y, x").match is Match.SAME
     assert as_set("alone", "alone").match is Match.UNSURE
     assert set(WAYS_BY_SOURCE["offline"]) == {"set", "normalised", "model"}
@@ -531,7 +531,7 @@ def test_a_text_made_of_values_matches_itself(pieces: list[str]) -> None:
         text = gap.join(pieces)
         assert tokens(text) == tokens(text)
         if text.strip():
-            assert hold_against(text, text, WAYS).match is Match.SAME, text
+            assert compare_with_reference(text, text, WAYS).match is Match.SAME, text
 
 
 @pytest.mark.parametrize(
@@ -547,7 +547,7 @@ def test_long_texts_are_read_in_time(unit: str) -> None:
 def test_long_answers_are_held_against_a_reference_in_time(reference: str, unit: str) -> None:
     start = process_time()
     for size in (READ_CHARS - 10, 100_000):
-        hold_against(reference, unit * (size // len(unit)), WAYS, "Which cities are in France?")
+        compare_with_reference(reference, unit * (size // len(unit)), WAYS, "Which cities are in France?")
     assert process_time() - start < 3
 
 
@@ -555,5 +555,5 @@ def test_long_answers_are_held_against_a_reference_in_time(reference: str, unit:
 def test_a_field_that_was_never_filled_in_is_no_reference(reference: str) -> None:
     assert not is_reference(reference)
     for answer in ("None", "Paris"):
-        assert hold_against(reference, answer, WAYS).match is Match.UNSURE
+        assert compare_with_reference(reference, answer, WAYS).match is Match.UNSURE
     assert is_reference("none"), "what some questions are answered with"

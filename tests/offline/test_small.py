@@ -318,7 +318,7 @@ class Shape(msgspec.Struct, forbid_unknown_fields=True):
 def test_a_file_that_does_not_fit_is_named_with_its_key() -> None:
     with pytest.raises(SitesError, match=r"small/market\.toml: .*look_up"):
         load("webgym.offline.small", "market.toml", Shape)
-    with pytest.raises(msgspec.ValidationError, match=r'either: "is it" must have the placeholders'):
+    with pytest.raises(msgspec.ValidationError, match=r'either: "is it" must have exactly the placeholders'):
         msgspec.convert({"either": ["is it"]}, Phrases)
 
 

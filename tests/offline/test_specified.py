@@ -182,7 +182,7 @@ def test_a_cart_adds_up_and_takes_no_odd_numbers(visitor: Any) -> None:
 def test_an_account_opens_for_its_user_alone(visitor: Any) -> None:
     site = made(Bank)
     guest, place = visitor(site), site.path("/~account")
-    balance = site.member.records[0].fields["balance"].text
+    balance = site.account_sheet.records[0].fields["balance"].text
     for user, password in ((site.user, "guess-111"), ("nobody", site.password), ("", "")):
         assert guest.ask(place, {"user": user, "password": password}).status == 422
         assert balance not in guest.ask(place).body.decode()
@@ -195,10 +195,10 @@ def test_an_account_opens_for_its_user_alone(visitor: Any) -> None:
 def test_items_lead_to_groups(visitor: Any) -> None:
     site = made(Shop)
     guest, record = visitor(site), site.items.records[0]
-    ((group, owner),) = site.owners(record)
-    assert site.group_href(group, owner) in guest.links(site.href(record))
-    assert site.group_href(group, owner) in guest.links(site.directory(group))
-    assert guest.ask(site.group_href(group, owner)).status == 200
+    ((group, related),) = site.related_records(record)
+    assert site.group_href(group, related) in guest.links(site.href(record))
+    assert site.group_href(group, related) in guest.links(site.directory(group))
+    assert guest.ask(site.group_href(group, related)).status == 200
     for nowhere in (f"{site.directory(group)}/nobody", site.path("/~more/{group}", group="nothing")):
         assert guest.ask(nowhere).status == 404
 
@@ -249,14 +249,26 @@ def _module(path: Path) -> ModuleType:
     ("old", "new", "message"),
     [
         ("low = 12", "low = 120", "price for an hour: low must be less than high"),
-        ('having = "are of the type {value}"', 'having = "are small"', "having must have {value} alone"),
+        (
+            'having = "are of the type {value}"',
+            'having = "are small"',
+            "having must have the placeholder {value} and no other",
+        ),
         ("count = [30, 40]", 'count = [1, 2]\nnaming = { kind = "list", first = ["a", "a"] }', '"a" twice'),
         ("card = true\nleast", "least", "an order needs card, least and most"),
         ('most = "highest"', "", "least and most belong together"),
         ('section = "price"', 'section = "prices"', 'fields.hour: there is no section "prices"'),
-        ('said = "for {value}"', 'said = "for a while"', '"for a while" must have {value} alone'),
-        ('ask = "rent the boat {item}"', 'ask = "rent {boat}"', "may have {item} alone"),
-        ('kind = "day"', 'kind = "email"', "inputs that are typed into come last"),
+        (
+            'said = "for {value}"',
+            'said = "for a while"',
+            '"for a while" must have the placeholder {value} and no other',
+        ),
+        (
+            'ask = "rent the boat {item}"',
+            'ask = "rent {boat}"',
+            "may have the placeholder {item} and no other",
+        ),
+        ('kind = "day"', 'kind = "email"', "text inputs must come last"),
         ('noun = "number of seats"', 'nouns = "seats"', "nouns"),
         ('kind = "money"', 'kind = "gold"', "gold"),
     ],
@@ -274,7 +286,7 @@ def test_a_specification_that_does_not_fit_is_refused_by_file_and_key(
 
 def test_two_kinds_of_pages_do_not_share_a_word(tmp_path: Path) -> None:
     name = beside(tmp_path, (EXAMPLE / "spec.toml").read_text().replace('"b"]', '"cart"]'))
-    with pytest.raises(SitesError, match='"cart" is the word for two kinds of pages'):
+    with pytest.raises(SitesError, match='"cart" stands for two kinds of pages'):
         spec_of(name)
 
 

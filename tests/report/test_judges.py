@@ -71,17 +71,17 @@ async def look_at_both(page_address: str, browser: Browser, facts: int) -> None:
         judges = page.locator("#judges .judge")
         await expect(judges).to_have_count(2)
         await expect(judges.nth(0)).to_have_attribute("aria-pressed", "true")
-        await expect(page.locator("#rubric h2")).to_have_text(f"Facts: {facts} of {facts} hold")
+        await expect(page.locator("#rubric h2")).to_have_text(f"Facts: {facts} of {facts} confirmed")
         assert await page.locator(".film .proof:visible").count() >= 2
         await judges.nth(1).click()
         await expect(judges.nth(1)).to_have_attribute("aria-pressed", "true")
-        await expect(page.locator("#rubric h2")).to_have_text(f"Facts: 1 of {facts} hold")
+        await expect(page.locator("#rubric h2")).to_have_text(f"Facts: 1 of {facts} confirmed")
         await expect(page.locator(".film .proof:visible")).to_have_count(1)
         # The finding stands beneath the screenshot that it cites, as text.
         here = page.locator(".here .finding")
         await expect(here).to_have_count(1)
         await expect(here).to_contain_text(HOSTILE)
-        await expect(page.locator("#confidence")).to_have_text("67% of the samples say so")
+        await expect(page.locator("#confidence")).to_have_text("67% of the samples agree")
         await expect(page.locator(".about")).to_contain_text(
             "12 replies, 3 from the cache, 4500 tokens, $0.0125"
         )
@@ -90,7 +90,7 @@ async def look_at_both(page_address: str, browser: Browser, facts: int) -> None:
         await page.locator("#rubric .cite").first.click()
         await expect(here).to_have_count(1)
         await judges.nth(0).click()
-        await expect(page.locator("#rubric h2")).to_have_text(f"Facts: {facts} of {facts} hold")
+        await expect(page.locator("#rubric h2")).to_have_text(f"Facts: {facts} of {facts} confirmed")
 
 
 async def test_judges_stand_side_by_side_in_the_report(judged_run: Path, browser: Browser) -> None:

@@ -43,7 +43,7 @@ async def test_news_are_told_once(client: httpx.AsyncClient) -> None:
     assert news["count"] == 12
     assert news["options"]["level"] == ["easy", "medium", "hard"]
     assert "Success rate" in news["overview"]
-    assert re.search(r"Kept the agent out, by attempts: \S+ \(1\)\.", news["overview"])
+    assert re.search(r"Websites that blocked the agent, by number of attempts: \S+ \(1\)\.", news["overview"])
     nothing = (await client.get("/api/news", params={"known": 12, "whole": "true"})).json()
     assert (nothing["whole"], nothing["overview"]) == (True, "")
     for known in ("-1", "9" * 5_000):

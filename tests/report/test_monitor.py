@@ -116,7 +116,7 @@ async def test_the_end_and_a_kill_are_told_apart(browser: Browser, run: Path) ->
         left = {**_progress(3).snapshot(), "at": time.time() - STALE_SECONDS - 60}
         (run / LIVE).write_text(json.dumps(left))
         await expect(page.locator("#live")).to_have_text("stopped")
-        await expect(page.locator("#said")).to_contain_text("has said nothing for 1:")
+        await expect(page.locator("#said")).to_contain_text("No update from the collector for 1:")
         (run / LIVE).write_text("{")
         await expect(page.locator("#said")).to_contain_text("not what a collector writes")
 

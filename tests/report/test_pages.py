@@ -192,7 +192,7 @@ async def test_facts_and_their_evidence(browser: Browser, report: Path, run_fold
             await expect(facts.nth(place)).to_have_attribute(
                 "data-passed", str(fact.judgement.passed).lower()
             )
-        await expect(page.locator("#rubric h2")).to_have_text("Facts: 3 of 5 hold")
+        await expect(page.locator("#rubric h2")).to_have_text("Facts: 3 of 5 confirmed")
         cited = made.verdict.facts[2].judgement.steps[0] + 1
         await facts.nth(2).get_by_role("button").click()
         await expect(page.locator(".now .count")).to_have_text(f"Step {cited} of {len(made.episode.steps)}")
@@ -257,7 +257,7 @@ async def test_hostile_text_is_shown_and_inert(browser: Browser, report: Path, r
 
 async def test_an_unknown_trajectory_is_said(browser: Browser, report: Path) -> None:
     async with opened(browser, report.as_uri() + "#/t/nothing%231.0") as page:
-        await expect(page.locator("#trajectory")).to_contain_text("holds no such trajectory")
+        await expect(page.locator("#trajectory")).to_contain_text("has no such trajectory")
 
 
 async def test_pictures_come_from_the_folder_and_a_report_that_was_moved_says_so(
@@ -275,11 +275,11 @@ async def test_pictures_come_from_the_folder_and_a_report_that_was_moved_says_so
     page = await context.new_page()
     await page.goto(address(report, run, 0, 2))
     absent = page.locator(".stage .absent")
-    await expect(absent).to_contain_text(f"screenshots/{gone.parent.name}/{gone.name} is not beside it")
+    await expect(absent).to_contain_text(f"screenshots/{gone.parent.name}/{gone.name} does not exist")
     await page.goto("about:blank")
     await page.goto(address(report.rename(tmp_path / "moved.html"), run, 0))
-    await expect(absent).to_contain_text("If it was moved, move it back into its folder")
-    await expect(page.locator("#moved")).to_contain_text("it was moved. Move it back")
+    await expect(absent).to_contain_text("If the report was moved, move it back into its run folder")
+    await expect(page.locator("#moved")).to_contain_text("the report was moved. Move it back")
     await context.close()
 
 

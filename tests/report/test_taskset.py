@@ -280,7 +280,7 @@ class TestPages:
             context = await browser.new_context()  # not opened(): a 404 is written to the console
             page = await context.new_page()
             await page.goto(address(url, "nothing"))
-            await expect(page.locator("#task")).to_contain_text("holds no such task")
+            await expect(page.locator("#task")).to_contain_text("has no such task")
             await context.close()
 
     @pytest.mark.parametrize("scheme", ["light", "dark"])

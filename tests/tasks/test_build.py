@@ -469,7 +469,10 @@ async def test_what_asks_for_nothing_needs_no_model(tmp_path: Path) -> None:
         (("--source", "deepshop={deepshop}", "--base-url", "nonsense", "--model", "x"), "base URL"),
         (("--source", "deepshop={deepshop}", "--price", "cheap"), "not a price"),
         (("--source", "deepshop={deepshop}", "--dry-run", "--batch", "b"), "exclude each other"),
-        (("--source", "deepshop={browsecomp}", "--test-size", "0"), "holds no task of deepshop; the first"),
+        (
+            ("--source", "deepshop={browsecomp}", "--test-size", "0"),
+            "contains no task of deepshop; the first",
+        ),
         (("--config", "none.yaml"), "cannot read none.yaml"),
         (("--source", "deepshop={deepshop}", "--test-size", "-1"), "test-size"),
     ],

@@ -9,10 +9,10 @@ from tests.tasks.making import RUBRICS, rubric, task
 
 from webgym.core.task import Rubric
 from webgym.core.truth import AnswerTruth, Truth
-from webgym.tasks.decompose import Decomposing, decompose, derive, possible
+from webgym.tasks.decompose import DecompositionLimits, decompose, derive, possible
 from webgym.tasks.published import DIFFICULTY_DIFFERS
 
-FREELY = Decomposing(per_parent=10_000)
+FREELY = DecompositionLimits(per_parent=10_000)
 
 
 def test_the_golden_example() -> None:
@@ -85,7 +85,7 @@ def test_whatever_the_rubric(whole: Rubric) -> None:
 def test_ids_do_not_depend_on_the_order_of_the_groups(whole: Rubric, rng: object, at_most: int) -> None:
     shuffled = list(whole.groups)
     rng.shuffle(shuffled)  # type: ignore[attr-defined]
-    for limits in (FREELY, Decomposing(per_parent=at_most)):
+    for limits in (FREELY, DecompositionLimits(per_parent=at_most)):
         one = derive(task("p", rubric=whole), limits)
         other = derive(task("p", rubric=Rubric(tuple(shuffled))), limits)
         assert one == other
@@ -95,7 +95,7 @@ def test_ids_do_not_depend_on_the_order_of_the_groups(whole: Rubric, rng: object
 def test_a_cap_takes_some_of_them_and_says_so(whole: Rubric, at_most: int) -> None:
     parent = task("p", rubric=whole)
     every = {child.id for child in derive(parent, FREELY)}
-    found = decompose([parent], Decomposing(per_parent=at_most))
+    found = decompose([parent], DecompositionLimits(per_parent=at_most))
     assert {child.id for child in found.derived} <= every
     assert len(found.derived) == min(at_most, len(every))
     assert [(note.possible, note.taken) for note in found.capped] == (
@@ -118,7 +118,7 @@ def test_synthetic_sources_give_less() -> None:
     made = task("pae-webvoyager/1", "a.example", 3, 3, 3, source="pae-webvoyager")
     found = decompose([made])
     assert (len(found.derived), found.capped[0].possible) == (1, 6)
-    assert len(decompose([made], Decomposing(synthetic=())).derived) == 6
+    assert len(decompose([made], DecompositionLimits(synthetic=())).derived) == 6
 
 
 def test_nothing_comes_of_derived_tasks() -> None:

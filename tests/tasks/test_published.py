@@ -19,8 +19,8 @@ from webgym.tasks.files import NO_FACTS, NONE_FACT
 from webgym.tasks.formats import read_tasks, write_tasks
 from webgym.tasks.published import (
     DIFFICULTY_DIFFERS,
-    KEPT,
     OLD_RUBRIC,
+    ORIGINAL_LINE,
     line_of,
     task_of,
 )
@@ -345,7 +345,7 @@ def test_of_many_files_one_is_made_without_joining_lines(tmp_path: Path) -> None
 def changed(told: dict[str, Any], **changes: Any) -> dict[str, Any]:
     """The row that is written of a task that was changed since it was read."""
     task = task_of(told)
-    task.extra[KEPT] = json.dumps(told)
+    task.extra[ORIGINAL_LINE] = json.dumps(told)
     written: dict[str, Any] = json.loads(line_of(replace(task, **changes), None))
     return written
 
@@ -364,8 +364,10 @@ def test_what_was_changed_since_is_written_anew_and_nothing_else() -> None:
     assert changed(told, id="deepshop/6") == told | {"task_id": "deepshop/6"}
     assert changed(told, flags=("dated",)) == told | {"webgym": {"flags": ["dated"]}}
     without = {name: value for name, value in told.items() if name != "attempt_level"}
-    assert changed(told, extra={KEPT: json.dumps(told), "attempt_level": 3}) == told | {"attempt_level": 3}
-    assert changed(told, extra={KEPT: json.dumps(told)}) == without
+    assert changed(told, extra={ORIGINAL_LINE: json.dumps(told), "attempt_level": 3}) == told | {
+        "attempt_level": 3
+    }
+    assert changed(told, extra={ORIGINAL_LINE: json.dumps(told)}) == without
 
 
 @given(content=published_files(), flag=st.text(max_size=3), answer=spoken)
@@ -379,7 +381,9 @@ def test_a_changed_task_is_read_back_as_it_was_changed(
     write_tasks(path, tasks, format="published")
 
     def bare(some: list[Task]) -> list[Task]:
-        return [replace(task, extra={k: v for k, v in task.extra.items() if k != KEPT}) for task in some]
+        return [
+            replace(task, extra={k: v for k, v in task.extra.items() if k != ORIGINAL_LINE}) for task in some
+        ]
 
     assert bare(read_tasks(path).tasks) == bare(tasks)
 
@@ -397,7 +401,9 @@ def test_our_own_rows_have_the_columns_of_the_published_set(tmp_path: Path) -> N
 
 
 def test_a_task_that_no_row_can_tell_is_said(tmp_path: Path) -> None:
-    with pytest.raises(TaskFileError, match=r"'deepshop/Shop--1' makes no published row: website is empty"):
+    with pytest.raises(
+        TaskFileError, match=r"'deepshop/Shop--1' cannot be written as a published row: website is empty"
+    ):
         write_tasks(tmp_path / "out.jsonl", [replace(task_of(ROW), website=" ")], format="published")
 
 

@@ -1,13 +1,13 @@
-"""AReaL (tested with areal 1.0.4): a workflow whose episodes are ours::
+"""AReaL (tested with areal 1.0.4): a workflow that plays episodes of WebGym::
 
     workflow = WebGymWorkflow(gconfig, tokenizer, processor, size=64)
     trainer.train(workflow=workflow, ...)  # the dataset: webgym.task_rows("offline-v1", count="all")
 
-An episode gives one row per step, all with its reward: the history is a window, so no two steps share a
-prompt. An episode without a reward, and one of which no row holds together, is rejected (``None``).
+An episode gives one row per step, all with the episode's reward: the prompt has a window of the history, so
+no two steps share a prompt. An episode without a reward, or without a usable row, is rejected (``None``).
 
-With SGLang the ids that are sent are those that are read. AReaL asks vLLM with messages, and vLLM does not
-say which ids it made of them: such rows are as exact as the two renderings agree.
+With SGLang, the model reads exactly the token ids in the row. vLLM is sent messages by AReaL and does not
+return the ids that it renders them to, so such rows are correct only if both renderings agree.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from webgym import EnvironmentPool, Renderer, Sampled, TokenRequest, TokenRollou
 
 
 class WebGymWorkflow(RolloutWorkflow):
-    """Episodes in browsers, one for each row of the dataset, which has a ``task_id``.
+    """Plays an episode in a browser for each row of the dataset, which has a ``task_id``.
 
     Args:
-        gconfig: how to sample; one sample per request, whatever it says.
+        gconfig: sampling parameters; ``n_samples`` is set to 1.
         tokenizer: of the model, with its chat template.
         processor: of the model.
-        name: of the tasks, as for :func:`webgym.make`.
-        size: browsers, and so episodes at the same time.
-        cutoff_tokens: longest prompt and reply together; longer rows are dropped.
-        given: more of :class:`webgym.EnvironmentPool`'s arguments.
+        name: name of the tasks, as for :func:`webgym.make`.
+        size: number of browsers, and so of concurrent episodes.
+        cutoff_tokens: most tokens of prompt and reply together; longer rows are dropped.
+        options: further arguments of :class:`webgym.EnvironmentPool`.
 
     Attributes:
-        pool: of the environments; close it at the end.
-        dropped: steps without a row so far, by reason.
+        pool: the environments; close it at the end.
+        dropped: number of steps without a row so far, by reason.
     """
 
     def __init__(
@@ -51,13 +51,13 @@ class WebGymWorkflow(RolloutWorkflow):
         name: str = "offline-v1",
         size: int = 8,
         cutoff_tokens: int = 16384,
-        **given: Any,
+        **options: Any,
     ) -> None:
         self.gconfig = gconfig.new(n_samples=1)
         self.tokenizer, self.processor = tokenizer, processor
         self.renderer = Renderer(tokenizer, processor.image_processor)
         self.cutoff_tokens = cutoff_tokens
-        self.pool = EnvironmentPool(name, size=size, **given)
+        self.pool = EnvironmentPool(name, size=size, **options)
         self.dropped: dict[str, int] = {}
 
     async def arun_episode(self, engine: Any, data: dict[str, Any]) -> dict[str, Any] | None:
@@ -70,7 +70,7 @@ class WebGymWorkflow(RolloutWorkflow):
         versions: dict[int, list[int]] = {}
 
         async def generate(request: TokenRequest) -> Sampled:
-            asked = ModelRequest(
+            model_request = ModelRequest(
                 rid=uuid.uuid4().hex,
                 input_ids=request.prompt_ids,
                 image_data=[base64.b64encode(image).decode() for image in request.images],
@@ -79,7 +79,7 @@ class WebGymWorkflow(RolloutWorkflow):
                 tokenizer=self.tokenizer,
                 processor=self.processor,
             )
-            response = await engine.agenerate(asked)
+            response = await engine.agenerate(model_request)
             versions[len(versions)] = list(response.output_versions)
             return Sampled(
                 response.output_tokens,
@@ -128,13 +128,13 @@ class WebGymWorkflow(RolloutWorkflow):
 
 
 def _chat(request: TokenRequest) -> list[dict[str, Any]]:
-    """The request as chat messages, for vLLM, which renders it itself; the engine fills the pictures in."""
-    found = []
+    """The request as chat messages for vLLM, which renders them itself; the engine inserts the images."""
+    chat = []
     for message in request.messages:
         content: list[dict[str, Any]] = []
         for part in message.content:
             text = getattr(part, "text", None)
             picture = {"type": "image_url", "image_url": {"url": ""}}
             content.append(picture if text is None else {"type": "text", "text": text})
-        found.append({"role": message.role, "content": content})
-    return found
+        chat.append({"role": message.role, "content": content})
+    return chat

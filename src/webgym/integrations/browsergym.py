@@ -1,13 +1,13 @@
-"""BrowserGym's tasks with WebGym's views and actions (tested with browsergym-core 0.14.3)::
+"""BrowserGym's tasks with WebGym's observations and actions (tested with browsergym-core 0.14.3)::
 
-    import browsergym.miniwob  # makes its tasks known
+    import browsergym.miniwob  # registers its tasks
 
     with BrowserGymEnv("miniwob.click-test") as env:
         view, info = env.reset(seed=7)
         view, reward, terminated, truncated, info = env.step(LeftClick(Target(coordinate=(120, 300))))
 
-Browser, page and reward are BrowserGym's. What fails is raised: an episode that was broken off has no reward.
-BrowserGym drives Playwright from one thread, so an environment stays in the thread that made it.
+Browser, page and reward are BrowserGym's. Failures raise exceptions: an interrupted episode has no reward.
+BrowserGym uses Playwright from one thread, so an environment must be used in the thread that created it.
 """
 
 from __future__ import annotations
@@ -44,34 +44,34 @@ from webgym import (
 _GRID: Final = 1000
 _LONGEST_WAIT: Final = 10.0  # seconds
 _SCROLLED: Final = 0.8
-"""Share of the viewport by which a scroll moves on."""
+"""Scroll distance as a fraction of the viewport."""
 
 
 class NoReward(WebGymError):
-    """Browser, page or task failed, or gave no number: no success, and no failure."""
+    """Browser, page or task failed, or the task gave no reward: it is neither a success nor a failure."""
 
     code = "no_reward"
 
 
 class BrowserGymEnv:
-    """One task of BrowserGym, one episode after another.
+    """An environment for one task of BrowserGym.
 
-    An :class:`~webgym.Answer` is sent to the user in BrowserGym's chat, and ends the episode as it does in
-    WebGym, whether the task waits for one or not.
+    An :class:`~webgym.Answer` is sent to the user in BrowserGym's chat, and ends the episode as in WebGym,
+    even if the task does not expect one.
 
     Args:
-        name: of the task, without ``browsergym/``.
-        given: arguments of ``browsergym.core.env.BrowserEnv``, such as ``task_kwargs`` and ``headless``.
+        name: name of the task, without ``browsergym/``.
+        options: arguments of ``browsergym.core.env.BrowserEnv``, such as ``task_kwargs`` and ``headless``.
     """
 
-    def __init__(self, name: str, **given: Any) -> None:
+    def __init__(self, name: str, **options: Any) -> None:
         self.name = name
         self._env = gymnasium.make(
             f"browsergym/{name}",
             disable_env_checker=True,
             action_mapping=None,  # actions are the code of `playwright_code`
-            use_raw_page_output=True,  # the page itself, into which nothing is written
-            **given,
+            use_raw_page_output=True,  # the page itself, without BrowserGym's marks
+            **options,
         )
         self._page: Any = None
         self._instruction = ""
@@ -85,36 +85,36 @@ class BrowserGymEnv:
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[View, dict[str, Any]]:
-        """Begin an episode; one that is not over is abandoned.
+        """Start an episode; one in progress is abandoned.
 
         Args:
             seed: of the task, for BrowserGym; 0 if not given.
-            options: not looked at.
+            options: ignored.
 
         Returns:
             The start page; and a dict of ``instruction``, ``is_over`` and ``task_info`` (BrowserGym's).
 
         Raises:
-            NoReward: the browser, or the task, did not come up.
+            NoReward: the browser or the task could not be started.
         """
         with self._faults():
-            seen, told = self._env.reset(seed=seed or 0)
-            view = _view(seen)
-        self._instruction, self._page = seen["goal"], seen["page"]
-        return view, self._info(told, is_over=False)
+            raw, env_info = self._env.reset(seed=seed or 0)
+            view = _view(raw)
+        self._instruction, self._page = raw["goal"], raw["page"]
+        return view, self._info(env_info, is_over=False)
 
     def step(self, action: Action) -> tuple[View, float, bool, bool, dict[str, Any]]:
-        """Act.
+        """Carry out an action.
 
         Args:
             action: one of the paper's seven, at a coordinate.
 
         Returns:
-            view: the page afterwards; ``observation.notices`` says why an action could not be carried out.
+            view: the page after the action; ``observation.notices`` has the reason if the action failed.
             reward: BrowserGym's, of this step.
-            terminated: the task is over.
-            truncated: it is not, but the episode is: it was answered, or has taken as many steps as it may.
-            info: as of :meth:`reset`.
+            terminated: whether the task is finished.
+            truncated: whether the episode ended without that: by an answer, or by the limit of steps.
+            info: as from :meth:`reset`.
 
         Raises:
             UsageError: there is no episode, or it is over, or the action is none of the seven.
@@ -125,57 +125,57 @@ class BrowserGymEnv:
         size = self._page.viewport_size
         code = playwright_code(action, (size["width"], size["height"]))
         with self._faults():
-            seen, reward, terminated, truncated, told = self._env.step(code)
-            view = _view(seen)
+            raw, reward, terminated, truncated, env_info = self._env.step(code)
+            view = _view(raw)
         if reward is None or not math.isfinite(reward):
             raise NoReward(f"the task {self.name} gave the reward {reward}")
         truncated = not terminated and (truncated or isinstance(action, Answer))
         is_over = terminated or truncated
-        self._page = None if is_over else seen["page"]
-        return view, float(reward), terminated, truncated, self._info(told, is_over=is_over)
+        self._page = None if is_over else raw["page"]
+        return view, float(reward), terminated, truncated, self._info(env_info, is_over=is_over)
 
     def close(self) -> None:
-        """Stop the browser. Safe to call twice."""
+        """Stop the browser. May be called twice."""
         self._page = None
         self._env.close()
 
     @contextmanager
     def _faults(self) -> Iterator[None]:
-        self._page = None  # nobody goes on from an episode that broke off
+        self._page = None  # an interrupted episode cannot be continued
         try:
             yield
-        except Exception as error:  # of Playwright, or of code that did not think of it
-            said = " ".join(str(error).split())[:300]
-            raise NoReward(f"the task {self.name} broke off: {said}") from error
+        except Exception as error:  # of Playwright or of the task
+            reason = " ".join(str(error).split())[:300]
+            raise NoReward(f"the task {self.name} failed: {reason}") from error
 
-    def _info(self, told: dict[str, Any], *, is_over: bool) -> dict[str, Any]:
-        return {"instruction": self._instruction, "is_over": is_over, "task_info": told["task_info"]}
+    def _info(self, env_info: dict[str, Any], *, is_over: bool) -> dict[str, Any]:
+        return {"instruction": self._instruction, "is_over": is_over, "task_info": env_info["task_info"]}
 
 
-def _view(seen: dict[str, Any]) -> View:
-    page, held = seen["page"], BytesIO()
+def _view(raw: dict[str, Any]) -> View:
+    page, buffer = raw["page"], BytesIO()
     picture = Image.fromarray(extract_screenshot(page)).convert("RGB")
-    picture.save(held, "PNG")
-    image, error = held.getvalue(), seen["last_action_error"]
-    described = {
+    picture.save(buffer, "PNG")
+    image, error = buffer.getvalue(), raw["last_action_error"]
+    fields = {
         "screenshot": hashlib.sha256(image).hexdigest(),
         "url": page.url,
         "title": page.title(),
         "viewport": picture.size,
         "notices": [{"kind": "action_failed", "text": error}] if error else [],
     }
-    return View(msgspec.convert(described, Observation), image)
+    return View(msgspec.convert(fields, Observation), image)
 
 
 def playwright_code(action: Action, viewport: tuple[int, int]) -> str:
-    """What BrowserGym runs for an action.
+    """The Python code that BrowserGym runs for an action.
 
     Args:
         action: one of the paper's seven.
         viewport: width and height, CSS pixels.
 
     Raises:
-        UsageError: it is another one, or it names a marked element.
+        UsageError: it is another action, or its target is a marked element.
     """
     width, height = viewport
     match action:
@@ -191,8 +191,8 @@ def playwright_code(action: Action, viewport: tuple[int, int]) -> str:
             )
         case Scroll(direction="up" | "down" as direction, target=target):
             point = f"{width / 2}, {height / 2}" if target is None else _point(target, viewport)
-            way = _SCROLLED * height if direction == "down" else -_SCROLLED * height
-            return f"page.mouse.move({point})\npage.mouse.wheel(0, {way})"
+            distance = _SCROLLED * height if direction == "down" else -_SCROLLED * height
+            return f"page.mouse.move({point})\npage.mouse.wheel(0, {distance})"
         case Wait(time=seconds):
             return f"page.wait_for_timeout({1000 * max(0.0, min(seconds, _LONGEST_WAIT))})"
         case GoBack():

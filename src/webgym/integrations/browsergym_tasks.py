@@ -6,8 +6,8 @@
     env = gymnasium.make(names[0])  # browsergym/webgym.small.…
 
 Browser, actions and observations are BrowserGym's; the offline websites and the judge are WebGym's. A message
-to the user is the answer and ends the episode, and so does a budget that is spent. The reward comes then: 1.0
-or 0.0. An episode without one (the website blocked the agent, or websites or judge failed) raises
+to the user is the answer and ends the episode, as does an exhausted step budget. The reward is then 1.0 or
+0.0. An episode without a reward (the website blocked the agent, or websites or judge failed) raises
 :class:`NoReward`.
 """
 
@@ -35,10 +35,10 @@ from webgym import Episode, OfflineJudge, OfflineWeb, RunConfig, Task, WebGymErr
 Collection = Literal["large", "small"]
 
 _VISITOR: Final = "webgym_visitor"
-_SECONDS: Final = 60.0
-"""How long a website may take to answer."""
+_TIMEOUT_SECONDS: Final = 60.0
+"""Longest time for a website's response, seconds."""
 
-# What can be read in the viewport: the judge's evidence.
+# The text visible in the viewport: the judge's evidence.
 _TEXT: Final = """() => {
     const seen = [];
     const shown = (box) => box.width > 0 && box.height > 0 && box.bottom > 0 && box.right > 0
@@ -57,13 +57,13 @@ _TEXT: Final = """() => {
 
 
 class NoReward(WebGymError):
-    """The website blocked the agent, or websites or judge failed: no success, and no failure."""
+    """The website blocked the agent, or websites or judge failed: it is neither a success nor a failure."""
 
     code = "no_reward"
 
 
 class _Sites:
-    """The offline web in a process of its own, until this one ends."""
+    """The offline web, served by a child process until this process ends."""
 
     def __init__(self, collection: Collection, per_family: int | None) -> None:
         self.token = secrets.token_hex(16)
@@ -86,35 +86,35 @@ class _Sites:
         first = self._process.stdout.readline().split()
         if not first:
             raise NoReward("the offline web did not start")
-        self.http = httpx.Client(base_url=f"http://{first[-1]}", timeout=_SECONDS, trust_env=False)
+        self.http = httpx.Client(base_url=f"http://{first[-1]}", timeout=_TIMEOUT_SECONDS, trust_env=False)
 
     def stop(self) -> None:
-        """Safe to call twice."""
+        """Stop the child process. May be called twice."""
         self._process.terminate()
         self._process.wait()
 
     def state(self, visitor: str, host: str) -> dict[str, Any] | None:
-        """What a website's server holds for a visitor."""
+        """The state of a website for a visitor; ``None`` if there is none."""
         headers = {"authorization": f"Bearer {self.token}"}
-        answered = self.http.get(f"/visitors/{visitor}/{host}", headers=headers)
-        if answered.status_code == httpx.codes.NOT_FOUND:
+        response = self.http.get(f"/visitors/{visitor}/{host}", headers=headers)
+        if response.status_code == httpx.codes.NOT_FOUND:
             return None
-        found: dict[str, Any] = answered.raise_for_status().json()
-        return found
+        state_of_visitor: dict[str, Any] = response.raise_for_status().json()
+        return state_of_visitor
 
 
 _sites: dict[tuple[Collection, int | None], _Sites] = {}
-"""Of this process: BrowserGym makes a task for every episode."""
+"""The servers of this process, shared because BrowserGym creates a task object for every episode."""
 
 
 class WebGymTask(AbstractBrowserTask):
     """A task of the offline web.
 
     Args:
-        seed: of BrowserGym; a task is the same for all.
-        task: of WebGym.
-        collection: of its website.
-        per_family: websites of a family, as the task was made with.
+        seed: BrowserGym's seed, which has no influence.
+        task: the task of WebGym.
+        collection: collection of its website.
+        per_family: number of websites per family with which the task was made.
     """
 
     def __init__(
@@ -130,79 +130,80 @@ class WebGymTask(AbstractBrowserTask):
         self._visitor = secrets.token_hex(8)
         self._statuses: dict[str, int] = {}
         self._fault = ""
-        self._seen: list[dict[str, Any]] = []
+        self._observations: list[dict[str, Any]] = []
 
     def setup(self, page: Any) -> tuple[str, dict[str, Any]]:
         """Open the start page.
 
         Args:
-            page: of Playwright.
+            page: the Playwright page.
 
         Returns:
-            The instruction, and the task's id.
+            The instruction, and a dict with the task's id.
 
         Raises:
-            NoReward: the offline web does not serve it.
+            NoReward: the offline web cannot be started, or does not serve the page.
         """
         if self._key not in _sites:
             _sites[self._key] = _Sites(*self._key)
         page.context.route("**/*", self._serve)
         page.goto(self.task.website)
-        self._look(page)
+        self._record(page)
         return self.task.instruction, {"task_id": self.task.id}
 
     def validate(self, page: Any, chat_messages: list[Any]) -> tuple[float, bool, str, dict[str, Any]]:
-        """Look at the page, and judge at the end.
+        """Record the page, and judge the episode at its end.
 
         Args:
-            page: of Playwright.
-            chat_messages: of BrowserGym; what the assistant says after the instruction is the answer.
+            page: the Playwright page.
+            chat_messages: BrowserGym's chat; the assistant's first message after the instruction is the
+                answer.
 
         Returns:
-            Reward, whether the episode is over, no message, and at the end the verdict's criteria.
+            The reward, whether the episode is over, an empty message, and at the end a dict with the verdict.
 
         Raises:
-            NoReward: there is none.
+            NoReward: the episode has no reward.
         """
-        roles = [each["role"] for each in chat_messages]
-        said = chat_messages[roles.index("user") :] if "user" in roles else []
-        answers = [each["message"] for each in said if each["role"] == "assistant"]
+        roles = [message["role"] for message in chat_messages]
+        after_task = chat_messages[roles.index("user") :] if "user" in roles else []
+        answers = [message["message"] for message in after_task if message["role"] == "assistant"]
         if not answers:
-            self._look(page)
-            if len(self._seen) <= self.budget:
+            self._record(page)
+            if len(self._observations) <= self.budget:
                 return 0.0, False, "", {}
-        return self._judged(answers[0] if answers else None)
+        return self._judge(answers[0] if answers else None)
 
     def teardown(self) -> None:
-        """Nothing to do: the websites stay for the next episode."""
+        """Does nothing: the websites are kept for the next episode."""
 
     def _serve(self, route: Any, request: Any) -> None:
         parts = urlsplit(request.url)
         host = parts.hostname or ""
         if not host.endswith(".webgym.test"):
-            route.abort()  # nothing else is there
+            route.abort()  # only the offline web is reachable
             return
         headers = {"host": host, "cookie": f"{_VISITOR}={self._visitor}"}
         if kind := request.headers.get("content-type"):
             headers["content-type"] = kind
         target = f"{parts.path}?{parts.query}" if parts.query else parts.path
         try:
-            answered = _sites[self._key].http.request(
+            response = _sites[self._key].http.request(
                 request.method, target, headers=headers, content=request.post_data_buffer
             )
         except httpx.HTTPError as error:
-            self._fault = f"the offline web does not answer: {type(error).__name__}"
+            self._fault = f"the offline web does not respond: {type(error).__name__}"
             route.abort()
             return
         if request.is_navigation_request():
-            self._statuses[request.url] = answered.status_code
-        route.fulfill(status=answered.status_code, headers=dict(answered.headers), body=answered.content)
+            self._statuses[request.url] = response.status_code
+        route.fulfill(status=response.status_code, headers=dict(response.headers), body=response.content)
 
-    def _look(self, page: Any) -> None:
+    def _record(self, page: Any) -> None:
         if self._fault:
             raise NoReward(self._fault)
         text = page.evaluate(_TEXT)
-        self._seen.append(
+        self._observations.append(
             {
                 "screenshot": hashlib.sha256(f"{page.url}\n{text}".encode()).hexdigest(),
                 "url": page.url,
@@ -213,17 +214,17 @@ class WebGymTask(AbstractBrowserTask):
             }
         )
 
-    def _judged(self, answer: str | None) -> tuple[float, bool, str, dict[str, Any]]:
+    def _judge(self, answer: str | None) -> tuple[float, bool, str, dict[str, Any]]:
         if self._fault:
             raise NoReward(self._fault)
         assert self.task.truth is not None
-        *before, last = self._seen
-        shown = self._seen if answer is not None else before
+        *before, last = self._observations
+        observations = self._observations if answer is not None else before
         try:
             state = _sites[self._key].state(self._visitor, self.task.truth.host)
         except httpx.HTTPError as error:
-            raise NoReward(f"the offline web does not say its state: {type(error).__name__}") from error
-        told = {
+            raise NoReward(f"the state of the offline web cannot be read: {type(error).__name__}") from error
+        record = {
             "attempt_id": f"{self.task.id}#0.0",
             "task_id": self.task.id,
             "sample": 0,
@@ -233,15 +234,20 @@ class WebGymTask(AbstractBrowserTask):
             "started_at": 0.0,
             "seconds": 0.0,
             "steps": [
-                {"index": index, "observation": seen, "messages": [], "reply": {"text": "", "policy": ""}}
-                for index, seen in enumerate(shown)
+                {
+                    "index": index,
+                    "observation": observation,
+                    "messages": [],
+                    "reply": {"text": "", "policy": ""},
+                }
+                for index, observation in enumerate(observations)
             ],
             "ending": "budget_spent" if answer is None else "answered",
             "final": last if answer is None else None,
             "answer": answer,
             "final_state": state,
         }
-        episode = msgspec.convert(told, Episode)
+        episode = msgspec.convert(record, Episode)
         try:  # Playwright has an event loop in this thread
             with ThreadPoolExecutor(1) as pool:
                 verdict = pool.submit(
@@ -250,22 +256,23 @@ class WebGymTask(AbstractBrowserTask):
         except WebGymError as error:
             raise NoReward(f"the judge gives no verdict: {error.message}") from error
         if verdict.reward is None:
-            raise NoReward("the website kept the agent out")
+            raise NoReward("the website blocked the agent")
         return float(verdict.reward), True, "", {"verdict": msgspec.to_builtins(verdict)}
 
 
 async def _no_picture(name: str) -> bytes:
-    raise LookupError(f"the picture {name} is not at hand")
+    raise LookupError(f"the screenshot {name} is not available")
 
 
 def env_name(task_id: str) -> str:
-    """What a task is called in BrowserGym.
+    """The name of a task in BrowserGym.
 
     Args:
-        task_id: of WebGym.
+        task_id: id of the task in WebGym.
 
     Returns:
-        ``webgym.`` and the id, with a dot for each slash and an underscore for what Gymnasium forbids.
+        ``webgym.`` and the id, with slashes replaced by dots and characters that Gymnasium forbids by
+        underscores.
     """
     return "webgym." + re.sub(r"[^\w.-]", "_", task_id.replace("/", "."))
 
@@ -277,16 +284,16 @@ def register_tasks(
     count: int | None = None,
     per_family: int | None = None,
 ) -> list[str]:
-    """Make tasks of the offline web known to Gymnasium.
+    """Register tasks of the offline web with Gymnasium.
 
     Args:
         collection: ``large``, of ``offline-v1``, or ``small``, of ``offline-small-v1``.
         split: of the tasks.
-        count: the first so many; by default all.
-        per_family: websites of a family; by default all of the collection's.
+        count: number of tasks to register, from the first on; ``None`` for all.
+        per_family: number of websites per family; ``None`` for all of the collection.
 
     Returns:
-        Their ids: ``browsergym/`` and the name.
+        The ids of the environments: ``browsergym/`` and the name.
     """
     names: list[str] = []
     for task in OfflineWeb(per_family=per_family, collection=collection).tasks(split):

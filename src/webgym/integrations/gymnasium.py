@@ -1,10 +1,10 @@
-"""Gymnasium (extra ``gymnasium``; tested with gymnasium 1.4). Importing this module makes the ids known::
+"""Gymnasium (extra ``gymnasium``; tested with gymnasium 1.4). Importing this module registers the ids::
 
 import gymnasium
 import webgym.integrations.gymnasium
 
 env = gymnasium.make("WebGym/Offline-v1", split="train")
-envs = gymnasium.make_vec("WebGym/Offline-v1", num_envs=8)  # all browsers act at the same time
+envs = gymnasium.make_vec("WebGym/Offline-v1", num_envs=8)  # all browsers act concurrently
 """
 
 from __future__ import annotations
@@ -48,22 +48,22 @@ _REPLACED: Final = "\ufffd"
 
 
 class ActionSpace(gymnasium.Space[Any]):
-    """What ``step`` takes: an action, or a model's reply, which may be any text. Samples are actions."""
+    """The inputs of ``step``: actions, and models' replies, which may be any text. Samples are actions."""
 
     def __init__(self, seed: int | None = None) -> None:
         super().__init__((), None, seed)
 
     @property
     def is_np_flattenable(self) -> bool:
-        """It is not."""
+        """Always false."""
         return False
 
     def sample(self, mask: Any | None = None, probability: Any | None = None) -> Action:
-        """A random action; masks and probabilities mean nothing here."""
+        """A random action; mask and probability are ignored."""
         return random_action(int(self.np_random.integers(2**31)))
 
     def contains(self, x: Any) -> bool:
-        """Whether it can be given to ``step``."""
+        """Whether ``step`` accepts it."""
         return isinstance(x, str | Reply | Action)
 
     def __eq__(self, other: object) -> bool:
@@ -76,15 +76,15 @@ class ActionSpace(gymnasium.Space[Any]):
 def _spaces(env: Environment) -> tuple[gymnasium.spaces.Dict, ActionSpace]:
     width, height = env.config.attempt.viewport
     text = gymnasium.spaces.Text(_LONGEST, min_length=0, charset=_CHARACTERS)
-    shown = {
+    spaces = {
         "screenshot": gymnasium.spaces.Box(0, 255, (height, width, 3), np.uint8),
         "instruction": text,
         "text": text,
     }
-    return gymnasium.spaces.Dict(shown), ActionSpace()
+    return gymnasium.spaces.Dict(spaces), ActionSpace()
 
 
-def _observed(view: View, instruction: str) -> Observation:
+def _observation(view: View, instruction: str) -> Observation:
     pixels = np.asarray(Image.open(BytesIO(view.image)).convert("RGB"))
     return {
         "screenshot": pixels,
@@ -94,26 +94,27 @@ def _observed(view: View, instruction: str) -> Observation:
 
 
 def _plain(text: str) -> str:
-    return "".join(each if each <= "\uffff" else _REPLACED for each in text)[:_LONGEST]
+    return "".join(character if character <= "\uffff" else _REPLACED for character in text)[:_LONGEST]
 
 
 class WebGymEnv(gymnasium.Env[Observation, Any]):
-    """One browser. Observations are a dict of ``screenshot`` (height x width x 3, RGB), ``instruction`` and
-    ``text`` (what can be read in the viewport); actions are a model's replies or :mod:`webgym.core.action`.
+    """An environment with one browser. Observations are a dict of ``screenshot`` (height x width x 3, RGB),
+    ``instruction`` and ``text`` (visible in the viewport); actions are models' replies or those of
+    :mod:`webgym.core.action`.
 
     An episode without a reward (blocked, or an error of environment, policy or judge) ends with a reward of
     NaN, ``truncated``, and ``info["outcome"]``.
 
     Args:
-        name: of the tasks, as for :func:`webgym.make`.
-        render_mode: ``rgb_array``, or none.
-        given: more of :func:`webgym.make`'s arguments.
+        name: name of the tasks, as for :func:`webgym.make`.
+        render_mode: ``rgb_array`` or ``None``.
+        options: further arguments of :func:`webgym.make`.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 (as gymnasium has it)
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 (as in gymnasium)
 
-    def __init__(self, name: str = "offline-v1", render_mode: str | None = None, **given: Any) -> None:
-        env = given.pop("env", None) or make(name, **given)
+    def __init__(self, name: str = "offline-v1", render_mode: str | None = None, **options: Any) -> None:
+        env = options.pop("env", None) or make(name, **options)
         self.render_mode = render_mode
         self.observation_space, self.action_space = _spaces(env)
         self._env = SyncEnvironment(env)
@@ -127,42 +128,42 @@ class WebGymEnv(gymnasium.Env[Observation, Any]):
         super().reset(seed=seed)
         self._view, info = self._env.reset(seed=seed, options=options)
         self._instruction = info["instruction"]
-        return _observed(self._view, self._instruction), info
+        return _observation(self._view, self._instruction), info
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """See :meth:`webgym.Environment.step`."""
         self._view, reward, terminated, truncated, info = self._env.step(action)
-        return _observed(self._view, self._instruction), reward, terminated, truncated, info
+        return _observation(self._view, self._instruction), reward, terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """The last screenshot."""
         if self.render_mode is None or self._view is None:
             return None
-        pixels: NDArray[np.uint8] = _observed(self._view, "")["screenshot"]
+        pixels: NDArray[np.uint8] = _observation(self._view, "")["screenshot"]
         return pixels
 
     def close(self) -> None:
-        """Give the browser back."""
+        """Release the browser."""
         self._env.close()
 
 
 class WebGymVectorEnv(gymnasium.vector.VectorEnv[Observation, Sequence[Any], NDArray[Any]]):
-    """Several browsers that act at the same time. Autoreset is *next step*: the step after an episode's end
-    begins the next one, whatever the action.
+    """Several environments that act concurrently. Autoreset is *next step*: the step after the end of an
+    episode starts the next one and ignores its action.
 
     Args:
-        num_envs: browsers.
-        name: of the tasks, as for :func:`webgym.make`.
-        given: more of :func:`webgym.make`'s arguments.
+        num_envs: number of browsers.
+        name: name of the tasks, as for :func:`webgym.make`.
+        options: further arguments of :func:`webgym.make`.
     """
 
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
-    def __init__(self, num_envs: int = 1, name: str = "offline-v1", **given: Any) -> None:
+    def __init__(self, num_envs: int = 1, name: str = "offline-v1", **options: Any) -> None:
         self.num_envs = num_envs
         opened = AsyncExitStack()
         self._loop = LoopThread(opened.aclose)
-        self._envs = self._loop.run(opened.enter_async_context(make_many(num_envs, name, **given)))
+        self._envs = self._loop.run(opened.enter_async_context(make_many(num_envs, name, **options)))
         self.single_observation_space, self.single_action_space = _spaces(self._envs[0])
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -172,56 +173,58 @@ class WebGymVectorEnv(gymnasium.vector.VectorEnv[Observation, Sequence[Any], NDA
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode in each. A number as seed gives every environment one of its own."""
-        seeds = [seed + place for place in range(self.num_envs)] if isinstance(seed, int) else seed
+        """Start an episode in each environment. An integer seed is increased by one for each environment."""
+        seeds = [seed + index for index in range(self.num_envs)] if isinstance(seed, int) else seed
         seeds = seeds or [None] * self.num_envs
         begun = self._loop.run(
-            _all([env.reset(seed=each) for env, each in zip(self._envs, seeds, strict=True)])
+            _all([env.reset(seed=env_seed) for env, env_seed in zip(self._envs, seeds, strict=True)])
         )
         self._is_over[:] = False
         infos: dict[str, Any] = {}
-        for place, (_, info) in enumerate(begun):
-            self._instructions[place] = info["instruction"]
-            infos = self._add_info(infos, info, place)
+        for index, (_, info) in enumerate(begun):
+            self._instructions[index] = info["instruction"]
+            infos = self._add_info(infos, info, index)
         return self._batch([view for view, _ in begun]), infos
 
     def step(
         self, actions: Sequence[Any]
     ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        """An action in each, all at the same time."""
-        taken = self._loop.run(_all([self._turn(place, action) for place, action in enumerate(actions)]))
+        """Carry out one action in each environment, concurrently."""
+        taken = self._loop.run(_all([self._step_one(index, action) for index, action in enumerate(actions)]))
         infos: dict[str, Any] = {}
-        for place, (_, _, terminated, truncated, info) in enumerate(taken):
-            self._is_over[place] = terminated or truncated
-            self._instructions[place] = info["instruction"]
-            infos = self._add_info(infos, info, place)
+        for index, (_, _, terminated, truncated, info) in enumerate(taken):
+            self._is_over[index] = terminated or truncated
+            self._instructions[index] = info["instruction"]
+            infos = self._add_info(infos, info, index)
         views, rewards, terminations, truncations, _ = zip(*taken, strict=True)
         return self._batch(views), np.array(rewards), np.array(terminations), np.array(truncations), infos
 
-    async def _turn(self, place: int, action: Any) -> tuple[View, float, bool, bool, dict[str, Any]]:
-        env = self._envs[place]
-        if self._is_over[place]:
+    async def _step_one(self, index: int, action: Any) -> tuple[View, float, bool, bool, dict[str, Any]]:
+        env = self._envs[index]
+        if self._is_over[index]:
             view, info = await env.reset()
             return view, 0.0, False, False, info
         return await env.step(action)
 
     def _batch(self, views: Sequence[View]) -> Observation:
-        seen = [_observed(view, told) for view, told in zip(views, self._instructions, strict=True)]
+        observations = [
+            _observation(view, text) for view, text in zip(views, self._instructions, strict=True)
+        ]
         return {
-            "screenshot": np.stack([each["screenshot"] for each in seen]),
-            "instruction": tuple(each["instruction"] for each in seen),
-            "text": tuple(each["text"] for each in seen),
+            "screenshot": np.stack([observation["screenshot"] for observation in observations]),
+            "instruction": tuple(observation["instruction"] for observation in observations),
+            "text": tuple(observation["text"] for observation in observations),
         }
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Give the browsers back."""
+        """Release the browsers."""
         self._loop.close()
 
 
 async def _all(work: Sequence[Any]) -> list[Any]:
-    """Gather, but nothing is left running when one fails."""
+    """Run all coroutines concurrently; if one fails, the others are cancelled."""
     async with asyncio.TaskGroup() as group:
-        tasks = [group.create_task(each) for each in work]
+        tasks = [group.create_task(coroutine) for coroutine in work]
     return [task.result() for task in tasks]
 
 
@@ -231,5 +234,5 @@ for _id, _name in IDS.items():
         entry_point=f"{__name__}:WebGymEnv",
         vector_entry_point=f"{__name__}:WebGymVectorEnv",
         kwargs={"name": _name},
-        nondeterministic=True,  # a page's own timing
+        nondeterministic=True,  # depends on the timing of pages
     )

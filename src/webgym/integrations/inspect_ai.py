@@ -35,7 +35,7 @@ from webgym import EnvironmentPool, UsageError, WebGymError, task_rows
 
 _KEY: Final = "webgym"
 _pools: dict[str, EnvironmentPool] = {}
-"""Of evaluations that run, by the name that their logs carry."""
+"""Pools of running evaluations, by the key in their logs' metadata."""
 
 _ROLES: Final[dict[str, Any]] = {
     "system": ChatMessageSystem,
@@ -50,24 +50,24 @@ def webgym_task(
     split: Literal["train", "test", "all"] = "test",
     count: int = 20,
     browsers: int = 4,
-    **given: Any,
+    **options: Any,
 ) -> Task:
-    """Tasks, WebGym's agent, and its judge.
+    """An evaluation: tasks, WebGym's agent, and its judge.
 
     Args:
-        name: of the tasks, as for :func:`webgym.make`.
+        name: name of the tasks, as for :func:`webgym.make`.
         split: of the tasks.
-        count: how many, drawn as for a run.
-        browsers: episodes at the same time; as many as inspect's ``max_samples``.
-        given: more of :class:`webgym.EnvironmentPool`'s arguments.
+        count: number of tasks, drawn as for a run.
+        browsers: number of concurrent episodes; should equal inspect's ``max_samples``.
+        options: further arguments of :class:`webgym.EnvironmentPool`.
     """
-    rows = task_rows(name, split=split, count=count, config=given.get("config"))
+    rows = task_rows(name, split=split, count=count, config=options.get("config"))
     samples = [
         Sample(id=row["task_id"], input=row["instruction"], metadata={"website": row["website"]})
         for row in rows
     ]
     pool = uuid.uuid4().hex
-    _pools[pool] = EnvironmentPool(name, size=browsers, split=split, **given)
+    _pools[pool] = EnvironmentPool(name, size=browsers, split=split, **options)
     return Task(
         dataset=MemoryDataset(samples, name=name),
         solver=web_agent(pool),
@@ -78,40 +78,40 @@ def webgym_task(
 
 @solver
 def web_agent(pool: str) -> Solver:
-    """Plays the sample's task: the messages are those of a run, with its window of history."""
+    """Plays the sample's task, with the same messages as in a run, including its window of the history."""
 
     async def solve(state: TaskState, generate: Generate) -> TaskState:
-        del generate  # of the conversation, which a window is not
-        told = {"outcome": "environment_error", "reward": math.nan, "why": ""}
+        del generate  # it would send the whole conversation, not the window of the history
+        result = {"outcome": "environment_error", "reward": math.nan, "why": ""}
         async with _pools[pool].environment() as env:
             try:
                 _, info = await env.reset(options={"task_id": str(state.sample_id)})
             except UsageError:
                 raise
             except WebGymError as error:
-                state.store.set(_KEY, told | {"why": error.message})
+                state.store.set(_KEY, result | {"why": error.message})
                 return state
             reward = math.nan
             while not info["is_over"]:
-                asked = _messages(info)
-                state.output = await get_model().generate(asked)
-                state.messages = [*asked, state.output.message]
+                messages = _messages(info)
+                state.output = await get_model().generate(messages)
+                state.messages = [*messages, state.output.message]
                 _, reward, _, _, info = await env.step(state.output.completion)
         failure = info["failure"]
-        told = {
+        result = {
             "outcome": str(info["outcome"]),
             "reward": reward,
             "why": failure["message"] if failure else "",
             "answer": info["trajectory"].episode.answer or "",
         }
-        state.store.set(_KEY, told)
+        state.store.set(_KEY, result)
         return state
 
     return solve
 
 
 def _messages(info: dict[str, Any]) -> list[ChatMessage]:
-    made = []
+    chat: list[ChatMessage] = []
     for message in info["messages"]:
         content: list[ContentText | ContentImage] = []
         for part in message.content:
@@ -121,8 +121,8 @@ def _messages(info: dict[str, Any]) -> list[ChatMessage]:
                 if text is None
                 else ContentText(text=text)
             )
-        made.append(_ROLES[message.role](content=content))
-    return made
+        chat.append(_ROLES[message.role](content=content))
+    return chat
 
 
 def _data_url(image: bytes) -> str:
@@ -131,36 +131,36 @@ def _data_url(image: bytes) -> str:
 
 @metric
 def success_rate() -> Metric:
-    """Share of successes among the samples that have a score; NaN where none has."""
+    """Share of successes among the scored samples; NaN if there are none."""
 
     def rate(scores: list[SampleScore]) -> float:
-        found = [each.score.as_float() for each in scores]
-        return sum(found) / len(found) if found else math.nan
+        values = [sample.score.as_float() for sample in scores]
+        return sum(values) / len(values) if values else math.nan
 
     return rate
 
 
 @scorer(metrics=[success_rate()])
 def web_judge() -> Scorer:
-    """1 or 0 by WebGym's judge; unscored where there is no reward, also for a sample that a limit ended."""
+    """1 or 0 from WebGym's judge; unscored without a reward, and for a sample that was ended by a limit."""
 
     async def score(state: TaskState, target: Target) -> Score:
-        del target  # the judge knows it
-        told = state.store.get(_KEY)
-        if told is None:
+        del target  # the judge has the task's own
+        result = state.store.get(_KEY)
+        if result is None:
             return Score.unscored(
                 explanation="a limit of inspect ended the sample before the episode was over"
             )
-        if math.isnan(told["reward"]):
-            return Score.unscored(explanation=f"{told['outcome']}: {told['why']}", metadata=told)
-        return Score(value=told["reward"], answer=told["answer"], explanation=told["outcome"])
+        if math.isnan(result["reward"]):
+            return Score.unscored(explanation=f"{result['outcome']}: {result['why']}", metadata=result)
+        return Score(value=result["reward"], answer=result["answer"], explanation=result["outcome"])
 
     return score
 
 
 @hooks(name="webgym", description="Stops WebGym's browsers at the end of an evaluation.")
 class StopBrowsers(Hooks):
-    """inspect has no end of a task in a task itself."""
+    """Stops the browsers of an evaluation; inspect has no hook for this in the task itself."""
 
     async def on_task_end(self, data: TaskEnd) -> None:
         """Close the evaluation's pool."""

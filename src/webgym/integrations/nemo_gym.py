@@ -6,10 +6,9 @@ project of NeMo Gym's, ``responses_api_agents/webgym/app.py`` is::
     if __name__ == "__main__":
         WebGymAgent.run_webserver()
 
-The model server is asked with the messages of a run, and so with WebGym's window of history. NeMo Gym has no
-reward but a number: an episode without one is masked (``mask_sample``), its word for a reward that measures
-nothing, and ``failure_kind`` says which: ``webgym:blocked``, ``webgym:environment_error``,
-``webgym:policy_error`` or ``webgym:judge_error``.
+The model server is sent the same messages as in a run, with WebGym's window of the history. NeMo Gym requires
+a number as reward, so an episode without a reward is masked (``mask_sample``), and ``failure_kind`` has the
+reason: ``webgym:blocked``, ``webgym:environment_error``, ``webgym:policy_error`` or ``webgym:judge_error``.
 """
 
 from __future__ import annotations
@@ -30,13 +29,13 @@ from webgym import EnvironmentPool, UsageError, WebGymError, task_rows
 
 
 class WebGymAgentConfig(BaseResponsesAPIAgentConfig):
-    """Of the agent server.
+    """Settings of the agent server.
 
     Attributes:
-        model_server: that is asked.
-        tasks: their name, as for :func:`webgym.make`.
+        model_server: the model server.
+        tasks: name of the tasks, as for :func:`webgym.make`.
         split: of the tasks.
-        browsers: of this server, and so its episodes at the same time; further ones wait.
+        browsers: number of browsers, and so of concurrent episodes; further ones wait.
     """
 
     model_server: ModelServerRef
@@ -46,19 +45,19 @@ class WebGymAgentConfig(BaseResponsesAPIAgentConfig):
 
 
 class WebGymRunRequest(BaseRunRequest):
-    """A row of :func:`nemo_gym_rows`."""
+    """A request to play an episode: a row of :func:`nemo_gym_rows`."""
 
     model_config = ConfigDict(extra="allow")
     task_id: str
 
 
 class WebGymRunResponse(BaseVerifyResponse):
-    """An episode.
+    """The result of an episode.
 
     Attributes:
         task_id: of its task.
-        outcome: one of eight.
-        steps: that it took.
+        outcome: one of the eight outcomes.
+        steps: number of steps.
     """
 
     task_id: str
@@ -67,21 +66,21 @@ class WebGymRunResponse(BaseVerifyResponse):
 
 
 class WebGymAgent(SimpleResponsesAPIAgent):
-    """Plays whole episodes."""
+    """An agent server that plays whole episodes."""
 
     ray_enabled = False
     config: WebGymAgentConfig
     _pool: EnvironmentPool | None = PrivateAttr(None)
 
     def pool(self) -> EnvironmentPool:
-        """Of this server, made when it is first asked for; it stays until the server ends."""
+        """The browsers of this server, created at the first call and kept until the server ends."""
         if self._pool is None:
             config = self.config
             self._pool = EnvironmentPool(config.tasks, size=config.browsers, split=config.split)
         return self._pool
 
     async def responses(self, body: NeMoGymResponseCreateParamsNonStreaming = Body()) -> NeMoGymResponse:  # noqa: B008
-        """Not here: the messages come from the browser.
+        """Not supported: the messages come from the browser.
 
         Raises:
             UsageError: always.
@@ -92,14 +91,14 @@ class WebGymAgent(SimpleResponsesAPIAgent):
         """Play the row's task.
 
         Args:
-            body: the row; its ``responses_create_params`` are those of every request, but for the input.
+            body: the row; its ``responses_create_params`` are used for every request, except the input.
 
         Returns:
             The reward, and all replies as the output of one response.
 
         Raises:
-            UsageError: there is no such task.
-            aiohttp.ClientError: the model server failed; NeMo Gym counts a failed rollout, and no reward.
+            UsageError: there is no task with this id.
+            aiohttp.ClientError: the model server failed; NeMo Gym counts a failed rollout without a reward.
         """
         reward, replies = math.nan, list[NeMoGymResponse]()
         async with self.pool().environment() as env:
@@ -108,43 +107,43 @@ class WebGymAgent(SimpleResponsesAPIAgent):
             except UsageError:
                 raise
             except WebGymError as error:
-                told = {"task_id": body.task_id, "outcome": "environment_error", "steps": 0}
-                return _told(body, replies, math.nan, error.message, told)
+                fields = {"task_id": body.task_id, "outcome": "environment_error", "steps": 0}
+                return _response(body, replies, math.nan, error.message, fields)
             while not info["is_over"]:
                 replies.append(await self._ask(body, info))
                 _, reward, _, _, info = await env.step(_text(replies[-1]))
-        why = info["failure"]["message"] if info["failure"] else "the website kept the agent out"
-        told = {"task_id": body.task_id, "outcome": str(info["outcome"]), "steps": info["step"]}
-        return _told(body, replies, reward, why, told)
+        why = info["failure"]["message"] if info["failure"] else "the website blocked the agent"
+        fields = {"task_id": body.task_id, "outcome": str(info["outcome"]), "steps": info["step"]}
+        return _response(body, replies, reward, why, fields)
 
     async def _ask(self, body: WebGymRunRequest, info: dict[str, Any]) -> NeMoGymResponse:
-        said = [_message(message, info["images"]) for message in info["messages"]]
-        asked = await self.server_client.post(
+        messages = [_message(message, info["images"]) for message in info["messages"]]
+        response = await self.server_client.post(
             server_name=self.config.model_server.name,
             url_path=self.url_path_for_run("/v1/responses", body),
-            json=body.responses_create_params.model_copy(update={"input": said}),
+            json=body.responses_create_params.model_copy(update={"input": messages}),
         )
-        await raise_for_status(asked)
-        return NeMoGymResponse.model_validate(await get_response_json(asked))
+        await raise_for_status(response)
+        return NeMoGymResponse.model_validate(await get_response_json(response))
 
 
-def _told(
+def _response(
     body: WebGymRunRequest,
     replies: list[NeMoGymResponse],
     reward: float,
     why: str,
-    told: dict[str, Any],
+    fields: dict[str, Any],
 ) -> WebGymRunResponse:
-    if math.isnan(reward):  # it has to be a number: the mask says that it is none
-        told |= {"mask_sample": True, "failure_kind": f"webgym:{told['outcome']}", "failure_reason": why}
+    if math.isnan(reward):  # NeMo Gym requires a number; the mask excludes it
+        fields |= {"mask_sample": True, "failure_kind": f"webgym:{fields['outcome']}", "failure_reason": why}
         reward = 0.0
-    said: Any = {"id": "none", "created_at": 0, "model": "none", "object": "response"}
-    said |= {"parallel_tool_calls": False, "tool_choice": "none", "tools": []}
+    combined: Any = {"id": "none", "created_at": 0, "model": "none", "object": "response"}
+    combined |= {"parallel_tool_calls": False, "tool_choice": "none", "tools": []}
     if replies:
-        said = replies[-1].model_dump()
-    said["output"] = [item.model_dump() for reply in replies for item in reply.output]
+        combined = replies[-1].model_dump()
+    combined["output"] = [item.model_dump() for reply in replies for item in reply.output]
     params = body.responses_create_params
-    return WebGymRunResponse(responses_create_params=params, response=said, reward=reward, **told)
+    return WebGymRunResponse(responses_create_params=params, response=combined, reward=reward, **fields)
 
 
 def _text(reply: NeMoGymResponse) -> str:
@@ -155,7 +154,7 @@ def _text(reply: NeMoGymResponse) -> str:
 
 
 def _message(message: Any, images: dict[str, bytes]) -> dict[str, Any]:
-    if message.role == "assistant":  # its content is text alone
+    if message.role == "assistant":  # its content is only text
         return {"role": "assistant", "content": "".join(part.text for part in message.content)}
     return {"role": message.role, "content": [_part(part, images) for part in message.content]}
 
@@ -168,13 +167,13 @@ def _part(part: Any, images: dict[str, bytes]) -> dict[str, Any]:
     return {"type": "input_image", "image_url": url, "detail": "auto"}
 
 
-def nemo_gym_rows(name: str = "offline-v1", *, agent: str = "webgym", **given: Any) -> list[dict[str, Any]]:
+def nemo_gym_rows(name: str = "offline-v1", *, agent: str = "webgym", **options: Any) -> list[dict[str, Any]]:
     """A dataset for NeMo Gym: rows with ``responses_create_params``, ``task_id`` and ``agent_ref``.
 
     Args:
-        name: of the tasks, as for :func:`webgym.make`.
+        name: name of the tasks, as for :func:`webgym.make`.
         agent: name of the agent server.
-        given: arguments of :func:`webgym.task_rows`, such as ``count`` and ``split``.
+        options: arguments of :func:`webgym.task_rows`, such as ``count`` and ``split``.
     """
     return [
         {
@@ -182,5 +181,5 @@ def nemo_gym_rows(name: str = "offline-v1", *, agent: str = "webgym", **given: A
             "task_id": row["task_id"],
             "agent_ref": {"type": "responses_api_agents", "name": agent},
         }
-        for row in task_rows(name, **given)
+        for row in task_rows(name, **options)
     ]

@@ -6,8 +6,8 @@
         result = await env.reset(task_id="…")
         result = await env.step(WebGymAction(action={"name": "scroll", "direction": "down"}))
 
-Screenshots come as base64 with their mime type. An episode without a reward is done with the reward ``None``,
-and ``outcome`` says why.
+Screenshots are base64 with their MIME type. An episode without a reward ends with the reward ``None``, and
+``outcome`` has the reason.
 """
 
 from __future__ import annotations
@@ -27,11 +27,12 @@ from webgym import Action, Environment, EnvironmentPool, UsageError, View
 
 
 class WebGymAction(types.Action):
-    """One of the two.
+    """An action: exactly one of the two fields.
 
     Attributes:
-        reply: of a model, in the prompt's format: the parser of runs reads it.
-        action: by name and fields, such as ``{"name": "left_click", "target": {"coordinate": [500, 40]}}``.
+        reply: a model's reply in the prompt's format, parsed as in a run.
+        action: an action by name and fields, such as ``{"name": "left_click", "target": {"coordinate": [500,
+            40]}}``.
     """
 
     reply: str | None = None
@@ -39,16 +40,16 @@ class WebGymAction(types.Action):
 
 
 class WebGymObservation(types.Observation):
-    """What there is to see, with ``done`` and ``reward``.
+    """An observation, with ``done`` and ``reward``.
 
     Attributes:
         image: the screenshot, base64.
-        mime_type: of it.
+        mime_type: of the screenshot.
         url, title: of the page.
         instruction: of the task.
         task_id: of the task.
-        outcome: at the end; one of eight.
-        notices: what a screenshot does not show, such as a dialog that was closed.
+        outcome: at the end of the episode, one of the eight outcomes; else ``None``.
+        notices: events that the screenshot does not show, such as a dialog that was closed.
     """
 
     image: str = ""
@@ -62,7 +63,7 @@ class WebGymObservation(types.Observation):
 
 
 class WebGymEnvironment(interfaces.Environment):
-    """A session: one browser of the pool, from its first reset on.
+    """A session, which uses one browser of the pool from its first reset on.
 
     Args:
         pool: shared by all sessions of a server.
@@ -85,13 +86,13 @@ class WebGymEnvironment(interfaces.Environment):
         task_id: str | None = None,
         **kwargs: Any,
     ) -> WebGymObservation:
-        """Begin an episode; waits while all browsers are taken.
+        """Start an episode; waits while all browsers are in use.
 
         Args:
             seed: of the order of tasks.
-            episode_id: ours is used in its place.
-            task_id: this task.
-            kwargs: not looked at.
+            episode_id: ignored; WebGym's own id is used.
+            task_id: id of the task; ``None`` for the next one.
+            kwargs: ignored.
         """
         self._loop = asyncio.get_running_loop()
         if self._env is None:
@@ -104,16 +105,16 @@ class WebGymEnvironment(interfaces.Environment):
     async def step_async(
         self, action: WebGymAction, timeout_s: float | None = None, **kwargs: Any
     ) -> WebGymObservation:
-        """Act.
+        """Carry out an action.
 
         Args:
             action: a reply or an action.
-            timeout_s: not looked at: the settings have limits for every operation.
-            kwargs: not looked at.
+            timeout_s: ignored, because the settings have limits for every operation.
+            kwargs: ignored.
         """
         if self._env is None:
             raise UsageError("there is no episode to step", hint="call reset first")
-        view, reward, terminated, truncated, info = await self._env.step(_read(action))
+        view, reward, terminated, truncated, info = await self._env.step(_converted(action))
         self._state.step_count += 1
         is_over = terminated or truncated
         return _observation(view, info, None if math.isnan(reward) else reward, is_over)
@@ -128,25 +129,25 @@ class WebGymEnvironment(interfaces.Environment):
 
     @property
     def state(self) -> types.State:
-        """Id of the episode, and steps so far."""
+        """The id of the episode, and the number of steps so far."""
         return self._state
 
     def close(self) -> None:
-        """Give the browser back; on the server's loop, whoever calls."""
+        """Release the browser, on the server's event loop; may be called from any thread."""
         if self._loop is not None and not self._loop.is_closed():
             asyncio.run_coroutine_threadsafe(self._stack.aclose(), self._loop)
 
 
-def _read(action: WebGymAction) -> Action | str:
+def _converted(action: WebGymAction) -> Action | str:
     if (action.reply is None) == (action.action is None):
-        raise UsageError("an action is either a reply or an action")
+        raise UsageError("give either a reply or an action")
     if action.reply is not None:
         return action.reply
     try:
-        read: Action = msgspec.convert(action.action, Action)
+        converted: Action = msgspec.convert(action.action, Action)
     except msgspec.ValidationError as error:
-        raise UsageError(f"no action: {error}") from None
-    return read
+        raise UsageError(f"invalid action: {error}") from None
+    return converted
 
 
 def _observation(
@@ -168,36 +169,36 @@ def _observation(
 
 
 def create_app(
-    name: str = "offline-v1", *, size: int = 8, pool: EnvironmentPool | None = None, **given: Any
+    name: str = "offline-v1", *, size: int = 8, pool: EnvironmentPool | None = None, **options: Any
 ) -> Any:
     """A FastAPI application.
 
     Args:
-        name: of the tasks, as for :func:`webgym.make`.
-        size: browsers, and so sessions at the same time.
-        pool: in place of one by the arguments; who gives it closes it.
-        given: more of :class:`webgym.EnvironmentPool`'s arguments.
+        name: name of the tasks, as for :func:`webgym.make`.
+        size: number of browsers, and so of concurrent sessions.
+        pool: an existing pool to use, which the caller closes; ``None`` creates one from the other arguments.
+        options: further arguments of :class:`webgym.EnvironmentPool`.
     """
-    held = pool or EnvironmentPool(name, size=size, **given)
+    shared = pool or EnvironmentPool(name, size=size, **options)
     app = http_server.create_fastapi_app(
-        lambda: WebGymEnvironment(held), WebGymAction, WebGymObservation, max_concurrent_envs=size
+        lambda: WebGymEnvironment(shared), WebGymAction, WebGymObservation, max_concurrent_envs=size
     )
     if pool is None:
-        app.router.add_event_handler("shutdown", held.close)
+        app.router.add_event_handler("shutdown", shared.close)
     return app
 
 
 class WebGymClient(EnvClient[WebGymAction, WebGymObservation, types.State]):
-    """Of a server that :func:`create_app` made. Observations keep their type, pictures included."""
+    """A client of a server made by :func:`create_app`, with typed observations that include screenshots."""
 
     def _step_payload(self, action: WebGymAction) -> dict[str, Any]:
         payload: dict[str, Any] = action.model_dump(exclude_none=True)
         return payload
 
     def _parse_result(self, payload: dict[str, Any]) -> StepResult[WebGymObservation]:
-        told = {"reward": payload.get("reward"), "done": payload.get("done", False)}
-        observation = WebGymObservation(**{**payload.get("observation", {}), **told})
-        return StepResult(observation=observation, **told)
+        outcome = {"reward": payload.get("reward"), "done": payload.get("done", False)}
+        observation = WebGymObservation(**{**payload.get("observation", {}), **outcome})
+        return StepResult(observation=observation, **outcome)
 
     def _parse_state(self, payload: dict[str, Any]) -> types.State:
         return types.State(**payload)

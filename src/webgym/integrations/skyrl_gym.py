@@ -1,13 +1,13 @@
-"""SkyRL (tested with skyrl-gym 0.4.0): an environment of its Gym, with pictures as OpenAI's message parts::
+"""SkyRL (tested with skyrl-gym 0.4.0): an environment with screenshots as parts of OpenAI messages::
 
     skyrl_gym.register(id="webgym", entry_point="webgym.integrations.skyrl_gym:WebGymEnv")
 
-The model writes replies in the prompt's format, and each step gives the next screenshot: one growing
-conversation per episode, as SkyRL keeps it. SkyRL has no reward but a number, so an episode without one
-raises :class:`NoReward`, and none is invented.
+The model writes replies in the prompt's format, and each step returns the next screenshot, so an episode is
+one growing conversation, as SkyRL expects. SkyRL requires a number as reward, so an episode without one
+raises :class:`NoReward`.
 
-The environment variables ``WEBGYM_TASKS`` (default ``offline-v1``), ``WEBGYM_SPLIT`` and ``WEBGYM_BROWSERS``
-say which tasks, and how many browsers each process has.
+The environment variables ``WEBGYM_TASKS`` (default ``offline-v1``) and ``WEBGYM_SPLIT`` select the tasks, and
+``WEBGYM_BROWSERS`` sets the number of browsers of each process.
 """
 
 from __future__ import annotations
@@ -24,30 +24,31 @@ from skyrl_gym.envs.base_text_env import BaseTextEnv, BaseTextEnvStepOutput
 from webgym import Environment, EnvironmentPool, LoopThread, UsageError, WebGymError, task_rows
 
 ENV_CLASS = "webgym"
-"""Under which the rows of :func:`skyrl_rows` ask for the environment."""
+"""Name of the environment in the rows of :func:`skyrl_rows`."""
 
 
 class NoReward(WebGymError):
-    """The website blocked the agent, or environment, policy or judge failed: no success, and no failure."""
+    """The website blocked the agent, or environment, policy or judge failed: it is neither a success nor a
+    failure."""
 
     code = "no_reward"
 
 
 class Browsers:
-    """The browsers that the environments of a process share, on an event loop of their own.
+    """Browsers shared by the environments of a process, with their own event loop.
 
     Args:
-        name: of the tasks, as for :func:`webgym.make`.
-        size: browsers; further episodes wait.
-        given: more of :class:`webgym.EnvironmentPool`'s arguments.
+        name: name of the tasks, as for :func:`webgym.make`.
+        size: number of browsers; further episodes wait.
+        options: further arguments of :class:`webgym.EnvironmentPool`.
     """
 
-    def __init__(self, name: str = "offline-v1", *, size: int = 8, **given: Any) -> None:
-        self.pool = EnvironmentPool(name, size=size, **given)
+    def __init__(self, name: str = "offline-v1", *, size: int = 8, **options: Any) -> None:
+        self.pool = EnvironmentPool(name, size=size, **options)
         self.loop = LoopThread(self.pool.close)
 
     def close(self) -> None:
-        """Stop the browsers. Safe to call twice."""
+        """Stop the browsers. May be called twice."""
         self.loop.close()
 
 
@@ -56,8 +57,8 @@ _browsers: Browsers | None = None
 
 
 def the_browsers() -> Browsers:
-    """Of this process, made when they are first asked for."""
-    global _browsers  # SkyRL makes environments by name, and keeps nothing for them
+    """The browsers of this process, created at the first call."""
+    global _browsers  # SkyRL creates environments by name and has no place for shared state
     with _lock:
         if _browsers is None:
             split: Any = os.environ.get("WEBGYM_SPLIT", "train")
@@ -67,12 +68,12 @@ def the_browsers() -> Browsers:
 
 
 class WebGymEnv(BaseTextEnv):
-    """One episode.
+    """An environment for one episode.
 
     Args:
-        env_config: of SkyRL; not looked at.
-        extras: of the dataset's row: ``task_id``.
-        browsers: in place of the process's own.
+        env_config: SkyRL's configuration; ignored.
+        extras: fields of the dataset's row, with ``task_id``.
+        browsers: used instead of the process's shared ones.
     """
 
     def __init__(
@@ -86,20 +87,21 @@ class WebGymEnv(BaseTextEnv):
         self._browsers = browsers or the_browsers()
         self._stack = AsyncExitStack()
         self._env: Environment | None = None
-        self._told: dict[str, Any] = {}
+        self._metadata: dict[str, Any] = {}
 
     def init(self, prompt: list[dict[str, Any]]) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-        """Begin the row's task; waits while all browsers are taken.
+        """Start the row's task; waits while all browsers are in use.
 
         Args:
-            prompt: of the dataset's row; the environment's own takes its place.
+            prompt: prompt of the dataset's row; replaced by WebGym's.
 
         Returns:
-            Messages: WebGym's prompt with the start page; and the task's id and instruction.
+            The messages of WebGym's prompt with the start page; and a dict with the task's id and
+            instruction.
 
         Raises:
-            NoReward: no browser, or no start page, was to be had.
-            UsageError: there is no such task.
+            NoReward: no browser was available, or the start page could not be opened.
+            UsageError: there is no task with this id.
         """
         del prompt
         try:
@@ -111,20 +113,20 @@ class WebGymEnv(BaseTextEnv):
             self.close()
             raise NoReward(f"{self._task_id}: {error.message}") from error
         self.max_turns = info["budget"]
-        told = {"task_id": info["task_id"], "instruction": info["instruction"]}
-        return [_openai(message, info) for message in info["messages"]], told
+        metadata = {"task_id": info["task_id"], "instruction": info["instruction"]}
+        return [_openai(message, info) for message in info["messages"]], metadata
 
     def step(self, action: str) -> BaseTextEnvStepOutput:
-        """Act.
+        """Carry out the action in a reply.
 
         Args:
             action: the model's reply.
 
         Returns:
-            The next screenshot as a user's message, and at the end the reward, 1.0 or 0.0.
+            The next screenshot as a user message, and at the end the reward, 1.0 or 0.0.
 
         Raises:
-            NoReward: the episode has ended without a reward.
+            NoReward: the episode ended without a reward.
             UsageError: there is no episode.
         """
         if self._env is None:
@@ -134,7 +136,7 @@ class WebGymEnv(BaseTextEnv):
         is_over = terminated or truncated
         if is_over:
             self.close()
-            self._told = {"outcome": str(info["outcome"])}
+            self._metadata = {"outcome": str(info["outcome"])}
             if math.isnan(reward):
                 failure = info["failure"]
                 why = f": {failure['message']}" if failure else ""
@@ -143,11 +145,11 @@ class WebGymEnv(BaseTextEnv):
             observations=[] if is_over else [_openai(info["messages"][-1], info)],
             reward=reward if is_over else 0.0,
             done=is_over,
-            metadata=dict(self._told),
+            metadata=dict(self._metadata),
         )
 
     def close(self) -> None:
-        """Give the browser back. Safe to call twice."""
+        """Release the browser. May be called twice."""
         self._env = None
         self._browsers.loop.run(self._stack.aclose())
 
@@ -158,12 +160,12 @@ class WebGymEnv(BaseTextEnv):
         return info
 
 
-def skyrl_rows(name: str = "offline-v1", **given: Any) -> list[dict[str, Any]]:
+def skyrl_rows(name: str = "offline-v1", **options: Any) -> list[dict[str, Any]]:
     """A dataset for SkyRL: rows with ``prompt``, ``env_class`` and ``task_id``.
 
     Args:
-        name: of the tasks, as for :func:`webgym.make`.
-        given: arguments of :func:`webgym.task_rows`, such as ``count`` and ``split``.
+        name: name of the tasks, as for :func:`webgym.make`.
+        options: arguments of :func:`webgym.task_rows`, such as ``count`` and ``split``.
     """
     return [
         {
@@ -171,7 +173,7 @@ def skyrl_rows(name: str = "offline-v1", **given: Any) -> list[dict[str, Any]]:
             "env_class": ENV_CLASS,
             "task_id": row["task_id"],
         }
-        for row in task_rows(name, **given)
+        for row in task_rows(name, **options)
     ]
 
 

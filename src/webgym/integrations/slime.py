@@ -1,15 +1,15 @@
-"""slime (its git version of October 2026; the class of its samples is taken from the sample that it gives)::
+"""slime (git version of October 2026; the class of samples is that of the sample that it passes)::
 
     --custom-generate-function-path webgym.integrations.slime.generate
     --dynamic-sampling-filter-path webgym.integrations.slime.has_rewards
 
-An episode gives one sample per step, all with its reward and the rollout id of the prompt's sample: the
-history is a window, so no two steps share a prompt. An episode without a reward gives the prompt's sample
-back, aborted and marked for removal, and the filter drops its group: slime has no reward but a number, and
-none is invented.
+An episode gives one sample per step, all with the episode's reward and the rollout id of the prompt's sample:
+the prompt has a window of the history, so no two steps share a prompt. slime requires a number as reward, so
+for an episode without one the prompt's sample is returned as aborted and marked for removal, and the filter
+drops its group.
 
-The environment variables ``WEBGYM_TASKS`` (default ``offline-v1``), ``WEBGYM_SPLIT`` and ``WEBGYM_BROWSERS``
-say which tasks, and how many browsers each process has.
+The environment variables ``WEBGYM_TASKS`` (default ``offline-v1``) and ``WEBGYM_SPLIT`` select the tasks, and
+``WEBGYM_BROWSERS`` sets the number of browsers of each process.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ _renderers: dict[str, Renderer] = {}
 
 
 def the_pool() -> EnvironmentPool:
-    """Of this process, made when it is first asked for."""
-    global _pool  # slime calls a function, and keeps nothing for it
+    """The browsers of this process, created at the first call."""
+    global _pool  # slime calls a function and has no place for shared state
     if _pool is None:
         split: Any = os.environ.get("WEBGYM_SPLIT", "train")
         size = int(os.environ.get("WEBGYM_BROWSERS", "8"))
@@ -38,7 +38,7 @@ def the_pool() -> EnvironmentPool:
 
 
 def the_renderer(args: Any) -> Renderer:
-    """Of the model that ``args.hf_checkpoint`` names, loaded once."""
+    """The renderer of the model in ``args.hf_checkpoint``, loaded once."""
     path = args.hf_checkpoint
     if path not in _renderers:
         from transformers import AutoProcessor
@@ -52,16 +52,16 @@ async def generate(args: Any, sample: Any, sampling_params: dict[str, Any]) -> l
     """Play one episode of ``sample.metadata["task_id"]``.
 
     Args:
-        args: slime's: ``hf_checkpoint``, ``sglang_router_ip``, ``sglang_router_port``,
+        args: slime's arguments: ``hf_checkpoint``, ``sglang_router_ip``, ``sglang_router_port``,
             ``rollout_max_context_len``.
-        sample: of the prompt.
-        sampling_params: of SGLang.
+        sample: the prompt's sample.
+        sampling_params: sampling parameters of SGLang.
 
     Returns:
-        A sample for each step, or the prompt's own, marked for removal.
+        A sample for each step, or the prompt's sample marked for removal.
 
     Raises:
-        aiohttp.ClientError: SGLang does not answer.
+        aiohttp.ClientError: SGLang does not respond.
     """
     renderer = the_renderer(args)
     url = f"http://{args.sglang_router_ip}:{args.sglang_router_port}/generate"
@@ -69,21 +69,21 @@ async def generate(args: Any, sample: Any, sampling_params: dict[str, Any]) -> l
     async with aiohttp.ClientSession(raise_for_status=True) as http:
 
         async def ask(request: TokenRequest) -> Sampled:
-            asked = {
+            payload = {
                 "input_ids": request.short_prompt_ids,
                 "image_data": [_data_url(image) for image in request.images],
                 "sampling_params": sampling_params,
                 "return_logprob": True,
             }
-            async with http.post(url, json=asked) as answered:
-                reply = await answered.json()
-            told = reply["meta_info"]
-            pairs = told["output_token_logprobs"]
+            async with http.post(url, json=payload) as response:
+                reply = await response.json()
+            meta = reply["meta_info"]
+            pairs = meta["output_token_logprobs"]
             return Sampled(
                 [pair[1] for pair in pairs],
                 [pair[0] for pair in pairs],
-                finish_reason="length" if told["finish_reason"]["type"] == "length" else "stop",
-                weight_version=str(told.get("weight_version", "")),
+                finish_reason="length" if meta["finish_reason"]["type"] == "length" else "stop",
+                weight_version=str(meta.get("weight_version", "")),
             )
 
         async with the_pool().environment() as env:
@@ -99,9 +99,10 @@ async def generate(args: Any, sample: Any, sampling_params: dict[str, Any]) -> l
 
 
 def has_rewards(args: Any, samples: list[Any], **_: Any) -> bool:
-    """Whether all episodes of a group have a reward: slime's filter of groups."""
+    """Whether all episodes of a group have a reward: a group filter for slime."""
     return all(
-        has_rewards(args, each) if isinstance(each, list) else each.reward is not None for each in samples
+        has_rewards(args, sample) if isinstance(sample, list) else sample.reward is not None
+        for sample in samples
     )
 
 
@@ -109,14 +110,14 @@ def samples_of(sample: Any, rollout: TokenRollout, renderer: Renderer) -> list[A
     """An episode as slime's samples.
 
     Args:
-        sample: of the prompt, which they are copies of: index, group and rollout id are its own.
+        sample: the prompt's sample; the results are copies of it, with its index, group and rollout id.
         rollout: of the episode.
         renderer: of the model.
     """
     status = type(sample).Status
     if not rollout.rows:
         sample.status, sample.remove_sample, sample.reward = status.ABORTED, True, None
-        sample.metadata = {**sample.metadata, **_told(rollout)}
+        sample.metadata = {**sample.metadata, **_episode_metadata(rollout)}
         return [sample]
     return [_filled(copy.deepcopy(sample), row, rollout, renderer) for row in rollout.rows]
 
@@ -134,15 +135,15 @@ def _filled(sample: Any, row: TokenRow, rollout: TokenRollout, renderer: Rendere
     if pixels is not None:
         sample.multimodal_train_inputs = {"pixel_values": pixels.values, "image_grid_thw": pixels.grid}
     sample.reward = rollout.reward
-    if getattr(sample, "rollout_id", 0) is None:  # versions that have it: steps of one episode share it
+    if getattr(sample, "rollout_id", 0) is None:  # in versions that have it, the steps of an episode share it
         sample.rollout_id = sample.index
     ended = row.reply_ids[-1] in renderer.end_ids
     sample.status = status.COMPLETED if ended else status.TRUNCATED
-    sample.metadata = {**sample.metadata, **_told(rollout), "step": row.step}
+    sample.metadata = {**sample.metadata, **_episode_metadata(rollout), "step": row.step}
     return sample
 
 
-def _told(rollout: TokenRollout) -> dict[str, Any]:
+def _episode_metadata(rollout: TokenRollout) -> dict[str, Any]:
     return {"outcome": str(rollout.outcome), "dropped": dict(rollout.dropped)}
 
 

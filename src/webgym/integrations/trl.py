@@ -8,9 +8,9 @@
         args=GRPOConfig(max_completion_length=16384, max_tool_calling_iterations=30, ...),
     )
 
-The seven actions are tools, and each gives the next screenshot. TRL keeps one growing conversation per
-episode. An episode without a reward is ``None`` for TRL, which leaves it out of the group's mean and gives it
-no advantage. A model that stops calling tools, or has no tokens left, before it has answered has failed: 0.
+The seven actions are tools, and each returns the next screenshot. TRL keeps one growing conversation per
+episode. The reward of an episode without one is ``None``, which TRL leaves out of the group's mean and gives
+no advantage. A model that stops calling tools or runs out of tokens before it answers has failed: reward 0.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from webgym import (
 )
 
 Content: TypeAlias = list[dict[str, Any]]
-"""Parts of a message: a picture (``image``, of PIL) and a text (``text``)."""
+"""Parts of a message: an image (``image``, a PIL image) and a text (``text``)."""
 
 PROMPT = """\
 You use a web browser to carry out a task. After each of your actions you get a screenshot. Act by calling \
@@ -54,30 +54,31 @@ Task: """
 
 
 class BrowserTools:
-    """One browser as TRL wants it: ``reset``, tools, and ``get_reward``. Made by :class:`Browsers`."""
+    """A browser with the interface that TRL expects: ``reset``, tools and ``get_reward``. See
+    :class:`Browsers`."""
 
     def __init__(self, browsers: Browsers) -> None:
         self._browsers = browsers
         self._stack = AsyncExitStack()
         self._env: Environment | None = None
-        self._told = ""
+        self._final_text = ""
         self._is_over = True
         self._reward: float | None = None
 
-    # --- what TRL calls -----------------------------------------------------------------------------------
+    # --- called by TRL -----------------------------------------------------------------------------------
 
     def reset(self, task_id: str | None = None, **row: Any) -> Content:
-        """Begin the row's task. Where no browser is to be had there is no episode, and so no reward.
+        """Start the row's task. If no browser is available there is no episode, and so no reward.
 
         Args:
-            task_id: of the task; by default the next.
-            row: what else the dataset's row holds; not looked at.
+            task_id: id of the task; ``None`` for the next one.
+            row: other fields of the dataset's row; ignored.
 
         Returns:
             The start page.
 
         Raises:
-            ConfigError: there is no such task.
+            ConfigError: there is no task with this id.
         """
         self._is_over, self._reward = True, None
         self._browsers.begun += 1
@@ -86,17 +87,17 @@ class BrowserTools:
         except WebGymError as error:
             if isinstance(error, UsageError):
                 raise
-            self._told = f"The browser failed ({error.code}); the episode is over."
-            return [{"type": "text", "text": self._told}]
+            self._final_text = f"The browser failed ({error.code}); the episode is over."
+            return [{"type": "text", "text": self._final_text}]
         self._is_over = False
-        return _shown(view)
+        return _content(view)
 
     def get_reward(self) -> float | None:
-        """1.0 or 0.0 by the judge; ``None`` for an episode that has no reward."""
-        if not self._is_over:  # the model said something else, or had no tokens left
+        """1.0 or 0.0 from the judge; ``None`` for an episode without a reward."""
+        if not self._is_over:  # the model stopped calling tools, or ran out of tokens
             assert self._env is not None
             self._browsers.loop.run(self._env.abandon())
-            self._is_over, self._reward, self._told = True, 0.0, "The episode was not answered."
+            self._is_over, self._reward, self._final_text = True, 0.0, "The episode was not answered."
             self._browsers.unanswered += 1
         return self._reward
 
@@ -186,7 +187,8 @@ class BrowserTools:
         """
         return self._step(Answer(str(text)))
 
-    # --- how ----------------------------------------------------------------------------------------------
+    # --- internals
+    # ----------------------------------------------------------------------------------------------
 
     async def _begin(self, task_id: str | None) -> View:
         if self._env is None:
@@ -194,82 +196,83 @@ class BrowserTools:
         view, _ = await self._env.reset(options={} if task_id is None else {"task_id": task_id})
         return view
 
-    def _at(self, x: float, y: float, made: Any) -> Content:
-        return self._step(made(Target(coordinate=(float(x), float(y)))))
+    def _at(self, x: float, y: float, make_action: Any) -> Content:
+        return self._step(make_action(Target(coordinate=(float(x), float(y)))))
 
     def _step(self, action: Action) -> Content:
         if self._is_over:
-            return [{"type": "text", "text": self._told}]
+            return [{"type": "text", "text": self._final_text}]
         assert self._env is not None
         view, reward, terminated, truncated, _ = self._browsers.loop.run(self._env.step(action))
         if not (terminated or truncated):
-            return _shown(view)
+            return _content(view)
         self._is_over = True
         self._reward = None if math.isnan(reward) else reward
-        self._told = "The episode is over."
-        return [{"type": "text", "text": self._told}]
+        self._final_text = "The episode is over."
+        return [{"type": "text", "text": self._final_text}]
 
 
 class Browsers:
-    """``environment_factory`` of ``GRPOTrainer``: makes an environment for each episode of a batch.
+    """An ``environment_factory`` of ``GRPOTrainer``: creates the environments of a batch's episodes.
 
     Args:
-        name: of the tasks, as for :func:`webgym.make`.
-        size: browsers. TRL opens all episodes of a generation batch at the same time, so at least
-            ``generation_batch_size`` of a process.
-        given: more of :class:`webgym.EnvironmentPool`'s arguments.
+        name: name of the tasks, as for :func:`webgym.make`.
+        size: number of browsers: at least ``generation_batch_size`` of a process, because TRL starts all
+            episodes of a generation batch at the same time.
+        options: further arguments of :class:`webgym.EnvironmentPool`.
 
     Attributes:
-        pool: of the environments.
-        loop: that they run on.
-        begun, unanswered: episodes; of the second, TRL ended the conversation before an answer. Many of them
-            say that ``max_completion_length`` is too short for the screenshots.
+        pool: the environments.
+        loop: the event loop that they run on.
+        begun: number of episodes started.
+        unanswered: number of episodes that TRL ended before an answer. If there are many,
+            ``max_completion_length`` is too short for the screenshots.
     """
 
-    def __init__(self, name: str = "offline-v1", *, size: int = 8, **given: Any) -> None:
-        self.pool = EnvironmentPool(name, size=size, **given)
+    def __init__(self, name: str = "offline-v1", *, size: int = 8, **options: Any) -> None:
+        self.pool = EnvironmentPool(name, size=size, **options)
         self._name, self._size = name, size
         self._made: list[BrowserTools] = []
         self.begun = self.unanswered = 0
-        self.loop = LoopThread(self._closed)
+        self.loop = LoopThread(self._close_all)
 
     def __call__(self) -> BrowserTools:
-        """One more.
+        """Create an environment.
 
         Raises:
-            RuntimeError: there are as many as browsers: a further one would wait for ever.
+            RuntimeError: there are as many environments as browsers: another one would wait forever.
         """
         if len(self._made) == self._size:
             raise RuntimeError(
-                f"TRL wants more than {self._size} episodes at the same time; give Browsers(size=...) the "
+                f"TRL needs more than {self._size} concurrent episodes; set Browsers(size=...) to the "
                 "generation batch size of a process"
             )
         self._made.append(BrowserTools(self))
         return self._made[-1]
 
-    def rows(self, **given: Any) -> list[dict[str, Any]]:
+    def rows(self, **options: Any) -> list[dict[str, Any]]:
         """A dataset: rows with ``prompt`` and ``task_id``.
 
         Args:
-            given: arguments of :func:`webgym.task_rows`, such as ``count`` and ``split``.
+            options: arguments of :func:`webgym.task_rows`, such as ``count`` and ``split``.
         """
-        rows = task_rows(self._name, **given)
+        rows = task_rows(self._name, **options)
         return [
             {"task_id": row["task_id"], "prompt": [{"role": "user", "content": PROMPT + row["instruction"]}]}
             for row in rows
         ]
 
     def close(self) -> None:
-        """Stop the browsers. Safe to call twice."""
+        """Stop the browsers. May be called twice."""
         self.loop.close()
 
-    async def _closed(self) -> None:
-        for one in self._made:
-            await one._stack.aclose()
+    async def _close_all(self) -> None:
+        for tools in self._made:
+            await tools._stack.aclose()
         await self.pool.close()
 
 
-def _shown(view: View) -> Content:
+def _content(view: View) -> Content:
     picture = Image.open(BytesIO(view.image)).convert("RGB")
     notices = " ".join(notice.text for notice in view.observation.notices)
     text = f"{view.observation.url}\n{notices}".strip()

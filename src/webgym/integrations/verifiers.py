@@ -7,10 +7,10 @@ uses this has a module of its own, such as ``webgym_tasks.py``::
 
     __all__ = ["WebGymEnv", "WebGymHarness", "WebGymTaskset"]
 
-which ``PYTHONPATH=. vf-eval webgym-tasks --model …`` evaluates. The model is asked with the messages of a
-run: its prompt, and its window of history. verifiers' trace has a branch wherever that window moves on; all
-of them have the episode's reward. An episode without a reward ends with an error, which verifiers keeps
-apart from rewards.
+which ``PYTHONPATH=. vf-eval webgym-tasks --model …`` evaluates. The model is sent the same messages as in a
+run, with WebGym's window of the history. verifiers' trace has a branch wherever that window moves; all
+branches have the episode's reward. An episode without a reward ends with an error, which verifiers does not
+count as a reward.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ REWARD: Final = "webgym"
 
 class NoReward(WebGymError):
     """The website blocked the agent, or environment, policy or judge failed, or verifiers ended the episode:
-    no success, and no failure."""
+    it is neither a success nor a failure."""
 
     code = "no_reward"
 
 
 class WebGymTasksetConfig(vf.TasksetConfig):
-    """Which tasks.
+    """Choice of the tasks, and settings.
 
     Attributes:
-        tasks: their name, as for :func:`webgym.make`.
+        tasks: name of the tasks, as for :func:`webgym.make`.
         split: of the tasks.
-        count: how many, drawn as for a run.
-        settings: of a run (:class:`webgym.RunConfig`), such as ``{"judge": {…}}``.
+        count: number of tasks, drawn as for a run.
+        settings: settings of a run (:class:`webgym.RunConfig`), such as ``{"judge": {…}}``.
     """
 
     tasks: str = "offline-v1"
@@ -55,21 +55,21 @@ class WebGymTasksetConfig(vf.TasksetConfig):
     settings: dict[str, Any] = Field(default_factory=dict)
 
     def run_config(self) -> RunConfig:
-        """The settings, checked."""
+        """The settings, validated."""
         return RunConfig.model_validate(self.settings)
 
 
 class WebGymTask(vf.Task[vf.TaskData]):
-    """A task by its id. The environment opens the conversation, and its judge gives the reward."""
+    """A task, given by its id. The environment starts the conversation, and its judge gives the reward."""
 
     @property
     def key(self) -> str:
-        """The id of the task: it stays, wherever the task is in the set."""
+        """The id of the task, which does not depend on its position in the set."""
         return str(self.data.id)
 
 
 class WebGymTaskset(vf.Taskset[WebGymTask, WebGymTasksetConfig]):
-    """Tasks of WebGym; no rubric, no answer."""
+    """Tasks of WebGym, without rubrics and answers."""
 
     def load(self) -> Iterator[WebGymTask]:
         """The tasks, in the order in which a run draws them."""
@@ -81,20 +81,20 @@ class WebGymTaskset(vf.Taskset[WebGymTask, WebGymTasksetConfig]):
 
 
 class WebGymHarness(vf.Harness[vf.HarnessConfig]):
-    """Asks the model exactly what the environment says, once per turn, in this process: what was said before
-    is in the request as far as WebGym's window of history reaches."""
+    """Sends the model the environment's messages, once per turn, in this process. Earlier turns are in the
+    request only as far as WebGym's window of the history contains them."""
 
     SUPPORTS_RESUME = True
     EXECUTES_CODE = False
     NEEDS_CONTAINER = False
 
     async def launch(self, *given: Any, **named: Any) -> vf.ProgramResult:
-        """Never called: the environment opens the conversation.
+        """Not supported: the environment starts the conversation.
 
         Raises:
             UsageError: the task has a prompt.
         """
-        raise UsageError("the harness plays WebGym's tasks alone", hint="leave its environment as it is")
+        raise UsageError("the harness plays only WebGym's tasks", hint="leave its environment as it is")
 
     async def resume(
         self,
@@ -108,34 +108,34 @@ class WebGymHarness(vf.Harness[vf.HarnessConfig]):
         messages: vf.Messages,
         tool_interception_url: str | None = None,
     ) -> vf.ProgramResult:
-        """Ask the model; verifiers records request and reply on their way.
+        """Send the request to the model; verifiers records request and reply.
 
         Args:
-            ctx: the model's name.
-            trace: not looked at.
-            runtime: not looked at: nothing runs in it.
-            endpoint: of verifiers, in front of the model's.
-            secret: for the endpoint.
-            mcp_urls: not looked at.
-            data: not looked at.
+            ctx: has the model's name.
+            trace: ignored.
+            runtime: ignored.
+            endpoint: URL of verifiers' proxy of the model's endpoint.
+            secret: API key for the endpoint.
+            mcp_urls: ignored.
+            data: ignored.
             messages: the whole request.
-            tool_interception_url: not looked at.
+            tool_interception_url: ignored.
 
         Raises:
             openai.OpenAIError: the model gave no reply.
         """
-        asked: Any = [message.model_dump(exclude_none=True) for message in messages]
+        request: Any = [message.model_dump(exclude_none=True) for message in messages]
         async with AsyncOpenAI(base_url=endpoint, api_key=secret, timeout=None) as client:
-            await client.chat.completions.create(model=ctx.model, messages=asked)
+            await client.chat.completions.create(model=ctx.model, messages=request)
         return vf.ProgramResult(0, "", "")
 
 
 class WebGymEnvConfig(vf.EnvConfig):
-    """How they are played.
+    """Settings of the environment.
 
     Attributes:
-        player: the model; its harness stays as it is, and nothing of it runs in a sandbox.
-        browsers: episodes at the same time; further ones wait.
+        player: the model; its harness must not be changed, and it does not use a sandbox.
+        browsers: number of concurrent episodes; further ones wait.
     """
 
     player: vf.AgentConfig = vf.AgentConfig(runtime=vf.SubprocessConfig())
@@ -143,12 +143,12 @@ class WebGymEnvConfig(vf.EnvConfig):
 
 
 class WebGymEnv(vf.Env[WebGymEnvConfig]):
-    """Episodes in browsers that all of an evaluation's episodes share."""
+    """Plays episodes in browsers that are shared by all episodes of an evaluation."""
 
     _pool: EnvironmentPool | None = None
 
     async def start(self) -> None:
-        """Make the pool of browsers; they start with the first episode."""
+        """Create the pool of browsers, which start with the first episode."""
         taskset = self.config.taskset
         assert isinstance(taskset, WebGymTasksetConfig)
         self._pool = EnvironmentPool(
@@ -165,10 +165,10 @@ class WebGymEnv(vf.Env[WebGymEnvConfig]):
         """Check the harness.
 
         Args:
-            agents: of the episode: ``player``.
+            agents: the agents of the episode: ``player``.
 
         Raises:
-            UsageError: it is another one, which would send more than the window of history.
+            UsageError: it is another harness, which would send more than the window of the history.
         """
         if not isinstance(agents.player.harness, WebGymHarness):
             raise UsageError(
@@ -179,12 +179,12 @@ class WebGymEnv(vf.Env[WebGymEnvConfig]):
         """Play an episode, and record its reward at the end.
 
         Args:
-            task: of :class:`WebGymTaskset`.
-            agents: of the episode: ``player``.
+            task: a task of :class:`WebGymTaskset`.
+            agents: the agents of the episode: ``player``.
 
         Raises:
-            NoReward: the episode has none.
-            WebGymError: no browser, or no start page, was to be had.
+            NoReward: the episode has no reward.
+            WebGymError: no browser was available, or the start page could not be opened.
         """
         assert self._pool is not None
         reward = math.nan
@@ -213,7 +213,7 @@ def _messages(info: dict[str, Any]) -> vf.Messages:
 
 
 def _message(message: Any, images: dict[str, bytes]) -> vf.Message:
-    if message.role == "assistant":  # its content is text alone
+    if message.role == "assistant":  # its content is only text
         return vf.AssistantMessage(content="".join(part.text for part in message.content))
     content = [_part(part, images) for part in message.content]
     return vf.SystemMessage(content=content) if message.role == "system" else vf.UserMessage(content=content)

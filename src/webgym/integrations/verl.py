@@ -6,9 +6,9 @@ that ``actor_rollout_ref.rollout.agent.agent_loop_config_path`` names::
       tasks: offline-v1
       size: 64
 
-and as dataset what :func:`write_dataset` writes. An episode gives one output per step, all with its reward:
-the history is a window, so no two steps share a prompt. An episode without a reward gives none, and verl
-leaves its session out of the group.
+and use a dataset written by :func:`write_dataset`. An episode gives one output per step, all with the
+episode's reward: the prompt has a window of the history, so no two steps share a prompt. An episode without a
+reward gives no output, and verl leaves its session out of the group.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from verl.workers.rollout.replica import TokenOutput
 from webgym import EnvironmentPool, Renderer, Sampled, TokenRequest, TokenRollout, roll_out, task_rows
 
 _pools: dict[tuple[object, ...], EnvironmentPool] = {}
-"""Of this worker process: verl makes an agent loop for every episode."""
+"""Pools of this worker process, shared because verl creates an agent loop for every episode."""
 
 
 class WebGymAgentLoop(AgentLoopBase):
-    """One episode in a browser, of the row's ``task_id``.
+    """Plays one episode in a browser, of the task in the row's ``task_id``.
 
     Args:
-        tasks: their name, as for :func:`webgym.make`.
-        size: browsers of this worker process, and so its episodes at the same time.
+        tasks: name of the tasks, as for :func:`webgym.make`.
+        size: number of browsers of this worker process, and so of its concurrent episodes.
         split: of the tasks.
-        pool: to be used in place of one by the three above.
-        given: what verl gives.
+        pool: an existing pool to use instead of one made from the arguments above.
+        options: verl's own arguments.
     """
 
     def __init__(
@@ -44,13 +44,15 @@ class WebGymAgentLoop(AgentLoopBase):
         size: int = 8,
         split: str = "train",
         pool: EnvironmentPool | None = None,
-        **given: Any,
+        **options: Any,
     ) -> None:
-        super().__init__(**given)
+        super().__init__(**options)
         if pool is None:
             key = (tasks, size, split)
-            made: Any = split
-            pool = _pools.get(key) or _pools.setdefault(key, EnvironmentPool(tasks, size=size, split=made))
+            any_split: Any = split
+            pool = _pools.get(key) or _pools.setdefault(
+                key, EnvironmentPool(tasks, size=size, split=any_split)
+            )
         self._pool = pool
         self._renderer = Renderer(self.tokenizer, self.processor.image_processor)
 
@@ -58,11 +60,11 @@ class WebGymAgentLoop(AgentLoopBase):
         """Play the task.
 
         Args:
-            sampling_params: of verl.
-            kwargs: fields of the dataset's row; ``task_id`` is one, or in ``extra_info``.
+            sampling_params: verl's sampling parameters.
+            kwargs: fields of the dataset's row, with ``task_id`` directly or in ``extra_info``.
 
         Returns:
-            An output for each step; none for an episode without a reward.
+            An output for each step; empty for an episode without a reward.
         """
         replies: list[TokenOutput] = []
 
@@ -100,8 +102,8 @@ class WebGymAgentLoop(AgentLoopBase):
         return bool(ids) and ids[-1] in self._renderer.end_ids
 
     def _outputs(self, rollout: TokenRollout, replies: Sequence[TokenOutput]) -> list[AgentLoopOutput]:
-        told: dict[str, Any] = {"outcome": str(rollout.outcome), "task_id": rollout.task_id}
-        told |= {f"dropped/{reason}": count for reason, count in rollout.dropped.items()}
+        reward_info: dict[str, Any] = {"outcome": str(rollout.outcome), "task_id": rollout.task_id}
+        reward_info |= {f"dropped/{reason}": count for reason, count in rollout.dropped.items()}
         return [
             AgentLoopOutput(
                 prompt_ids=row.prompt_ids,
@@ -112,7 +114,7 @@ class WebGymAgentLoop(AgentLoopBase):
                 reward_score=rollout.reward,
                 num_turns=2,
                 metrics=AgentLoopMetrics(num_preempted=_preempted(replies[row.step])),
-                extra_fields={**replies[row.step].extra_fields, "reward_extra_info": told},
+                extra_fields={**replies[row.step].extra_fields, "reward_extra_info": reward_info},
             )
             for row in rollout.rows
         ]
@@ -126,16 +128,16 @@ def _preempted(reply: TokenOutput) -> int:
     return -1 if reply.num_preempted is None else reply.num_preempted
 
 
-def write_dataset(path: Path | str, name: str = "offline-v1", **given: Any) -> None:
-    """Write tasks as a Parquet file that ``data.train_files`` can name.
+def write_dataset(path: Path | str, name: str = "offline-v1", **options: Any) -> None:
+    """Write tasks as a Parquet file for ``data.train_files``.
 
     Args:
         path: of the file.
-        name: of the tasks, as for :func:`webgym.make`.
-        given: more of :func:`webgym.task_rows`' arguments, such as ``count``.
+        name: name of the tasks, as for :func:`webgym.make`.
+        options: further arguments of :func:`webgym.task_rows`, such as ``count``.
 
     Raises:
-        ConfigError: there are no such tasks.
+        ConfigError: there are no tasks of this name.
         OSError: the file cannot be written.
     """
     import pyarrow as pa
@@ -149,6 +151,6 @@ def write_dataset(path: Path | str, name: str = "offline-v1", **given: Any) -> N
             "reward_model": {"style": "environment", "ground_truth": ""},
             "extra_info": {"index": number, "task_id": row["task_id"]},
         }
-        for number, row in enumerate(task_rows(name, **given))
+        for number, row in enumerate(task_rows(name, **options))
     ]
     pq.write_table(pa.Table.from_pylist(rows), path)

@@ -1,17 +1,17 @@
 """Agreement of judges with human labels: rates with bootstrap intervals, and differences between judges.
 
-The paper's study (§3.4) holds judges, with and without rubric, against human labels of 80 trajectories that
-were drawn evenly over difficulty. Everything here is a pure function of (human, judges) pairs; where labels
-come from is the business of :mod:`webgym.judge.labels`.
+The paper's study (§3.4) compares judges, with and without rubric, with human labels of 80 trajectories that
+were sampled evenly over difficulty. Everything here is a pure function of (human label, verdicts) pairs;
+labels are read by :mod:`webgym.judge.labels`.
 
-**Intervals** are percentiles of a bootstrap. A resample draws with replacement, within each level of
-difficulty as many as there are (how many of each there are was decided, not found), and whole tasks rather
-than trajectories, because attempts at one task succeed or fail together. All judges are measured on the same
-resamples, so that the interval of a difference is that of a paired comparison.
+**Intervals** are percentiles of a stratified cluster bootstrap. A resample draws with replacement, as many
+from each level of difficulty as the sample has (their numbers were chosen by the study's design), and whole
+tasks rather than trajectories, because attempts at one task tend to succeed or fail together. All judges are
+measured on the same resamples, so the interval of a difference is that of a paired comparison.
 
-**What cannot be computed is ``None``, never 0**: precision of a judge that passed nothing, recall where
-people passed nothing. An interval is ``None`` where the resamples say nothing either: the rate is undefined
-in more of them than the interval leaves out, or it is the same in all.
+**What cannot be computed is ``None``, never 0**: the precision of a judge that passed nothing, the recall
+where people passed nothing. An interval is ``None`` if the rate is undefined in more resamples than the
+interval leaves out, or if it is the same in all resamples.
 """
 
 from __future__ import annotations
@@ -41,26 +41,27 @@ class AgreementConfig(Settings):
     """How agreement is measured."""
 
     no_verdict: Literal["left_out", "failure"] = "left_out"
-    """A trajectory without a verdict is left out of the rates and counted, or counts as judged a failure."""
+    """A trajectory without a verdict is left out of the rates (``left_out``) or counts as judged a
+    failure."""
 
     resamples: Annotated[int, Field(ge=100)] = 10_000
-    """Of the bootstrap."""
+    """Number of bootstrap resamples."""
 
     confidence: Annotated[float, Field(gt=0, lt=1)] = 0.95
-    """Of the intervals."""
+    """Confidence level of the intervals, between 0 and 1."""
 
     seed: int = 0
-    """Of the bootstrap: the same cases and seed give the same intervals."""
+    """Seed of the bootstrap: the same cases and seed give the same intervals."""
 
 
 class Case(msgspec.Struct, frozen=True):
-    """A trajectory that a person labelled and judges judged.
+    """A trajectory with a human label and the verdicts of judges.
 
     Attributes:
-        human: whether the person says it succeeded.
-        verdicts: what each judge says, in one order for all cases; ``None`` for no verdict.
+        human: the human label; true is success.
+        verdicts: of each judge, in the same order for all cases; ``None`` for no verdict.
         level: difficulty of its task; ``None`` if unknown.
-        task: cases of one task are resampled together; empty for a case that stands alone.
+        task: id of its task; cases of one task are resampled together. Empty resamples the case alone.
     """
 
     human: bool
@@ -73,10 +74,10 @@ class Confusion(msgspec.Struct, frozen=True):
     """Counts of (human, judge) pairs; positive is success.
 
     Attributes:
-        both: success to both (true positives).
-        judge_only: success to the judge alone (false positives).
-        human_only: success to the person alone (false negatives).
-        neither: failure to both (true negatives).
+        both: true positives: both say success.
+        judge_only: false positives: only the judge says success.
+        human_only: false negatives: only the human label says success.
+        neither: true negatives: both say failure.
     """
 
     both: int
@@ -86,12 +87,12 @@ class Confusion(msgspec.Struct, frozen=True):
 
     @property
     def total(self) -> int:
-        """All pairs."""
+        """Number of pairs."""
         return self.both + self.judge_only + self.human_only + self.neither
 
 
 class Estimate(msgspec.Struct, frozen=True):
-    """A figure and its interval; ``None`` for what is undefined."""
+    """A value and the bounds of its confidence interval; ``None`` for what is undefined."""
 
     value: float | None
     low: float | None = None
@@ -99,12 +100,12 @@ class Estimate(msgspec.Struct, frozen=True):
 
 
 class Figures(msgspec.Struct, frozen=True):
-    """One judge on one group of cases.
+    """Agreement of one judge with the human labels of one group of cases.
 
     Attributes:
-        confusion: the pairs that were counted.
-        no_verdict: cases that the judge had no verdict on, whether they were left out or not.
-        metrics: by name: accuracy, precision, recall, f1, kappa (Cohen's).
+        confusion: counts of the pairs.
+        no_verdict: number of cases without a verdict of the judge, whether they were left out or not.
+        metrics: accuracy, precision, recall, f1 and kappa (Cohen's), by name.
     """
 
     confusion: Confusion
@@ -113,12 +114,12 @@ class Figures(msgspec.Struct, frozen=True):
 
 
 class Difference(msgspec.Struct, frozen=True):
-    """Two judges on the cases that both have a verdict on.
+    """Difference between two judges on the cases that both have a verdict on.
 
     Attributes:
-        judge: whose figures are counted from.
-        baseline: whose figures are taken away.
-        cases: how many both have a verdict on, by group.
+        judge: name of the judge.
+        baseline: name of the judge whose metrics are subtracted.
+        cases: number of cases that both have a verdict on, by group.
         metrics: judge minus baseline with its paired interval, by group and name.
     """
 
@@ -132,10 +133,10 @@ class Agreement(msgspec.Struct, frozen=True):
     """Agreement of judges with human labels.
 
     Attributes:
-        cases: how many, by group. Those of unknown difficulty are in ``overall`` alone.
-        successes: how many of them people say succeeded, by group.
-        judges: figures by judge and group; a group without cases is left out.
-        differences: of every later judge from the first.
+        cases: number of cases, by group. Those of unknown difficulty are in ``overall`` only.
+        successes: number of them whose human label is success, by group.
+        judges: metrics by judge and group; a group without cases is left out.
+        differences: of every other judge from the first.
     """
 
     cases: dict[Group, int]
@@ -145,9 +146,9 @@ class Agreement(msgspec.Struct, frozen=True):
 
 
 def rates(confusion: Confusion) -> dict[Metric, float | None]:
-    """The metrics of a table of counts; ``None`` where one is undefined."""
+    """The metrics of a confusion matrix; ``None`` where one is undefined."""
     counts = [confusion.both, confusion.judge_only, confusion.human_only, confusion.neither]
-    return {name: _defined(value) for name, value in zip(METRICS, _rates(np.array(counts)), strict=True)}
+    return {name: _none_if_nan(value) for name, value in zip(METRICS, _rates(np.array(counts)), strict=True)}
 
 
 def agreement(
@@ -156,26 +157,26 @@ def agreement(
     """Compare judges with human labels.
 
     Args:
-        judges: names, in the order of the cases' verdicts; none twice.
+        judges: unique names, in the order of the cases' verdicts.
         cases: in any order.
-        config: what to do about missing verdicts, and of the bootstrap.
+        config: treatment of missing verdicts, and the bootstrap's settings.
 
     Raises:
-        ValueError: a case does not have as many verdicts as there are judges, or a name stands twice.
+        ValueError: a case does not have as many verdicts as there are judges, or a name occurs twice.
     """
     config = config or AgreementConfig()
-    held = list(cases)
+    labelled = list(cases)
     if len(set(judges)) != len(judges):
         raise ValueError("two judges have the same name")
-    if any(len(case.verdicts) != len(judges) for case in held):
+    if any(len(case.verdicts) != len(judges) for case in labelled):
         raise ValueError(f"every case needs {len(judges)} verdicts")
-    tables = _tables(held, len(judges), config)
-    groups = [group for group in GROUPS if group == "overall" or _of(held, group)]
+    tables = _tables(labelled, len(judges), config)
+    groups = [group for group in GROUPS if group == "overall" or _in_group(labelled, group)]
     return Agreement(
-        cases={group: len(_of(held, group)) for group in groups},
-        successes={group: sum(case.human for case in _of(held, group)) for group in groups},
+        cases={group: len(_in_group(labelled, group)) for group in groups},
+        successes={group: sum(case.human for case in _in_group(labelled, group)) for group in groups},
         judges={
-            judge: {group: _figures(tables[group], held, group, index, config) for group in groups}
+            judge: {group: _figures(tables[group], labelled, group, index, config) for group in groups}
             for index, judge in enumerate(judges)
         },
         differences=tuple(
@@ -184,47 +185,53 @@ def agreement(
     )
 
 
-def _of(cases: Sequence[Case], group: Group) -> list[Case]:
+def _in_group(cases: Sequence[Case], group: Group) -> list[Case]:
     return [case for case in cases if group in ("overall", case.level)]
 
 
 class _Table(msgspec.Struct, frozen=True):
-    """Counts of a group: as found, and in every resample.
+    """Counts of a group of cases: observed, and in every resample.
 
-    A row holds four counts per view. View ``j`` is judge j on all its cases; behind these, two views for
-    each later judge: the first judge, and that judge, on the cases that both have a verdict on.
+    A row has four counts (TP, FP, FN, TN) per view. View ``j`` is judge j on all its cases. After these come
+    two views for each judge but the first: the first judge, and that judge, on the cases that both have a
+    verdict on.
+
+    Attributes:
+        observed: one row, shape (4 * views,).
+        resampled: shape (resamples, 4 * views).
     """
 
-    found: Counts
-    drawn: Counts
+    observed: Counts
+    resampled: Counts
 
 
 def _tables(cases: Sequence[Case], judges: int, config: AgreementConfig) -> dict[Group, _Table]:
-    """The tables of all groups. Overall is the sum of the levels, so its resamples are stratified."""
+    """The tables of all groups. ``overall`` is the sum of the levels, so its resamples are stratified."""
     generator = np.random.default_rng(config.seed)
     width = 4 * (judges + 2 * max(0, judges - 1))
     tables: dict[Group, _Table] = {}
     strata = []
     for level in (*LEVELS, None):
         clusters = _clusters([case for case in cases if case.level == level], judges, config)
-        found = np.sum(np.array(clusters, np.int64).reshape(-1, width), axis=0)
-        table = _Table(found, resampled(clusters, width, config.resamples, generator))
+        observed = np.sum(np.array(clusters, np.int64).reshape(-1, width), axis=0)
+        table = _Table(observed, resampled(clusters, width, config.resamples, generator))
         strata.append(table)
         if level is not None:
             tables[level] = table
     tables["overall"] = _Table(
-        np.sum([table.found for table in strata], axis=0), np.sum([table.drawn for table in strata], axis=0)
+        np.sum([table.observed for table in strata], axis=0),
+        np.sum([table.resampled for table in strata], axis=0),
     )
     return tables
 
 
 def _clusters(cases: Iterable[Case], judges: int, config: AgreementConfig) -> list[list[int]]:
-    """The counts of every task of a stratum: rows as in :class:`_Table`."""
+    """The counts of every task of a stratum, as rows of :class:`_Table`."""
     width = 4 * (judges + 2 * max(0, judges - 1))
     rows: dict[object, list[int]] = defaultdict(lambda: [0] * width)
     for number, case in enumerate(cases):
         row = rows[case.task or number]
-        verdicts = [_counted(verdict, config) for verdict in case.verdicts]
+        verdicts = [_effective_verdict(verdict, config) for verdict in case.verdicts]
         for judge, verdict in enumerate(verdicts):
             if verdict is None:
                 continue
@@ -236,7 +243,7 @@ def _clusters(cases: Iterable[Case], judges: int, config: AgreementConfig) -> li
     return list(rows.values())
 
 
-def _counted(verdict: bool | None, config: AgreementConfig) -> bool | None:
+def _effective_verdict(verdict: bool | None, config: AgreementConfig) -> bool | None:
     return False if verdict is None and config.no_verdict == "failure" else verdict
 
 
@@ -245,10 +252,10 @@ def _cell(human: bool, verdict: bool) -> int:
 
 
 def _rates(counts: Counts) -> Values:
-    """Metrics of counts: the last axis of four becomes one of five; NaN where one is undefined."""
+    """Metrics of counts, shape (..., 4) to (..., 5), in the order of :data:`METRICS`; NaN where undefined."""
     tp, fp, fn, tn = np.moveaxis(counts.astype(np.float64), -1, 0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = (
+        metrics = (
             (tp + tn) / (tp + fp + fn + tn),
             tp / (tp + fp),
             tp / (tp + fn),
@@ -256,21 +263,21 @@ def _rates(counts: Counts) -> Values:
             # Cohen's kappa with both fractions multiplied out: exact zeros stay zeros.
             2 * (tp * tn - fp * fn) / ((tp + fp) * (fp + tn) + (tp + fn) * (fn + tn)),
         )
-    return np.stack(found, axis=-1)
+    return np.stack(metrics, axis=-1)
 
 
 def _view(table: _Table, view: int) -> tuple[Counts, Counts]:
-    return table.found[4 * view : 4 * view + 4], table.drawn[:, 4 * view : 4 * view + 4]
+    return table.observed[4 * view : 4 * view + 4], table.resampled[:, 4 * view : 4 * view + 4]
 
 
 def _figures(
     table: _Table, cases: Sequence[Case], group: Group, judge: int, config: AgreementConfig
 ) -> Figures:
-    found, drawn = _view(table, judge)
+    observed, resamples = _view(table, judge)
     return Figures(
-        Confusion(*map(int, found)),
-        sum(case.verdicts[judge] is None for case in _of(cases, group)),
-        _estimates(_rates(found), _rates(drawn), config),
+        Confusion(*map(int, observed)),
+        sum(case.verdicts[judge] is None for case in _in_group(cases, group)),
+        _estimates(_rates(observed), _rates(resamples), config),
     )
 
 
@@ -284,24 +291,29 @@ def _difference(
     view = len(judges) + 2 * (judge - 1)
     cases, metrics = {}, {}
     for group in groups:
-        (base, base_drawn), (found, drawn) = _view(tables[group], view), _view(tables[group], view + 1)
-        cases[group] = int(found.sum())
-        metrics[group] = _estimates(_rates(found) - _rates(base), _rates(drawn) - _rates(base_drawn), config)
+        (base, base_resamples), (observed, resamples) = (
+            _view(tables[group], view),
+            _view(tables[group], view + 1),
+        )
+        cases[group] = int(observed.sum())
+        metrics[group] = _estimates(
+            _rates(observed) - _rates(base), _rates(resamples) - _rates(base_resamples), config
+        )
     return Difference(judges[judge], judges[0], cases, metrics)
 
 
-def _estimates(found: Values, drawn: Values, config: AgreementConfig) -> dict[Metric, Estimate]:
+def _estimates(observed: Values, resamples: Values, config: AgreementConfig) -> dict[Metric, Estimate]:
     return {
-        name: _estimate(float(found[place]), drawn[:, place], config.confidence)
-        for place, name in enumerate(METRICS)
+        name: _estimate(float(observed[column]), resamples[:, column], config.confidence)
+        for column, name in enumerate(METRICS)
     }
 
 
-def _estimate(value: float, drawn: Values, confidence: float) -> Estimate:
+def _estimate(value: float, resamples: Values, confidence: float) -> Estimate:
     if np.isnan(value):
         return Estimate(None)
-    return Estimate(value, *(percentiles(drawn, confidence) or ()))
+    return Estimate(value, *(percentiles(resamples, confidence) or ()))
 
 
-def _defined(value: float) -> float | None:
+def _none_if_nan(value: float) -> float | None:
     return None if np.isnan(value) else float(value)

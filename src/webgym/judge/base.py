@@ -10,7 +10,7 @@ from webgym.core.trajectory import Episode
 from webgym.core.verdict import Verdict
 
 Pictures: TypeAlias = Callable[[str], Awaitable[bytes]]
-"""Gives the bytes of a screenshot by its name."""
+"""Returns the bytes of a screenshot, given its name (the hash of its pixels)."""
 
 
 class Judge(Protocol):
@@ -18,18 +18,21 @@ class Judge(Protocol):
 
     @property
     def name(self) -> str:
-        """Name and version; stands in every verdict."""
+        """Name and version of the judge; recorded in every verdict."""
         ...
 
     async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
         """Judge one episode.
 
         Args:
-            task: with its rubric, and its truth if the judge needs one.
-            episode: what happened; it ended in an answer or ran out of steps.
-            pictures: the episode's screenshots, on demand.
+            task: the attempted task, with its rubric, and with its truth if the judge needs one.
+            episode: the recorded steps; it ended in an answer or ran out of steps.
+            pictures: returns the episode's screenshots on demand.
+
+        Returns:
+            The verdict: the reward (0, 1, or ``None`` for a blocked attempt) and the reasons.
 
         Raises:
-            JudgeError: there is no clear verdict. The episode is then unjudged, never silently 0 or 1.
+            JudgeError: there is no clear verdict. The episode is then unjudged; its reward is never guessed.
         """
         ...

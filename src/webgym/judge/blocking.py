@@ -1,17 +1,19 @@
 """Whether the task's own website blocked the agent, persistently (paper §3.4).
 
-A blocked attempt carries no reward, so this must be no way out for one that failed. What counts is the
-task's own website, by its registrable domain and wherever the start page led; a challenge on any other host,
-such as a search engine's, is met on the way and excuses nothing. An attempt was blocked if the website
+A blocked attempt has no reward, so a failed attempt must not pass for a blocked one. Only the task's own
+website counts: its registrable domain, and the website that its start page redirected to. A challenge on
+another host, such as a search engine's, does not. An attempt was blocked if the website
 
-- refused at least :data:`PERSISTENT` requests, not looks: waiting at a challenge proves nothing;
-- refused a page that it would have to show: its front page or, where it had let the agent in, a page that it
-  had shown before and that the agent opened by its address. So no navigation escapes;
-- never let the agent in after that, and never at all if the agent answered.
+- refused at least :data:`PERSISTENT` requests (observations of the same page do not count: waiting at a
+  challenge proves nothing);
+- refused a page that it should have shown: its front page or, if it had shown pages before, one of those that
+  the agent opened again by its address, so that an agent cannot be "blocked" by addresses of its own
+  invention;
+- showed nothing after that, and, if the agent answered, showed nothing at all.
 
-:func:`challenge` knows the pages that the common guards put in the way, by address, title, words and status.
-A mistake of the agent, a missing page, a slow page, a fault of the server and an empty result are no
-refusals, nor is an article about robots or a form with a CAPTCHA in it.
+:func:`challenge` recognises the pages of common bot-protection services by address, title, words and status.
+A mistake of the agent, a missing page, a slow page, a server error and an empty result are not refusals, nor
+is an article about robots or a form with a CAPTCHA in it.
 """
 
 from __future__ import annotations
@@ -31,24 +33,25 @@ from webgym.core.verdict import Judgement
 from webgym.core.websites import host_or_text, site_or_text
 
 REFUSALS: Final = frozenset({403, 405, 429, 503})
-"""HTTP statuses with which challenge pages are served; 401 and 407 ask everybody to log in."""
+"""HTTP statuses that challenge pages are served with. 401 and 407 are not among them: they ask for a
+login."""
 
 BARE_REFUSALS: Final = frozenset({403, 429})
-"""Those that are a refusal whatever the page says."""
+"""HTTP statuses that are a refusal whatever the page says."""
 
 PERSISTENT: Final = 2
-"""So many requests must be refused: one refusal may be a passing one, or the page's own."""
+"""Fewest refused requests of a blocked attempt: a single one may be temporary, or concern one page only."""
 
 SHORT_CHARS: Final = 1_500
-"""A challenge page says little; a longer text with a challenge's words is about something else."""
+"""Longest challenge page, characters; a longer text with a challenge's words is about something else."""
 
 
 class Guard(NamedTuple):
-    """A vendor of challenge pages, and how its pages are recognised.
+    """A bot-protection service, and how its challenge pages are recognised.
 
     Attributes:
-        name: for the reason.
-        address: part of a URL that only its challenges have; empty if there is none.
+        name: of the service, for the reason.
+        address: regular expression of a part of a URL that only its challenges have; empty if there is none.
         titles: whole titles of its pages, folded.
         words: phrases on its pages, folded.
     """
@@ -123,7 +126,7 @@ GUARDS: Final = (
     ),
     Guard("Kasada", r"/ips\.js\?kp_", (), ()),
 )
-"""The guards that websites hire, by what anybody can see of their pages."""
+"""Common bot-protection services, by what is publicly visible of their pages."""
 
 WORDS: Final = (
     "verify you are human",
@@ -153,45 +156,45 @@ WORDS: Final = (
     "request blocked",
     "too many requests",
 )
-"""What any challenge page may say."""
+"""Phrases of challenge pages of any service, folded."""
 
 
 FORM_WORDS: Final = re.compile(
     r"\b(?:password|e-?mail|username|user name|first name|last name|phone|message|sign up|sign in|log in|"
     r"log ?in|register|create (?:an )?account|subscribe|newsletter|contact us)\b"
 )
-"""What pages ask for or offer that are there for something else than the test in them."""
+"""Words of ordinary forms: a page with several of them is more than a challenge."""
 
 FIELD_ROLES: Final = frozenset({"textbox", "searchbox", "combobox", "listbox", "spinbutton", "checkbox"})
-"""What a form consists of."""
+"""Roles of form fields."""
 
 CHALLENGE_SITES: Final = frozenset(
     {"awswaf.com", "captcha-delivery.com", "edgesuite.net", "hcaptcha.com", "perfdrive.com", "px-cdn.net"}
     | {"px-cloud.net"}
 )
-"""Websites that hold nothing but guards' challenges; one there is the refusal of the website asked for."""
+"""Websites that serve nothing but challenges; a page there is a refusal by the website that was requested."""
 
-ALIKE: Final = 0.8
-"""Pages that share this much of their words are the same page at other addresses."""
+SIMILARITY: Final = 0.8
+"""Pages that share at least this fraction of their words count as the same page."""
 
 
 _Address: TypeAlias = tuple[str, str, str]
-"""Of a page: host without ``www.``, path, query."""
+"""Host without ``www.``, path and query of a page."""
 
 
 @dataclass(frozen=True)
-class _Look:
-    """A look at the task's own website.
+class _SiteObservation:
+    """An observation of the task's own website.
 
     Attributes:
         index: of the observation.
-        refusal: why it counts as a refusal; empty if it is none.
-        is_let_in: whether it shows that the website let the agent in. A blank page and a fault of the server
-            are neither.
-        is_request: whether the page was asked for anew.
-        is_opened: whether by its address. Of a form that was sent, the address alone says little.
+        refusal: why it counts as a refusal; empty if it does not.
+        is_let_in: whether it shows content of the website. A blank page and a server error are neither
+            content nor a refusal.
+        is_request: whether the agent requested the page with its last action.
+        is_opened: whether it did so by opening an address. The address of a submitted form says little.
         is_front: whether it is the front page.
-        addresses: what was asked for and what is shown.
+        addresses: the requested address and the one that is shown.
     """
 
     index: int
@@ -207,78 +210,94 @@ def find_block(task: Task, episode: Episode, *, suspect_last: bool = False) -> J
     """Whether the task's own website blocked the agent, by the rules of this module.
 
     Args:
-        task: says which website.
-        episode: what happened.
-        suspect_last: take the last look at the website, and those that look alike, for refusals though no
-            rule knows them. An attempt that is not blocked even so is not, whatever a model says.
+        task: the task, which names its website.
+        episode: the recorded steps.
+        suspect_last: count the last observation of the website, and those that resemble it, as refusals even
+            though no rule recognises them. An attempt that is not blocked even then cannot be, so no model
+            has to be asked.
 
     Returns:
-        The finding; its steps are the refused requests it rests on.
+        The judgement; its steps are the indices of the refused requests.
     """
-    looks = list(_own_looks(task, episode, suspect_last))
-    shown = [look for look in looks if look.is_let_in]
-    if shown and episode.answer is not None:
-        return Judgement(False, f"the task's website let the agent in at step {shown[0].index + 1}")
-    since = shown[-1].index if shown else -1
-    refused = [look for look in looks if look.refusal and look.is_request and look.index > since]
+    observations = list(_site_observations(task, episode, suspect_last))
+    let_in = [observation for observation in observations if observation.is_let_in]
+    if let_in and episode.answer is not None:
+        return Judgement(False, f"the task's website let the agent in at step {let_in[0].index + 1}")
+    since = let_in[-1].index if let_in else -1
+    refused = [
+        observation
+        for observation in observations
+        if observation.refusal and observation.is_request and observation.index > since
+    ]
     if not refused:
         return Judgement(False, "the task's website refused nothing at the end")
     if len(refused) < PERSISTENT:
         return Judgement(False, "the task's website refused a single request, which is not persistent")
-    known = frozenset[_Address]().union(*(look.addresses for look in shown))
-    if not any(look.is_opened and look.addresses & known if shown else look.is_front for look in refused):
-        what = "a page that it had shown before" if shown else "its front page"
-        return Judgement(False, f"the task's website was not asked again for {what}")
-    when = f"after step {since + 1}" if shown else "from the first page on"
+    shown_addresses = frozenset[_Address]().union(*(observation.addresses for observation in let_in))
+    if not any(
+        observation.is_opened and observation.addresses & shown_addresses if let_in else observation.is_front
+        for observation in refused
+    ):
+        page = "a page that it had shown before" if let_in else "its front page"
+        return Judgement(False, f"the task's website was not asked again for {page}")
+    when = f"after step {since + 1}" if let_in else "from the first page on"
     return Judgement(
         True,
         f"the task's website refused every request {when} ({len(refused)}): {refused[-1].refusal}",
-        tuple(look.index for look in refused),
+        tuple(observation.index for observation in refused),
     )
 
 
 def blocking_host(website: str, episode: Episode, blocked: Judgement) -> str:
-    """The host that blocked the agent: that of the last request that was refused.
+    """The host that blocked the agent: the host of the last refused request.
 
     Args:
-        website: of the task.
-        episode: what happened.
-        blocked: the finding.
+        website: the task's website.
+        episode: the recorded steps.
+        blocked: what :func:`find_block` returned.
 
     Returns:
-        As :func:`webgym.core.websites.host_of`; the task's own host where a guard's host took the place of
-        the refusing one, or where the finding names no step.
+        The host, as from :func:`webgym.core.websites.host_of`; the task's own host if the challenge was
+        served by a bot-protection service's host, or if the judgement names no step.
     """
-    seen = episode.observations
-    url = seen[blocked.steps[-1]].url if blocked.steps and blocked.steps[-1] < len(seen) else website
+    observations = episode.observations
+    url = (
+        observations[blocked.steps[-1]].url
+        if blocked.steps and blocked.steps[-1] < len(observations)
+        else website
+    )
     return host_or_text(website if site_or_text(url) in CHALLENGE_SITES else url)
 
 
-def _own_looks(task: Task, episode: Episode, suspect_last: bool) -> Iterator[_Look]:
-    """The looks at the task's website, in order. Where it led at the start is the task's website, too."""
-    seen = episode.observations
-    asked = [task.website, *(_opened(step) for step in episode.steps)]
+def _site_observations(task: Task, episode: Episode, suspect_last: bool) -> Iterator[_SiteObservation]:
+    """The observations of the task's website or of the one that its start page redirected to, in order."""
+    observations = episode.observations
+    requested = [task.website, *(_opened(step) for step in episode.steps)]
     sites: list[str] = []
-    for look, url in zip(seen, asked, strict=False):
-        site = site_or_text(look.url)
+    for observation, url in zip(observations, requested, strict=False):
+        site = site_or_text(observation.url)
         if site in CHALLENGE_SITES:
             site = site_or_text(url) if url else sites[-1]
         sites.append(site)
     own = {site_or_text(task.website), *sites[:1]}
     indices = [index for index, site in enumerate(sites) if site in own]
-    suspect = seen[indices[-1]] if indices and suspect_last and _is_short(seen[indices[-1]]) else None
+    suspect = (
+        observations[indices[-1]]
+        if indices and suspect_last and _is_short(observations[indices[-1]])
+        else None
+    )
     for index in indices:
-        look = seen[index]
-        refusal = _refusal(look)
-        if not refusal and suspect is not None and _is_alike(look, suspect):
+        observation = observations[index]
+        refusal = _refusal(observation)
+        if not refusal and suspect is not None and _is_similar(observation, suspect):
             refusal = "a page that may be a challenge"
-        urls = [url for url in (look.url, asked[index]) if url and site_or_text(url) in own]
-        yield _Look(
+        urls = [url for url in (observation.url, requested[index]) if url and site_or_text(url) in own]
+        yield _SiteObservation(
             index,
             refusal,
-            is_let_in=not refusal and _shows_something(look),
-            is_request=index == 0 or _is_request(episode.steps[index - 1], look),
-            is_opened=bool(asked[index]),
+            is_let_in=not refusal and _has_content(observation),
+            is_request=index == 0 or _is_request(episode.steps[index - 1], observation),
+            is_opened=bool(requested[index]),
             is_front=any(_address(url)[1:] == ("/", "") for url in urls),
             addresses=frozenset(_address(url) for url in urls),
         )
@@ -298,7 +317,7 @@ def _address(url: str) -> _Address:
 
 
 def _is_request(step: Step, after: Observation) -> bool:
-    """Whether the page after a step was asked for by that step. What a page does by itself is no request."""
+    """Whether a step requested the page that followed. A page that reloads by itself is no request."""
     if any(notice.kind == "navigation_failed" for notice in after.notices):
         return False
     if isinstance(step.action, Navigate):
@@ -307,59 +326,59 @@ def _is_request(step: Step, after: Observation) -> bool:
     return is_elsewhere and isinstance(step.action, LeftClick | Type)
 
 
-def _refusal(look: Observation) -> str:
-    if sign := challenge(look):
-        return sign
-    return f"status {look.status}" if look.status in BARE_REFUSALS else ""
+def _refusal(observation: Observation) -> str:
+    if reason := challenge(observation):
+        return reason
+    return f"status {observation.status}" if observation.status in BARE_REFUSALS else ""
 
 
-def _shows_something(look: Observation) -> bool:
-    if look.status is not None and look.status >= 500:
+def _has_content(observation: Observation) -> bool:
+    if observation.status is not None and observation.status >= 500:
         return False
-    return bool((look.text or "").strip() or (look.text is None and look.title.strip()))
+    return bool((observation.text or "").strip() or (observation.text is None and observation.title.strip()))
 
 
-def _is_short(look: Observation) -> bool:
-    return len(fold(f"{look.title} {look.text or ''}")) <= SHORT_CHARS
+def _is_short(observation: Observation) -> bool:
+    return len(fold(f"{observation.title} {observation.text or ''}")) <= SHORT_CHARS
 
 
-def _is_alike(one: Observation, other: Observation) -> bool:
-    """Whether two looks are the same page but for numbers, as challenges are at whatever address."""
+def _is_similar(one: Observation, other: Observation) -> bool:
+    """Whether two observations are the same page except for numbers, as challenges at any address are."""
     if one.screenshot == other.screenshot:
         return True
     if one.status != other.status or fold(one.title) != fold(other.title):
         return False
     words, others = (
-        {word for word in fold(look.text or "").split() if not any(char.isdigit() for char in word)}
-        for look in (one, other)
+        {word for word in fold(observation.text or "").split() if not any(char.isdigit() for char in word)}
+        for observation in (one, other)
     )
-    return len(words & others) >= ALIKE * len(words | others)
+    return len(words & others) >= SIMILARITY * len(words | others)
 
 
 def challenge(observation: Observation) -> str:
-    """What makes this look a challenge page, in a few words; empty if it is none.
+    """What identifies this observation as a challenge page, in a few words; empty if it is not one.
 
-    One sign is enough where the server refused; a page that came with status 200 needs an address that only
-    challenges have, or two signs and little else on it, no form that asks for something else in particular.
+    One sign is enough where the HTTP status is a refusal. A page with another status needs an address that
+    only challenges have, or two signs, a short text, and no form that asks for something else.
     """
     title = fold(observation.title)
-    seen = f"{title} {fold(observation.text or '')}"
+    text = f"{title} {fold(observation.text or '')}"
     signs: list[str] = []
     for guard in GUARDS:
         if guard.address and re.search(guard.address, observation.url, re.IGNORECASE):
             return f"its address is one of {guard.name}'s"
         if title in guard.titles:
             signs.append(f'the title "{observation.title}" is one of {guard.name}\'s')
-        signs += [f'"{words}", as {guard.name} puts it' for words in guard.words if words in seen]
+        signs += [f'"{words}", as {guard.name} puts it' for words in guard.words if words in text]
     is_refused = observation.status in REFUSALS
     if not is_refused and (not _is_short(observation) or _has_form(observation)):
         return ""
-    signs += [f'"{words}"' for words in WORDS if words in seen]
+    signs += [f'"{words}"' for words in WORDS if words in text]
     return signs[0] if signs and (is_refused or len(signs) > 1) else ""
 
 
 def _has_form(observation: Observation) -> bool:
-    """Whether a page asks for more than the test: two fields or more, or the words of such a form."""
+    """Whether a page has an ordinary form: at least two fields, or two of :data:`FORM_WORDS`."""
     fields = sum(element.role in FIELD_ROLES for element in observation.elements or ())
     words = {match[0] for match in FORM_WORDS.finditer(fold(observation.text or ""))}
     return fields > 1 or len(words) > 1

@@ -1,4 +1,4 @@
-"""Settings of the rubric judge: its models, and how much they are shown."""
+"""Settings of the rubric judge: its models, and how many screenshots and characters they receive."""
 
 from __future__ import annotations
 
@@ -16,136 +16,141 @@ STAGES: Final[tuple[Stage, ...]] = ("keypoint", "fact", "response", "blocking", 
 Way: TypeAlias = Literal["exact", "normalised", "set", "model"]
 
 WAYS_BY_SOURCE: Final[dict[str, tuple[Way, ...]]] = {
-    # The offline web's references list what a right answer names, joined by semicolons.
+    # The offline web's references list the values of the right answer, joined by semicolons.
     "offline": ("set", "normalised", "model"),
     # Short facts with one right form each (names, counts, dates).
     "browsecomp": ("normalised", "model"),
     "gaia-web": ("normalised", "set", "model"),
     # "golden" answers are sentences as often as values; "possible" ones are examples and never come here.
     "pae-webvoyager": ("normalised", "set", "model"),
-    # The answer that somebody's run ended in: free text.
+    # The final answer of the run that the task was made from: free text.
     "agentsynth-web": ("normalised", "model"),
 }
-"""How an answer is held against the reference answer, by the task's source. The ways are tried in turn
-until one is sure. Sources that are not named here have :attr:`JudgeConfig.reference_ways`."""
+"""How an answer is compared with the reference answer, by the task's source. The methods
+(:mod:`webgym.judge.reference`) are tried in order until one is sure. All other sources use
+:attr:`JudgeConfig.reference_ways`."""
 
 
 PROMPT_CHARS: Final = 6_000
-"""At most what a prompt's own words and a rubric's facts take, for seeing early that nothing would fit."""
+"""Upper estimate of the characters of a prompt's fixed text and a rubric's facts, for checking the
+settings."""
 
 
 class StageConfig(Section):
-    """The model that is asked one kind of question."""
+    """The model of one stage of the judge, and the limits of a request to it."""
 
     chat: ChatConfig | None = None
-    """Endpoint and model; without one, the judge's own. Its sampling holds where the stage's is silent."""
+    """Endpoint and model; ``None`` uses the judge's own. Its sampling parameters apply where the stage sets
+    none."""
 
     sampling: Sampling = Sampling(temperature=0.0, max_tokens=1024)
     """Temperature 0 unless a panel draws several samples. A thinking model needs more tokens."""
 
     images_per_call: Annotated[int, Field(ge=1)] = 24
-    """Screenshots in one request: what model and endpoint take. Beyond it they are shown in parts, and what
-    the parts show is put together."""
+    """Most screenshots in one request, as model and endpoint allow. More are split over several requests,
+    whose replies are combined."""
 
     request_tokens: Annotated[int, Field(ge=2048)] = 65_536
-    """What a request may take, by the estimate below; more screenshots than fit are shown in parts, and the
-    oldest actions are left out."""
+    """Most tokens of a request and its reply, as estimated with ``images.pixels_per_token`` and
+    ``texts.chars_per_token``. Screenshots that do not fit are split over several requests."""
 
 
 class ImageConfig(Section):
     """How screenshots are sent."""
 
     max_side: int = Field(default=1280, ge=64)
-    """Longer side at most, pixels; a larger screenshot is made smaller."""
+    """Longest side in pixels; a larger screenshot is scaled down."""
 
     max_bytes: int = Field(default=1_500_000, ge=10_000)
-    """A screenshot whose PNG is larger is sent as JPEG."""
+    """Size in bytes; a screenshot whose PNG is larger is sent as JPEG."""
 
     jpeg_quality: int = Field(default=85, ge=1, le=95)
-    """Of those."""
+    """Quality of those JPEG images, 1 to 95."""
 
     pixels_per_token: int = Field(default=784, ge=1)
-    """For the estimate: Qwen-VL models take one token for 28 by 28 pixels, others fewer."""
+    """For estimating a request's tokens: Qwen-VL models use one token for 28 by 28 pixels, others fewer."""
 
 
 class TextConfig(Section):
-    """How much text is sent, in characters."""
+    """How much text is sent to a model and kept from it, in characters."""
 
     chars_per_token: float = Field(default=3.0, gt=0)
-    """For the estimate; low, so that the estimate is high."""
+    """For estimating a request's tokens; low, so that the estimate errs on the high side."""
 
     instruction_chars: int = Field(default=8_000, ge=200)
-    """Of the task; the middle of a longer one is left out."""
+    """Longest task instruction; the middle of a longer one is left out."""
 
     answer_chars: int = Field(default=12_000, ge=200)
-    """Of the answer; likewise."""
+    """Longest answer; the middle of a longer one is left out."""
 
     history_chars: int = Field(default=12_000, ge=200)
-    """Of the action history; its oldest lines are left out."""
+    """Longest action history; the oldest lines of a longer one are left out."""
 
     action_chars: int = Field(default=300, ge=40)
-    """Of one action in the history."""
+    """Longest line of the action history (one action)."""
 
     reason_chars: int = Field(default=1_200, ge=100)
-    """Of a reason that is kept in the verdict."""
+    """Longest reason that is kept in the verdict."""
 
 
 class JudgeConfig(Section):
-    """The rubric judge, resolved. Holds no key."""
+    """The rubric judge's settings, with defaults filled in. Contains no API key."""
 
     chat: ChatConfig
-    """Endpoint and model of every stage that names none of its own."""
+    """Endpoint and model of every stage that has none of its own."""
 
     keypoint: StageConfig = StageConfig(images_per_call=4)
-    """Does a screenshot show anything that matters? 4 in one request: with more, small models lose count."""
+    """Selects the screenshots that matter. 4 in one request: with more, small models lose count."""
 
     fact: StageConfig = StageConfig()
-    """Criterion A, once per fact."""
+    """Criterion A: whether the screenshots confirm a fact. Asked once per fact."""
 
     response: StageConfig = StageConfig()
-    """Criterion B, once."""
+    """Criterion B: whether the screenshots support every claim of the answer. Asked once per episode."""
 
     blocking: StageConfig = StageConfig(images_per_call=2)
-    """Did the website keep the agent out? The last screenshots tell."""
+    """Whether the website blocked the agent, judged by the last screenshots."""
 
     reference: StageConfig = StageConfig()
-    """Does the answer say what the reference answer says? Asked where rules are not sure."""
+    """Whether the answer agrees with the reference answer. Asked where the rules are unsure."""
 
     images: ImageConfig = ImageConfig()
     texts: TextConfig = TextConfig()
 
     select_keypoints: bool = True
-    """Choose screenshots before the facts are judged (paper §3.4); else all are shown."""
+    """Select screenshots before the facts are judged (paper §3.4); ``False`` sends all of them."""
 
     early_exit: bool = False
     """Stop at the first criterion that fails. Cheaper, but the verdict then lacks facts and has no score."""
 
     judge_unanswered: bool = True
-    """Judge the facts of an episode that gave no answer too: its reward is 0 either way, its score is not."""
+    """Judge the facts even of an episode without an answer: its reward is 0 either way, but its score is
+    not."""
 
     reference_rule: Literal["decides", "required"] = "decides"
     """What a reference answer overrides. ``decides``: it alone sets the reward (paper §3.4). ``required``: an
-    answer that does not match it fails whatever else holds, and one that matches must still rest on what was
-    seen; for a policy that may know or guess answers."""
+    answer that does not match it fails, and one that matches must still be supported by the screenshots; for
+    a policy that may know or guess answers."""
 
     reference_ways: tuple[Way, ...] = ("normalised", "set", "model")
-    """For sources that :data:`WAYS_BY_SOURCE` does not name."""
+    """How an answer is compared with the reference answer where ``ways_by_source`` does not have the
+    source."""
 
     ways_by_source: dict[str, tuple[Way, ...]] = WAYS_BY_SOURCE
-    """How answers are held against reference answers, by source."""
+    """How an answer is compared with the reference answer, by the task's source."""
 
     blocking_model: bool = True
-    """Ask a model whether an unsuccessful attempt was blocked where the rules see nothing."""
+    """Ask a model whether an unsuccessful attempt was blocked, where the rules do not find that it was."""
 
     tries: int = Field(default=3, ge=1)
-    """How often a question is put until the reply has a clear verdict."""
+    """How often a question is asked until the reply has a clear verdict."""
 
     concurrency: int = Field(default=8, ge=1)
-    """Questions about one episode at the same time. The endpoint's own limit is the chat config's."""
+    """Concurrent questions about one episode. The endpoint's own limit is set in ``chat``."""
 
     signed_verdicts: bool = True
-    """Demand the request's code in every verdict line. ``False`` demands it only where something quoted could
-    pass for a verdict, for models that cannot repeat a code."""
+    """Require the request's code in every verdict line. ``False`` requires it only where quoted text could be
+    mistaken for a verdict, for models that cannot repeat a code."""
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -162,7 +167,7 @@ class JudgeConfig(Section):
         return self
 
     def stage(self, name: Stage) -> StageConfig:
-        """The settings of a stage."""
+        """The settings of one stage."""
         stages: dict[Stage, StageConfig] = {
             "keypoint": self.keypoint,
             "fact": self.fact,
@@ -173,7 +178,7 @@ class JudgeConfig(Section):
         return stages[name]
 
     def chat_of(self, name: Stage) -> ChatConfig:
-        """Endpoint and model of a stage."""
+        """Endpoint and model of one stage: its own, else the judge's."""
         return self.stage(name).chat or self.chat
 
 
@@ -181,27 +186,28 @@ class PanelConfig(Section):
     """Several samples of one judge."""
 
     samples: int = Field(default=1, ge=1)
-    """Number of samples in a panel, whose majority decides; 1 is no panel."""
+    """Number of samples, whose majority decides; 1 judges once, without a panel."""
 
     temperature: float = Field(default=0.7, ge=0)
-    """Of the samples; every one has a seed of its own."""
+    """Sampling temperature of the samples; each has its own seed."""
 
 
 class JudgeChoice(Settings):
-    """Which judge."""
+    """Which judge is used, and its settings."""
 
     name: str = "offline"
     """``offline`` (for the offline web's tasks), ``rubric`` (a model; the default if an endpoint is given) or
     ``module:function`` (your own)."""
 
     rubric: JudgeConfig | None = None
-    """Of the rubric judge: models and rules."""
+    """Models and rules of the rubric judge."""
 
     cache: Path | None = None
-    """Of the rubric judge: a file that keeps replies, so that no question is paid for twice."""
+    """File that caches the replies of the rubric judge's models, so that no question is paid for twice."""
 
     panel: PanelConfig = Field(default_factory=PanelConfig)
-    """Of the rubric judge: several samples by majority."""
+    """Several samples of the rubric judge, decided by majority."""
 
     without_rubric: bool = False
-    """Judge the task as a whole, for comparison; not possible with the offline judge."""
+    """Judge the task as a whole instead of by its rubric, for comparison; not possible with the offline
+    judge."""

@@ -1,9 +1,9 @@
-"""A judge that is any function: ``--judge module:function``.
+"""A judge of the user's own: ``--judge module:function``.
 
-The function takes the task and the episode and, if it has a third parameter, a function that gives a
-screenshot's bytes by its name. It may be async. It returns a :class:`webgym.core.verdict.Verdict`, or a bool,
-0 or 1, or one of these with a reason as a pair. An object with a ``judge`` method is a judge as it is, and a
-class or a function without parameters makes one.
+The function takes the task and the episode and, if it has a third parameter, an async function that returns a
+screenshot's bytes, given its name. It may be async. It returns a :class:`webgym.core.verdict.Verdict`, a
+bool, 0 or 1, or a pair of a bool and a reason. An object with ``name`` and ``judge`` is used as a judge
+directly; a class, or a function without parameters, is called to create one.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from webgym.judge.blocking import find_block
 
 
 class FunctionJudge:
-    """A function as a judge.
+    """Wraps a function of the user's own as a :class:`webgym.judge.base.Judge`.
 
     Args:
-        function: see the module.
-        name: stands in every verdict.
+        function: takes the task, the episode and perhaps the screenshots; see the module's docstring.
+        name: the judge's name, recorded in every verdict.
     """
 
     def __init__(self, function: Callable[..., Any], name: str) -> None:
@@ -41,60 +41,62 @@ class FunctionJudge:
 
     @property
     def name(self) -> str:
-        """As given."""
+        """The name that was given."""
         return self._name
 
     async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
         """Judge one episode; see :meth:`webgym.judge.base.Judge.judge`.
 
-        Whatever the function raises, or returns that is no verdict, is a JudgeError. A function that is not
-        async runs in a thread.
+        A function that is not async runs in a thread.
+
+        Raises:
+            JudgeError: the function raised, or returned something that is not a verdict.
         """
-        given = (task, episode, pictures) if self._takes_pictures else (task, episode)
+        arguments = (task, episode, pictures) if self._takes_pictures else (task, episode)
         try:
             if inspect.iscoroutinefunction(self._function):
-                found = await self._function(*given)
+                result = await self._function(*arguments)
             else:
-                found = await asyncio.to_thread(self._function, *given)
-                if inspect.isawaitable(found):
-                    found = await found
+                result = await asyncio.to_thread(self._function, *arguments)
+                if inspect.isawaitable(result):
+                    result = await result
         except JudgeError:
             raise
         except Exception as error:
             raise JudgeError(f"{self._name} failed: {type(error).__name__}: {error}") from error
-        return self._verdict(found, task, episode)
+        return self._verdict(result, task, episode)
 
-    def _verdict(self, found: Any, task: Task, episode: Episode) -> Verdict:
-        if isinstance(found, Verdict):
-            return msgspec.structs.replace(found, judge=self._name)
+    def _verdict(self, result: Any, task: Task, episode: Episode) -> Verdict:
+        if isinstance(result, Verdict):
+            return msgspec.structs.replace(result, judge=self._name)
         reason = ""
-        if isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], str):
-            found, reason = found
-        if not isinstance(found, bool | int) or found not in (0, 1):
+        if isinstance(result, tuple) and len(result) == 2 and isinstance(result[1], str):
+            result, reason = result
+        if not isinstance(result, bool | int) or result not in (0, 1):
             raise JudgeError(
-                f"{self._name} returned {str(found)[:80]!r}",
+                f"{self._name} returned {str(result)[:80]!r}",
                 hint="return a Verdict, a bool, or (bool, reason); raise JudgeError when in doubt",
             )
-        passed = bool(found) and episode.answer is not None
+        passed = bool(result) and episode.answer is not None
         blocked = Judgement(False, "the attempt succeeded") if passed else find_block(task, episode)
-        response = Judgement(bool(found), reason or f"{self._name} says so")
+        response = Judgement(bool(result), reason or f"{self._name} says so")
         return Verdict(self._name, None if blocked.passed else int(passed), (), blocked, response)
 
 
 def _parameters(function: Callable[..., Any]) -> int:
-    """How many arguments a function takes by position."""
+    """The number of positional parameters of a function; 3 for ``*args``."""
     kinds = [parameter.kind for parameter in inspect.signature(function).parameters.values()]
     if inspect.Parameter.VAR_POSITIONAL in kinds:
         return 3
-    by_place = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    return sum(kind in by_place for kind in kinds)
+    positional = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    return sum(kind in positional for kind in kinds)
 
 
 def load_judge(where: str) -> Judge:
-    """The judge that ``module:name`` names; the working folder is looked into as well.
+    """Import the judge that ``module:name`` names; the working directory is searched as well.
 
     Raises:
-        ConfigError: there is no such thing, or it is no judge.
+        ConfigError: it cannot be imported, or is not a judge.
     """
     module_name, _, name = where.partition(":")
     hint = "give module:function, as in my_judges:strict"
@@ -104,15 +106,15 @@ def load_judge(where: str) -> Judge:
     if folder not in sys.path:
         sys.path.insert(0, folder)
     try:
-        found: Any = importlib.import_module(module_name)
+        target: Any = importlib.import_module(module_name)
         for part in name.split("."):
-            found = getattr(found, part)
+            target = getattr(target, part)
     except Exception as error:  # a module's own code runs here, and may raise anything
         raise ConfigError(f"cannot load {where}: {type(error).__name__}: {error}", hint=hint) from error
-    if inspect.isclass(found) or (inspect.isfunction(found) and _parameters(found) == 0):
-        found = found()
-    if hasattr(found, "judge") and hasattr(found, "name"):
-        return cast(Judge, found)
-    if callable(found) and _parameters(found) >= 2:
-        return FunctionJudge(found, where)
+    if inspect.isclass(target) or (inspect.isfunction(target) and _parameters(target) == 0):
+        target = target()
+    if hasattr(target, "judge") and hasattr(target, "name"):
+        return cast(Judge, target)
+    if callable(target) and _parameters(target) >= 2:
+        return FunctionJudge(target, where)
     raise ConfigError(f"{where} is not a judge", hint="a judge takes a task and an episode")

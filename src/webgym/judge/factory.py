@@ -1,4 +1,4 @@
-"""Makes judges from settings."""
+"""Creates judges from settings, and checks first that they can judge the given tasks."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from webgym.core.task import WHOLE_TASK, Task
 from webgym.judge.base import Judge
 from webgym.judge.config import STAGES, JudgeChoice, JudgeConfig, PanelConfig, Stage, StageConfig
 from webgym.judge.custom import load_judge
-from webgym.judge.offline import OfflineJudge, what_is_missing
+from webgym.judge.offline import OfflineJudge, why_unjudgeable
 from webgym.judge.panel import Panel
 from webgym.judge.rubric import RubricJudge
 from webgym.judge.without_rubric import WithoutRubric
@@ -27,43 +27,41 @@ def refuse_unjudgeable(choice: JudgeChoice, tasks: Sequence[Task]) -> None:
     """Refuse a judge that cannot judge these tasks, before anything is spent on attempting them.
 
     Args:
-        choice: of the judge.
-        tasks: that it is to judge. Whether a function of one's own can is its own affair.
+        choice: the judge and its settings.
+        tasks: the tasks to be judged. They are not checked for a judge function of the user's own.
 
     Raises:
-        ConfigError: there is no such judge, it lacks what it needs, or it cannot judge some of the tasks;
-            counts them and names one.
+        ConfigError: there is no such judge, a setting that it needs is missing, or it cannot judge some of
+            the tasks; the message counts them and names one.
     """
     _check(choice)
     if choice.name == "rubric" and not choice.without_rubric:
         bare = [task.id for task in tasks if task.rubric == WHOLE_TASK]
         if bare:
-            told = f"{len(bare):,} of {len(tasks):,} tasks: {bare[0]} has no rubric"
             raise ConfigError(
-                f"the rubric judge cannot judge {told}",
+                f"the rubric judge cannot judge {len(bare):,} of {len(tasks):,} tasks: "
+                f"{bare[0]} has no rubric",
                 hint="give them one, or judge tasks as a whole: --without-rubric, judge.without_rubric",
             )
     if choice.name != "offline":
         return
-    lacking = [(task, why) for task in tasks if (why := what_is_missing(task))]
-    if lacking:
-        count, of, (first, why) = len(lacking), len(tasks), lacking[0]
+    refused = [(task, reason) for task in tasks if (reason := why_unjudgeable(task))]
+    if refused:
+        first, reason = refused[0]
         raise ConfigError(
-            f"the offline judge cannot judge {count:,} of {of:,} tasks: {first.id} {why}",
+            f"the offline judge cannot judge {len(refused):,} of {len(tasks):,} tasks: {first.id} {reason}",
             hint="give a rubric judge (--judge-base-url and --judge-model), or leave these tasks out",
         )
 
 
 def _check(choice: JudgeChoice) -> None:
-    """Check that the judge exists and has what it needs."""
+    """Check that the judge exists and that no setting it needs is missing; raises ConfigError."""
     if choice.name == "offline":
         if choice.without_rubric:
             raise ConfigError("the offline judge cannot judge without rubric", hint="choose another judge")
     elif choice.name == "rubric":
         if choice.rubric is None:
-            raise ConfigError(
-                "the rubric judge does not know its endpoint", hint="give its base URL and model"
-            )
+            raise ConfigError("the rubric judge has no endpoint", hint="give its base URL and model")
     elif ":" in choice.name:
         load_judge(choice.name)
     else:
@@ -73,7 +71,7 @@ def _check(choice: JudgeChoice) -> None:
 
 
 async def check_judge(choice: JudgeChoice) -> None:
-    """Ask every model of a rubric judge for one word, before a run starts.
+    """Send every model of a rubric judge a short request, to check the endpoints before a run starts.
 
     Raises:
         JudgeError: an endpoint does not answer, or refuses the key or the model.
@@ -98,20 +96,23 @@ async def open_judge(
     """Open the chosen judge and the clients of its models.
 
     Args:
-        choice: which.
-        cache: an open one, where replies are kept, so that no question is paid for twice; else the choice's.
-        ledger: counts what is spent, by stage, and knows prices.
+        choice: the judge and its settings.
+        cache: an open cache of replies; ``None`` opens the file that ``choice`` names, if any.
+        ledger: adds up tokens and dollars, by stage; ``None`` creates one.
+
+    Yields:
+        The judge, usable until the context ends.
 
     Raises:
-        ConfigError: there is no such judge, or it lacks what it needs.
+        ConfigError: there is no such judge, or a setting that it needs is missing.
     """
     _check(choice)
-    async with _opened(choice, cache, ledger) as judge:
+    async with _open_unwrapped(choice, cache, ledger) as judge:
         yield WithoutRubric(judge) if choice.without_rubric else judge
 
 
 @asynccontextmanager
-async def _opened(
+async def _open_unwrapped(
     choice: JudgeChoice, cache: ReplyCache | None, ledger: Ledger | None
 ) -> AsyncIterator[Judge]:
     if choice.name == "offline":
@@ -120,12 +121,12 @@ async def _opened(
         async with AsyncExitStack() as stack:
             if cache is None and choice.cache is not None:
                 cache = await stack.enter_async_context(ReplyCache(choice.cache))
-            yield await _rubric(choice.rubric, choice.panel, stack, cache, ledger or Ledger(cache))
+            yield await _rubric_judge(choice.rubric, choice.panel, stack, cache, ledger or Ledger(cache))
     else:
         yield load_judge(choice.name)
 
 
-async def _rubric(
+async def _rubric_judge(
     config: JudgeConfig,
     panel: PanelConfig,
     stack: AsyncExitStack,
@@ -140,16 +141,17 @@ async def _rubric(
         if key not in clients:
             clients[key] = await stack.enter_async_context(ChatClient(chat, cache=cache, ledger=ledger))
         models[stage] = clients[key].labelled(stage)
-    one = RubricJudge(config, models, ledger.prices)
+    judge = RubricJudge(config, models, ledger.prices)
     if panel.samples == 1:
-        return one
-    samples = [sample_of(config, panel, seed) for seed in range(panel.samples)]
+        return judge
+    samples = [member_config(config, panel, seed) for seed in range(panel.samples)]
     members = [RubricJudge(sample, models, ledger.prices) for sample in samples]
-    return Panel(members, f"panel of {panel.samples} at {panel.temperature:g}: {one.name}")
+    return Panel(members, f"panel of {panel.samples} at {panel.temperature:g}: {judge.name}")
 
 
-def sample_of(config: JudgeConfig, panel: PanelConfig, seed: int) -> JudgeConfig:
-    """The config of one member: with a seed of its own, so that it draws, and caches, its own replies."""
+def member_config(config: JudgeConfig, panel: PanelConfig, seed: int) -> JudgeConfig:
+    """The config of one panel member, whose seed makes the model sample, and the cache keep, separate
+    replies."""
 
     def drawn(stage: StageConfig) -> StageConfig:
         body = stage.sampling.extra_body | {"seed": seed}

@@ -25,56 +25,57 @@ _METRICS: Final[dict[Metric, str]] = {
     "kappa": "Cohen's κ",
 }
 _SHORT: Final = ("Acc.", "Prec.", "Recall", "F1", "κ")
-"""The same for the narrow panels."""
+"""Short names of the metrics, for the narrow panels."""
 _MARKERS: Final = "osD^vP"
 _BAND: Final = 0.72
-"""Share of a metric's width that the judges take."""
+"""Fraction of a metric's width that the judges' markers are spread over."""
 
 
-def draw_agreement(found: Agreement, path: Path) -> None:
-    """Draw judges by metric with their intervals, a panel for all trajectories and one for every level.
+def draw_agreement(result: Agreement, path: Path) -> None:
+    """Draw each judge's metrics with their intervals: a panel for all trajectories, and one for every level.
 
     A judge and the same judge without rubric (a name that begins with
-    :data:`webgym.judge.without_rubric.PREFIX`) share a colour; without rubric the mark is hollow.
+    :data:`webgym.judge.without_rubric.PREFIX`) share a colour; without rubric the marker is hollow.
 
     Args:
-        found: as :func:`webgym.judge.agreement.agreement` gives it.
-        path: ``.png``, ``.svg`` or ``.pdf``.
+        result: the result of :func:`webgym.judge.agreement.agreement`.
+        path: the file to write, ``.png``, ``.svg`` or ``.pdf``.
 
     Raises:
-        UsageError: the path ends in something else, or cannot be written.
+        UsageError: the path has another suffix, or cannot be written.
     """
-    groups = [group for group in GROUPS if found.cases.get(group)]
-    looks = _looks(list(found.judges))
-    columns = 3 if len(looks) <= 3 else 2
-    legend_rows = -(-len(looks) // columns)
+    groups = [group for group in GROUPS if result.cases.get(group)]
+    styles = _styles(list(result.judges))
+    columns = 3 if len(styles) <= 3 else 2
+    legend_rows = -(-len(styles) // columns)
     with styled():
         figure = new_figure(PAGE, 1.8 + 0.16 * legend_rows + 1.6 * (len(groups) > 1))
         panels = _panels(figure, len(groups) - 1)
-        lowest = _lowest(found)
+        lowest = _lowest(result)
         for axes, group in zip(panels, groups, strict=True):
-            told = f"{found.cases[group]} trajectories, {found.successes[group]} successful"
-            axes.set_title(f"{'All' if group == 'overall' else group.capitalize()}: {told}")
-            metrics = [found.judges[judge][group].metrics for judge in found.judges]
-            _panel(axes, metrics, list(looks.values()), lowest)
+            name = "All" if group == "overall" else group.capitalize()
+            counts = f"{result.cases[group]} trajectories, {result.successes[group]} successful"
+            axes.set_title(f"{name}: {counts}")
+            metrics = [result.judges[judge][group].metrics for judge in result.judges]
+            _panel(axes, metrics, list(styles.values()), lowest)
             axes.set_xticks(range(len(METRICS)), _METRICS.values() if group == "overall" else _SHORT)
         figure.legend(
-            handles=[_handle(name, look) for name, look in looks.items()],
+            handles=[_handle(name, style) for name, style in styles.items()],
             loc="outside lower center",
-            ncols=min(columns, len(looks)),
+            ncols=min(columns, len(styles)),
             frameon=False,
         )
         save(figure, path)
 
 
 def _panels(figure: Figure, levels: int) -> list[Axes]:
-    """One over the whole width; below it, one per level."""
+    """Axes of the whole width, and below them one per level."""
     grid = figure.add_gridspec(1 + (levels > 0), max(1, levels))
     return [figure.add_subplot(grid[0, :]), *(figure.add_subplot(grid[1, at]) for at in range(levels))]
 
 
-class _Look:
-    """How a judge is drawn."""
+class _Style:
+    """Colour and marker of a judge."""
 
     def __init__(self, colour: str, marker: str, *, is_hollow: bool) -> None:
         self.colour = colour
@@ -82,29 +83,29 @@ class _Look:
         self.face = "white" if is_hollow else colour
 
 
-def _looks(judges: Sequence[str]) -> dict[str, _Look]:
+def _styles(judges: Sequence[str]) -> dict[str, _Style]:
     families = list(dict.fromkeys(judge.removeprefix(PREFIX) for judge in judges))
-    looks = {}
+    styles = {}
     for judge in judges:
         family = families.index(judge.removeprefix(PREFIX))
-        looks[judge] = _Look(
+        styles[judge] = _Style(
             CATEGORIES[family % len(CATEGORIES)],
             _MARKERS[family % len(_MARKERS)],
             is_hollow=judge.startswith(PREFIX),
         )
-    return looks
+    return styles
 
 
 def _panel(
-    axes: Axes, metrics: Sequence[Mapping[Metric, Estimate]], looks: Sequence[_Look], lowest: float
+    axes: Axes, metrics: Sequence[Mapping[Metric, Estimate]], styles: Sequence[_Style], lowest: float
 ) -> None:
-    """One group: metrics side by side, judges side by side within each."""
-    offsets = (np.arange(len(looks)) - (len(looks) - 1) / 2) * (_BAND / max(len(looks), 3))
-    for place, name in enumerate(METRICS):
-        if place % 2:
-            axes.axvspan(place - 0.5, place + 0.5, color="#f5f5f5", linewidth=0)
-        for offset, look, found in zip(offsets, looks, metrics, strict=True):
-            _mark(axes, place + float(offset), found[name], look)
+    """Draw one group: metrics side by side, judges side by side within each."""
+    offsets = (np.arange(len(styles)) - (len(styles) - 1) / 2) * (_BAND / max(len(styles), 3))
+    for position, name in enumerate(METRICS):
+        if position % 2:
+            axes.axvspan(position - 0.5, position + 0.5, color="#f5f5f5", linewidth=0)
+        for offset, style, estimates in zip(offsets, styles, metrics, strict=True):
+            _mark(axes, position + float(offset), estimates[name], style)
     axes.tick_params(axis="x", length=0)
     axes.set_xlim(-0.5, len(METRICS) - 0.5)
     axes.set_ylim(lowest, 1.05)
@@ -114,39 +115,47 @@ def _panel(
         axes.axhline(0, color=MUTED, linewidth=0.6)
 
 
-def _mark(axes: Axes, place: float, estimate: Estimate, look: _Look) -> None:
-    if estimate.value is None:  # undefined is said, not drawn as 0
-        axes.text(place, 0.02, "n/a", rotation=90, ha="center", va="bottom", fontsize=5, color=look.colour)
+def _mark(axes: Axes, position: float, estimate: Estimate, style: _Style) -> None:
+    if estimate.value is None:  # an undefined value is labelled, not drawn as 0
+        axes.text(
+            position, 0.02, "n/a", rotation=90, ha="center", va="bottom", fontsize=5, color=style.colour
+        )
         return
     if estimate.low is not None and estimate.high is not None:
-        axes.vlines(place, estimate.low, estimate.high, color=look.colour, linewidth=1.1)
+        axes.vlines(position, estimate.low, estimate.high, color=style.colour, linewidth=1.1)
     axes.plot(
-        place,
+        position,
         estimate.value,
-        marker=look.marker,
+        marker=style.marker,
         markersize=4.2,
-        color=look.colour,
-        markerfacecolor=look.face,
+        color=style.colour,
+        markerfacecolor=style.face,
         markeredgewidth=1.0,
     )
 
 
-def _lowest(found: Agreement) -> float:
-    """Where the axis begins: 0 unless kappa reaches below."""
-    shown = [
+def _lowest(result: Agreement) -> float:
+    """Lower limit of the y axis: 0 unless kappa is negative."""
+    values = [
         estimate.value if estimate.low is None else estimate.low
-        for by_group in found.judges.values()
+        for by_group in result.judges.values()
         for figures in by_group.values()
         for estimate in figures.metrics.values()
     ]
-    lowest = min((value for value in shown if value is not None), default=0.0)
+    lowest = min((value for value in values if value is not None), default=0.0)
     return 0.0 if lowest >= 0 else float(np.floor(lowest * 10) / 10)
 
 
-def _handle(name: str, look: _Look) -> Line2D:
+def _handle(name: str, style: _Style) -> Line2D:
     label = name
     if name.startswith(PREFIX):
         label = f"{name.removeprefix(PREFIX)}, without rubric"
     return Line2D(
-        [], [], color=look.colour, marker=look.marker, markersize=4.2, markerfacecolor=look.face, label=label
+        [],
+        [],
+        color=style.colour,
+        marker=style.marker,
+        markersize=4.2,
+        markerfacecolor=style.face,
+        label=label,
     )

@@ -1,9 +1,9 @@
-"""Hedged answers: does an answer name other candidates beside the right one? By rules, for the offline judge.
+"""Hedged answers: does an answer name candidates besides the right one? By rules, for the offline judge.
 
 A list that contains the right answer is a guess. The answer is split into pieces at full stops, commas, line
 ends, "or" and the like. A piece names another candidate if, apart from words that also occur in the task, in
 a right answer or in the pieces that contain it, it holds only a value written like the right one: a number
-of the same format, or words with the same capitalisation. Beside a price, "Rated 4.7" is a remark; "$13.50"
+of the same format, or words with the same capitalisation. Next to a price, "Rated 4.7" is a remark; "$13.50"
 and "It costs $13.50" are other candidates.
 """
 
@@ -42,52 +42,62 @@ _STOP_WORDS: Final = frozenset(
 """Words that are never part of a candidate."""
 
 
-def other_candidate(answer: str, required: Sequence[Sequence[str]], told: Iterable[str]) -> str:
-    """The first piece of an answer that names another candidate; empty if none does.
+def other_candidate(answer: str, required: Sequence[Sequence[str]], known_texts: Iterable[str]) -> str:
+    """The first piece of an answer that names a candidate other than the right one; empty if none does.
 
     Args:
         answer: the agent's answer.
         required: for each value that a right answer must state, the accepted spellings.
-        told: texts whose words are not candidates: the task, and answers that are known to be right.
+        known_texts: texts whose words are not candidates: the task, and answers that are known to be right.
     """
-    options = sorted({option for place in required for option in place}, key=len, reverse=True)
+    options = sorted({option for spellings in required for option in spellings}, key=len, reverse=True)
     any_of = "|".join(map(re.escape, options))
     right = re.compile(rf"(?<!\w)(?<!\d[.,:])(?:{any_of})(?!\w)(?![.,:]\d)", re.IGNORECASE)
     pieces = [piece.strip() for piece in _SEPARATORS.split(right.sub(_PLACEHOLDER, answer)) if piece.strip()]
-    known = _STOP_WORDS.union(MONTHS, *map(_words, (*told, *options)))
+    known = _STOP_WORDS.union(MONTHS, *map(_words, (*known_texts, *options)))
     shapes = {_shape(value) for option in options for value in _TOKEN.findall(option) if value[0].isdigit()}
-    names = [option for place in required if not re.search(r"\d", "".join(place)) for option in place]
+    names = [
+        option for spellings in required if not re.search(r"\d", "".join(spellings)) for option in spellings
+    ]
     folded = set(map(fold, names))
     cases = {match[0][0].isupper() for match in right.finditer(answer) if fold(match[0]) in folded}
-    holders = set[str]().union(*(_words(piece) for piece in pieces if _PLACEHOLDER in piece))
+    context = set[str]().union(*(_words(piece) for piece in pieces if _PLACEHOLDER in piece))
     for piece in pieces:
-        is_holder = _PLACEHOLDER in piece
-        excused = known if is_holder else known | holders
-        own = [token for token in _TOKEN.findall(piece) if fold(token) not in excused]
-        values = [token for token in own if token[0].isdigit()]
-        beside = [one or other for one, other in _ADJACENT_NUMBER.findall(piece)] if is_holder else []
-        is_value = all(token[0].isdigit() or token.isupper() for token in own)  # a number, or a code
-        claimed = values if is_value else [value for value in values if value in beside]
+        has_answer = _PLACEHOLDER in piece
+        excused = known if has_answer else known | context
+        unexplained = [token for token in _TOKEN.findall(piece) if fold(token) not in excused]
+        values = [token for token in unexplained if token[0].isdigit()]
+        adjacent = (
+            [after or before for after, before in _ADJACENT_NUMBER.findall(piece)] if has_answer else []
+        )
+        is_value = all(token[0].isdigit() or token.isupper() for token in unexplained)  # a number, or a code
+        claimed = values if is_value else [value for value in values if value in adjacent]
         if any(_shape(value) in shapes for value in claimed):
             return piece.replace(_PLACEHOLDER, "…")
-        if own and not values and not is_holder and _is_name(piece, own, names, cases, holders):
+        if (
+            unexplained
+            and not values
+            and not has_answer
+            and _is_name(piece, unexplained, names, cases, context)
+        ):
             return piece
     return ""
 
 
 def _is_name(
-    piece: str, own: Sequence[str], names: Sequence[str], cases: set[bool], holders: set[str]
+    piece: str, unexplained: Sequence[str], names: Sequence[str], cases: set[bool], context: set[str]
 ) -> bool:
-    """Whether the words that only this piece has may be a name: capitalised as the right one, or alone."""
-    found = {token[0].isupper() for token in own}
+    """Whether the words that only this piece has may be a name: capitalised like the right one, or standing
+    alone."""
+    capitalised = {token[0].isupper() for token in unexplained}
     if (
-        len(own) > max(_MOST_WORDS, *(len(name.split()) for name in names), 0)
-        or own[0][0].isupper() not in cases
+        len(unexplained) > max(_MOST_WORDS, *(len(name.split()) for name in names), 0)
+        or unexplained[0][0].isupper() not in cases
     ):
         return False
     is_mixed = any(word[0].islower() and word not in _STOP_WORDS for name in names for word in name.split())
-    is_alone = _words(piece) <= {*map(fold, own), *holders, *_FUNCTION_WORDS}
-    return found == {True} or (is_alone and (len(found) == 1 or is_mixed))
+    is_alone = _words(piece) <= {*map(fold, unexplained), *context, *_FUNCTION_WORDS}
+    return capitalised == {True} or (is_alone and (len(capitalised) == 1 or is_mixed))
 
 
 def _words(text: str) -> set[str]:

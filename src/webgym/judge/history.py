@@ -1,4 +1,4 @@
-"""An agent's actions as the judge reads them: a line per step, without answers where they must not count."""
+"""An agent's actions as text for a judge model: a line per step, with or without the answer's text."""
 
 from __future__ import annotations
 
@@ -24,37 +24,39 @@ from webgym.core.trajectory import Episode, Step
 
 
 def action_history(episode: Episode, *, line_chars: int, limit: int, with_answer: bool = False) -> str:
-    """The steps of an episode, oldest first; the oldest are left out beyond ``limit`` characters.
+    """The steps of an episode as lines, oldest first; the oldest are left out beyond ``limit`` characters.
 
     Args:
-        episode: what happened.
-        line_chars: of one line.
-        limit: of all lines together.
-        with_answer: whether the answer's words are told.
+        episode: the recorded steps.
+        line_chars: longest line, characters.
+        limit: most characters of all lines together.
+        with_answer: whether the text of the answer is included.
     """
     lines = [_line(step, line_chars, with_answer) for step in episode.steps]
-    kept: list[str] = []
+    recent: list[str] = []
     for line in reversed(lines):
-        if kept and sum(map(len, kept)) + len(kept) + len(line) > limit:
+        if recent and sum(map(len, recent)) + len(recent) + len(line) > limit:
             break
-        kept.append(line)
-    left_out = [f"[{len(lines) - len(kept)} earlier steps left out]"] if len(kept) < len(lines) else []
-    return "\n".join([*left_out, *reversed(kept)]) or "no step was taken"
+        recent.append(line)
+    left_out = [f"[{len(lines) - len(recent)} earlier steps left out]"] if len(recent) < len(lines) else []
+    return "\n".join([*left_out, *reversed(recent)]) or "no step was taken"
 
 
 def _line(step: Step, chars: int, with_answer: bool) -> str:
     place = f"step {step.index + 1}, on {step.observation.url}: "
-    done = _words(step.action, step.observation, with_answer) if step.action else "nothing (unreadable reply)"
+    action = (
+        _describe(step.action, step.observation, with_answer) if step.action else "nothing (unreadable reply)"
+    )
     effect = " (the page did not change)" if step.changed is False else ""
-    line = " ".join((place + done + effect).split())
+    line = " ".join((place + action + effect).split())
     return line if len(line) <= chars else line[: chars - 1] + "…"
 
 
-def _words(action: Action, seen: Observation, with_answer: bool) -> str:
+def _describe(action: Action, seen: Observation, with_answer: bool) -> str:
     match action:
         case LeftClick(target, modifiers):
-            held = f" with {'+'.join(modifiers)} held" if modifiers else ""
-            return f"clicked {_target(target, seen)}{held}"
+            modifiers_text = f" with {'+'.join(modifiers)} held" if modifiers else ""
+            return f"clicked {_target(target, seen)}{modifiers_text}"
         case DoubleClick(target):
             return f"double-clicked {_target(target, seen)}"
         case RightClick(target):
@@ -86,5 +88,7 @@ def _target(target: Target, seen: Observation) -> str:
     if target.coordinate is not None:
         x, y = target.coordinate
         return f"the point ({x:g}, {y:g}) of 1000"
-    found = next((each for each in seen.elements or () if each.number == target.element), None)
-    return f'"{found.name}" ({found.role})' if found else f"element {target.element}"
+    element = next(
+        (candidate for candidate in seen.elements or () if candidate.number == target.element), None
+    )
+    return f'"{element.name}" ({element.role})' if element else f"element {target.element}"

@@ -19,18 +19,19 @@ def sent_size(size: tuple[int, int], config: ImageConfig) -> tuple[int, int]:
 
 
 def tokens_of(size: tuple[int, int], config: ImageConfig) -> int:
-    """What a screenshot of this size takes of a request, by estimate."""
+    """Estimated tokens of a screenshot of this size (width and height, pixels) in a request."""
     width, height = sent_size(size, config)
     return math.ceil(width * height / config.pixels_per_token)
 
 
 def data_url(name: str, data: bytes, config: ImageConfig) -> str:
-    """A screenshot as a ``data:`` URL, made smaller if it must be. Takes milliseconds of CPU.
+    """A screenshot as a ``data:`` URL, scaled down and compressed as the settings say. Takes milliseconds of
+    CPU.
 
     The same screenshot gives the same URL, so that replies can be cached.
 
     Raises:
-        JudgeError: the bytes are no picture.
+        JudgeError: the bytes cannot be read as an image.
     """
     kind = "png"
     try:

@@ -1,4 +1,4 @@
-"""Selection of the screenshots that are judged (paper §3.4), in parts that fit into requests."""
+"""Selection of the screenshots that are judged (paper §3.4), and their division into requests."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from webgym.judge.model_client import (
 from webgym.judge.untrusted import shorten
 
 LABEL_TOKENS: Final = 24
-"""What a screenshot's number, its label and its verdict line take, generously."""
+"""Tokens of a screenshot's number, label and verdict line; an upper estimate."""
 
 
 async def select(
@@ -33,29 +33,31 @@ async def select(
 ) -> tuple[int, ...]:
     """Indices of the observations whose screenshots matter, in order.
 
-    Each different screenshot is judged once; of equal ones the latest stands for all. The last one is
-    always kept and never asked about. So are those that there is no clear verdict about: when in doubt, a
-    screenshot matters.
+    A screenshot that occurs several times is judged once, at its latest index. The last screenshot of the
+    episode is always selected without asking. So is one that the model gives no clear verdict about: when in
+    doubt, a screenshot matters.
     """
-    seen = episode.observations
-    if not seen:
+    observations = episode.observations
+    if not observations:
         return ()
-    latest = {observation.screenshot: index for index, observation in enumerate(seen)}
-    last = latest.pop(seen[-1].screenshot)
+    latest = {observation.screenshot: index for index, observation in enumerate(observations)}
+    last = latest.pop(observations[-1].screenshot)
     candidates = sorted(latest.values())
     if not config.select_keypoints:
         return (*candidates, last)
-    size = _room(episode, candidates, "keypoint", _question(task, episode, [], config).write, config)
-    batches = [candidates[start : start + size] for start in range(0, len(candidates), size)]
+    batch_size = _capacity(
+        episode, candidates, "keypoint", _question(task, episode, [], config).write, config
+    )
+    batches = [candidates[start : start + batch_size] for start in range(0, len(candidates), batch_size)]
     questions = [_question(task, episode, batch, config) for batch in batches]
-    findings = await gather(result_or_error(client.ask_per_image(question)) for question in questions)
-    kept = [
+    verdicts = await gather(result_or_error(client.ask_per_image(question)) for question in questions)
+    relevant = [
         index
-        for batch, found in zip(batches, findings, strict=True)
-        for place, index in enumerate(batch)
-        if isinstance(found, JudgeError) or found[place]
+        for batch, verdict_or_error in zip(batches, verdicts, strict=True)
+        for number, index in enumerate(batch)
+        if isinstance(verdict_or_error, JudgeError) or verdict_or_error[number]
     ]
-    return (*kept, last)
+    return (*relevant, last)
 
 
 def _question(task: Task, episode: Episode, batch: Sequence[int], config: JudgeConfig) -> Question:
@@ -71,62 +73,71 @@ def _question(task: Task, episode: Episode, batch: Sequence[int], config: JudgeC
 
 
 def page_texts(seen: Sequence[Observation], indices: Sequence[int]) -> tuple[str, ...]:
-    """The known texts of these screenshots, so that echoes of them are not taken for verdicts."""
+    """The recorded visible texts of these observations, so that echoes of them are not mistaken for
+    verdicts."""
     return tuple(seen[index].text or "" for index in indices)
 
 
 def label(episode: Episode, index: int) -> str:
-    """What an observation is called: the step that it was seen at, counted from 1."""
+    """The name of an observation in prompts: its step, counted from 1."""
     return f"step {index + 1}" if index < len(episode.steps) else f"step {index + 1} (the end)"
 
 
-def thin(indices: Sequence[int], limit: int) -> tuple[int, ...]:
-    """At most ``limit`` of the indices: the first, the last, and evenly between. One alone is the last."""
+def evenly_spaced(indices: Sequence[int], limit: int) -> tuple[int, ...]:
+    """At most ``limit`` of the indices, evenly spaced, first and last included. A limit of 1 keeps the
+    last."""
     if len(indices) <= limit:
         return tuple(indices)
     if limit == 1:
         return (indices[-1],)
     step = (len(indices) - 1) / (limit - 1)
-    return tuple(indices[round(place * step)] for place in range(limit))
+    return tuple(indices[round(number * step)] for number in range(limit))
 
 
-def parts(
+def split_into_requests(
     episode: Episode, indices: Sequence[int], stage: Stage, config: JudgeConfig, write: Callable[..., Any]
 ) -> list[tuple[int, ...]]:
-    """The observations in as few parts of about equal size as it takes to show every one of them.
+    """Divide observations into as few requests of about equal size as can show all of them.
 
     Args:
-        episode: what happened.
-        indices: of the observations that are to be shown.
+        episode: the recorded steps.
+        indices: of the observations to show.
         stage: which model is asked.
-        config: of the judge.
-        write: a function of :mod:`webgym.judge.prompts` that lacks ``labels`` and takes ``part``.
+        config: the judge's settings.
+        write: a function of :mod:`webgym.judge.prompts` with all arguments bound but ``labels`` and ``part``.
+
+    Returns:
+        The indices of each request, in order.
     """
-    if len(indices) <= _room(episode, indices, stage, partial(write, labels=()), config):
+    if len(indices) <= _capacity(episode, indices, stage, partial(write, labels=()), config):
         return [tuple(indices)]
     longest = f"{len(indices)} of {len(indices)}"
-    size = _room(episode, indices, stage, partial(write, labels=(), part=longest), config)
+    size = _capacity(episode, indices, stage, partial(write, labels=(), part=longest), config)
     count = -(-len(indices) // size)
     bounds = [number * len(indices) // count for number in range(count + 1)]
     return [tuple(indices[start:end]) for start, end in pairwise(bounds)]
 
 
-def shown(
+def fit_in_request(
     episode: Episode, indices: Sequence[int], stage: Stage, config: JudgeConfig, write: Callable[..., Any]
 ) -> tuple[Write, tuple[LabelledScreenshot, ...], tuple[int, ...]]:
-    """A question's text and screenshots within what one request takes, and the observations' indices.
+    """A question with as many screenshots as fit in one request.
 
-    Screenshots give way to the text; at least the last one is kept: an estimate may be wrong about it.
+    The text is never shortened; screenshots are left out evenly, but the last one is always sent, because the
+    estimate of its tokens may be too high.
 
     Args:
-        episode: what happened.
-        indices: of the observations that may be shown.
+        episode: the recorded steps.
+        indices: of the observations to show.
         stage: which model is asked.
-        config: of the judge.
-        write: a function of :mod:`webgym.judge.prompts` that lacks ``labels``.
+        config: the judge's settings.
+        write: a function of :mod:`webgym.judge.prompts` with all arguments bound but ``labels``.
+
+    Returns:
+        The function that writes the texts, the screenshots, and the indices of the observations shown.
     """
     chosen = tuple(indices)
-    chosen = thin(chosen, _room(episode, chosen, stage, partial(write, labels=()), config))
+    chosen = evenly_spaced(chosen, _capacity(episode, chosen, stage, partial(write, labels=()), config))
     seen, labels = episode.observations, [label(episode, index) for index in chosen]
     shots = tuple(
         LabelledScreenshot(name, seen[index].screenshot) for name, index in zip(labels, chosen, strict=True)
@@ -134,13 +145,15 @@ def shown(
     return partial(write, labels=labels), shots, chosen
 
 
-def _room(episode: Episode, indices: Sequence[int], stage: Stage, write: Write, config: JudgeConfig) -> int:
-    """How many of these screenshots one request of a stage takes beside its text; at least one."""
+def _capacity(
+    episode: Episode, indices: Sequence[int], stage: Stage, write: Write, config: JudgeConfig
+) -> int:
+    """How many of these screenshots fit in one request of a stage together with its text; at least 1."""
     settings = config.stage(stage)
     if not indices:
         return 1
-    text = sum(map(len, write(""))) / config.texts.chars_per_token
-    left = settings.request_tokens - text - (settings.sampling.max_tokens or 0)
-    seen = [episode.observations[index].viewport for index in indices]
-    each = max(tokens_of(size, config.images) for size in seen) + LABEL_TOKENS
-    return max(1, min(settings.images_per_call, int(left // each)))
+    text_tokens = sum(map(len, write(""))) / config.texts.chars_per_token
+    remaining = settings.request_tokens - text_tokens - (settings.sampling.max_tokens or 0)
+    viewports = [episode.observations[index].viewport for index in indices]
+    image_tokens = max(tokens_of(size, config.images) for size in viewports) + LABEL_TOKENS
+    return max(1, min(settings.images_per_call, int(remaining // image_tokens)))

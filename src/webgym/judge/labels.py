@@ -2,10 +2,10 @@
 
 A file has a row per attempt and annotator with the columns ``attempt_id`` (or ``task_id``, for runs with one
 attempt per task), ``label``, ``annotator`` and ``note``. The last two may be missing. As JSON it is a
-list of such objects, or one object a line.
+list of such objects, or one object per line.
 
-Read as well, because it is there: ``human_label.json`` of Online-Mind2Web (SOURCES.md), with one record per
-task and the labels of several agents' runs in ``<agent>_human_label``, strings all of them.
+``human_label.json`` of Online-Mind2Web (SOURCES.md) is read, too: it has one record per task, with the labels
+of several agents' runs in ``<agent>_human_label``, as strings.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from webgym.judge.agreement import Confusion, rates
 
 Label: TypeAlias = Literal["success", "failure", "unsure", "not_executable"]
 """``unsure``: the annotator cannot tell. ``not_executable``: the task cannot be done (any more). Neither
-enters a rate."""
+counts in a rate."""
 LABELS: Final[tuple[Label, ...]] = get_args(Label)
 
 Humans: TypeAlias = Literal["majority", "first", "unanimous"]
-"""Whose label stands where several people labelled an attempt."""
+"""How the labels of several annotators of one attempt are combined; see :func:`settled`."""
 
 COLUMNS: Final = ("attempt_id", "task_id", "label", "annotator", "note")
 
-_NAMES: Final = {
+_COLUMN_SYNONYMS: Final = {
     "attempt": "attempt_id",
     "trajectory_id": "attempt_id",
     "task": "task_id",
@@ -56,20 +56,20 @@ _ONLINE_MIND2WEB: Final[dict[str, Label]] = {"1": "success", "0": "failure", "2"
 _AGENT_SUFFIX: Final = "_human_label"
 _DELIMITERS: Final = ",;\t"
 _FORMULA: Final = re.compile(r"'*[=+\-@]")
-"""What a spreadsheet would carry out. Cells that begin so are written with an apostrophe before it, which
-spreadsheets do not show, and read without it."""
+"""Start of a cell that a spreadsheet would evaluate as a formula. Such cells are written with an apostrophe
+before them, which spreadsheets hide, and read without it."""
 
 
 class HumanLabel(msgspec.Struct, frozen=True, omit_defaults=True):
     """One person's label of one attempt.
 
     Attributes:
-        label: the finding.
-        attempt_id: of the attempt; empty if the label is for a task.
-        task_id: of the task.
-        annotator: who says so; empty if the file does not tell.
-        note: why, in the person's words.
-        agent: whose attempt it was, in files that hold the runs of several agents.
+        label: success, failure, unsure or not_executable.
+        attempt_id: of the labelled attempt; empty if the label is for a task.
+        task_id: of the labelled task.
+        annotator: name of the person; empty if the file does not say.
+        note: the person's comment.
+        agent: name of the agent, in files with the runs of several agents.
     """
 
     label: Label
@@ -81,15 +81,15 @@ class HumanLabel(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @property
     def subject(self) -> str:
-        """What it is about: the attempt, else the task."""
+        """The id of the attempt, else of the task."""
         return self.attempt_id or self.task_id
 
 
 class BrokenLabel(msgspec.Struct, frozen=True):
-    """A row that cannot be used.
+    """A row of a file that is not used as a label.
 
     Attributes:
-        where: its place in the file (``"line 7"``, ``"record 3"``).
+        where: its position in the file (``"line 7"``, ``"record 3"``).
         reason: what is wrong with it.
     """
 
@@ -101,12 +101,13 @@ class BrokenLabel(msgspec.Struct, frozen=True):
 
 
 class LabelFile(msgspec.Struct, frozen=True):
-    """A file as it was read.
+    """The contents of a file of labels.
 
     Attributes:
         labels: in the file's order; at most one per subject, agent and annotator.
-        broken: rows that do not count.
-        is_ours: whether nothing would be lost if it were written again from the labels.
+        broken: rows that are not used.
+        is_ours: whether the file has only columns that :func:`render_labels` writes, so that rewriting it
+            from the labels loses nothing.
     """
 
     labels: list[HumanLabel]
@@ -115,13 +116,12 @@ class LabelFile(msgspec.Struct, frozen=True):
 
 
 def read_labels(path: Path) -> LabelFile:
-    """Read a file of labels, whatever its form.
+    """Read a file of labels in any of the formats described above.
 
-    A row that was superseded (same attempt, same annotator, another label further down) is listed among the
-    broken ones.
+    A row that is superseded (same attempt and annotator, another label further down) is listed in ``broken``.
 
     Raises:
-        UsageError: the file cannot be read, or is no table at all.
+        UsageError: the file cannot be read, or is not a table of labels.
     """
     try:
         data = path.read_bytes()
@@ -131,18 +131,18 @@ def read_labels(path: Path) -> LabelFile:
         return parse_labels(data)
     except ValueError as error:
         raise UsageError(
-            f"{path} holds no labels: {error}", hint=f"it needs the columns {', '.join(COLUMNS)}"
+            f"{path} is not a table of labels: {error}", hint=f"it needs the columns {', '.join(COLUMNS)}"
         ) from error
 
 
 def parse_labels(data: bytes) -> LabelFile:
-    """The labels in a file's bytes; see :func:`read_labels`.
+    """Parse the bytes of a file of labels; see :func:`read_labels`.
 
     Raises:
-        ValueError: it is no table of labels at all.
+        ValueError: it is not a table of labels.
     """
     text = data.decode("utf-8-sig", errors="replace")
-    found: dict[tuple[str, str, str], tuple[str, HumanLabel]] = {}
+    by_key: dict[tuple[str, str, str], tuple[str, HumanLabel]] = {}
     broken: list[BrokenLabel] = []
     is_ours = True
     for where, row in _json_rows(text) if text.lstrip()[:1] in ("[", "{") else _csv_rows(text):
@@ -155,15 +155,15 @@ def parse_labels(data: bytes) -> LabelFile:
                 broken.append(BrokenLabel(where, label))
                 continue
             key = (label.subject, label.agent, label.annotator)
-            if key in found and found[key][1] != label:
+            if key in by_key and by_key[key][1] != label:
                 reason = f"{label.subject} is labelled again further down, at {where}"
-                broken.append(BrokenLabel(found.pop(key)[0], reason))
-            found[key] = (where, label)
-    return LabelFile([label for _, label in found.values()], broken, is_ours)
+                broken.append(BrokenLabel(by_key.pop(key)[0], reason))
+            by_key[key] = (where, label)
+    return LabelFile([label for _, label in by_key.values()], broken, is_ours)
 
 
 def render_labels(labels: Iterable[HumanLabel], *, as_json: bool = False) -> bytes:
-    """A file of labels; :func:`parse_labels` reads it back."""
+    """The bytes of a file with these labels, as CSV or JSON; :func:`parse_labels` reads it back."""
     rows = [{name: getattr(label, name) for name in COLUMNS} for label in labels]
     if as_json:
         return msgspec.json.format(msgspec.json.encode(rows), indent=2) + b"\n"
@@ -182,13 +182,16 @@ def _json_rows(text: str) -> Iterator[tuple[str, dict[str, Any] | str]]:
         whole = msgspec.json.decode(text)
     except ValueError as error:
         if text.lstrip().startswith("["):
-            raise ValueError(f"it is broken JSON: {error}") from error
+            raise ValueError(f"it is invalid JSON: {error}") from error
         yield from _json_lines(text)
         return
     if isinstance(whole, dict):
         whole = whole["labels"] if isinstance(whole.get("labels"), list) else [whole]
     for number, record in enumerate(whole, 1):
-        yield f"record {number}", _lowered(record) if isinstance(record, dict) else "it is not an object"
+        yield (
+            f"record {number}",
+            _with_column_names(record) if isinstance(record, dict) else "it is not an object",
+        )
 
 
 def _json_lines(text: str) -> Iterator[tuple[str, dict[str, Any] | str]]:
@@ -198,13 +201,16 @@ def _json_lines(text: str) -> Iterator[tuple[str, dict[str, Any] | str]]:
         try:
             record = msgspec.json.decode(line)
         except ValueError as error:
-            yield f"line {number}", f"it is broken JSON: {error}"
+            yield f"line {number}", f"it is invalid JSON: {error}"
             continue
-        yield f"line {number}", _lowered(record) if isinstance(record, dict) else "it is not an object"
+        yield (
+            f"line {number}",
+            _with_column_names(record) if isinstance(record, dict) else "it is not an object",
+        )
 
 
-def _lowered(record: Mapping[str, Any]) -> dict[str, Any]:
-    """A record with our names for its keys; what names an agent keeps its case."""
+def _with_column_names(record: Mapping[str, Any]) -> dict[str, Any]:
+    """A record with its keys as names of columns; keys with an agent's name keep their case."""
     return {
         key if key.endswith(_AGENT_SUFFIX) and len(key) > len(_AGENT_SUFFIX) else _column(key): value
         for key, value in record.items()
@@ -213,7 +219,7 @@ def _lowered(record: Mapping[str, Any]) -> dict[str, Any]:
 
 def _column(name: str) -> str:
     plain = "_".join(name.strip().casefold().replace("-", " ").split())
-    return _NAMES.get(plain, plain)
+    return _COLUMN_SYNONYMS.get(plain, plain)
 
 
 def _csv_rows(text: str) -> Iterator[tuple[str, dict[str, Any] | str]]:
@@ -226,7 +232,7 @@ def _csv_rows(text: str) -> Iterator[tuple[str, dict[str, Any] | str]]:
         try:
             cells = next(reader, None)
         except csv.Error as error:
-            reason = "a quote is never closed, and all that follows it is lost"
+            reason = "a quote is never closed, so the rest of the file cannot be read"
             yield f"line {line}", reason if "end of data" in str(error) else f"it is not a row: {error}"
             continue
         if cells is None:
@@ -236,40 +242,40 @@ def _csv_rows(text: str) -> Iterator[tuple[str, dict[str, Any] | str]]:
         if header is None:
             header = [_column(cell) for cell in cells]
             if "label" not in header or not {"attempt_id", "task_id"} & set(header):
-                raise ValueError("its first line names no label, or neither an attempt_id nor a task_id")
+                raise ValueError("its first line has no column label, or neither attempt_id nor task_id")
         elif len(cells) != len(header):
             yield f"line {line}", f"{len(cells)} columns where the header has {len(header)}"
         else:
-            told = (cell[1:] if cell[:1] == "'" and _FORMULA.match(cell) else cell for cell in cells)
-            yield f"line {line}", dict(zip(header, told, strict=True))
+            values = (cell[1:] if cell[:1] == "'" and _FORMULA.match(cell) else cell for cell in cells)
+            yield f"line {line}", dict(zip(header, values, strict=True))
 
 
 def _labels(row: Mapping[str, Any]) -> Iterator[HumanLabel | str]:
-    """The labels of a row, and what is wrong with those that are none."""
+    """The labels of a row; in place of one that cannot be used, what is wrong with it."""
     agents = [key for key in row if key.endswith(_AGENT_SUFFIX) and key != _AGENT_SUFFIX]
     if agents and "label" not in row:
         for key in agents:
-            yield _foreign(row, key)
+            yield _online_mind2web_label(row, key)
         return
     subject = {name: _text(row.get(name)) for name in ("attempt_id", "task_id", "annotator", "note")}
-    said = _text(row.get("label"))
-    label = _SPELLINGS.get(" ".join(said.casefold().replace("_", " ").split()))
+    text = _text(row.get("label"))
+    label = _SPELLINGS.get(" ".join(text.casefold().replace("_", " ").split()))
     if not subject["attempt_id"] and not subject["task_id"]:
-        yield "it names neither an attempt nor a task"
+        yield "it has neither an attempt_id nor a task_id"
     elif label is None:
-        yield f"the label {said[:40]!r} is not one of {', '.join(LABELS)}"
+        yield f"the label {text[:40]!r} is not one of {', '.join(LABELS)}"
     else:
         yield HumanLabel(label, **subject)
 
 
-def _foreign(row: Mapping[str, Any], key: str) -> HumanLabel | str:
-    """A label of Online-Mind2Web."""
+def _online_mind2web_label(row: Mapping[str, Any], key: str) -> HumanLabel | str:
+    """A label in Online-Mind2Web's format, or what is wrong with it."""
     agent, task = key.removesuffix(_AGENT_SUFFIX), _text(row.get("task_id"))
     label = _ONLINE_MIND2WEB.get(_text(row[key]))
     if not task:
-        return f"it names no task that {agent}'s label could be for"
+        return f"{agent}'s label has no task_id"
     if label is None:
-        return f"{agent}'s label {_text(row[key])[:40]!r} is none of 0, 1 and 2"
+        return f"{agent}'s label {_text(row[key])[:40]!r} is not 0, 1 or 2"
     return HumanLabel(label, task_id=task, agent=agent)
 
 
@@ -281,7 +287,7 @@ def _text(value: Any) -> str:
     return str(value).strip()
 
 
-# --- one answer from several people, and how far they agree --------------------------------------------
+# --- combining the labels of several people, and their agreement --------------------------------------------
 
 
 def settled(labels: Sequence[Label], humans: Humans = "majority") -> Label | None:
@@ -289,11 +295,11 @@ def settled(labels: Sequence[Label], humans: Humans = "majority") -> Label | Non
 
     Args:
         labels: in the order of the annotators.
-        humans: ``majority`` counts success against failure, and where neither has more, nothing is settled;
-            ``first`` takes the first label; ``unanimous`` needs all to be the same.
+        humans: ``majority`` compares the numbers of success and failure; ``first`` takes the first label;
+            ``unanimous`` requires all labels to be the same.
 
     Returns:
-        ``None`` where nothing is settled. ``unsure`` and ``not_executable`` where nobody said more.
+        The combined label; ``None`` if there is none (no labels, a tie, or disagreement).
     """
     if humans == "first" or len(set(labels)) <= 1:
         return labels[0] if labels else None
@@ -306,13 +312,13 @@ def settled(labels: Sequence[Label], humans: Humans = "majority") -> Label | Non
 
 
 class Annotators(msgspec.Struct, frozen=True):
-    """Two people on the attempts that both labelled success or failure.
+    """Agreement of two people on the attempts that both labelled success or failure.
 
     Attributes:
         pair: their names.
-        attempts: how many.
-        observed: share with the same label; ``None`` of nothing.
-        kappa: Cohen's; ``None`` where it is undefined.
+        attempts: number of those attempts.
+        observed: share of them with the same label; ``None`` without attempts.
+        kappa: Cohen's kappa; ``None`` where it is undefined.
     """
 
     pair: tuple[str, str]
@@ -322,13 +328,13 @@ class Annotators(msgspec.Struct, frozen=True):
 
 
 class AnnotatorAgreement(msgspec.Struct, frozen=True):
-    """How far people agree.
+    """Agreement between all annotators.
 
     Attributes:
-        attempts: attempts with at least two labels that say success or failure.
-        observed: share of pairs of labels of one attempt that are the same; ``None`` of nothing.
-        alpha: Krippendorff's, for any number of annotators and missing labels; ``None`` where it is
-            undefined, as where everybody always says the same.
+        attempts: number of attempts with at least two labels of success or failure.
+        observed: share of pairs of labels of one attempt that are the same; ``None`` without pairs.
+        alpha: Krippendorff's alpha, for any number of annotators and missing labels; ``None`` where it is
+            undefined, for example if all labels are the same.
         pairs: every two annotators who share an attempt.
     """
 
@@ -339,24 +345,28 @@ class AnnotatorAgreement(msgspec.Struct, frozen=True):
 
 
 def annotator_agreement(labels: Iterable[HumanLabel]) -> AnnotatorAgreement:
-    """How far several annotators agree on success and failure."""
+    """Agreement between annotators on success and failure."""
     by_subject: dict[tuple[str, str], dict[str, bool]] = {}
     for label in labels:
         if label.label in ("success", "failure"):
-            said = by_subject.setdefault((label.subject, label.agent), {})
-            said[label.annotator] = label.label == "success"
-    shared = [said for said in by_subject.values() if len(said) > 1]
-    names = sorted({name for said in shared for name in said})
-    pairs = (_pair(one, other, shared) for one, other in combinations(names, 2))
+            by_annotator = by_subject.setdefault((label.subject, label.agent), {})
+            by_annotator[label.annotator] = label.label == "success"
+    shared = [by_annotator for by_annotator in by_subject.values() if len(by_annotator) > 1]
+    names = sorted({name for by_annotator in shared for name in by_annotator})
+    pairs = (_pair(first, second, shared) for first, second in combinations(names, 2))
     observed, alpha = _krippendorff(shared)
     return AnnotatorAgreement(len(shared), observed, alpha, tuple(pair for pair in pairs if pair.attempts))
 
 
-def _pair(one: str, other: str, shared: Iterable[Mapping[str, bool]]) -> Annotators:
-    counts = Counter((said[one], said[other]) for said in shared if one in said and other in said)
+def _pair(first: str, second: str, shared: Iterable[Mapping[str, bool]]) -> Annotators:
+    counts = Counter(
+        (by_annotator[first], by_annotator[second])
+        for by_annotator in shared
+        if first in by_annotator and second in by_annotator
+    )
     table = Confusion(counts[True, True], counts[False, True], counts[True, False], counts[False, False])
-    found = rates(table)
-    return Annotators((one, other), table.total, found["accuracy"], found["kappa"])
+    metrics = rates(table)
+    return Annotators((first, second), table.total, metrics["accuracy"], metrics["kappa"])
 
 
 def _krippendorff(shared: Sequence[Mapping[str, bool]]) -> tuple[float | None, float | None]:
@@ -364,8 +374,8 @@ def _krippendorff(shared: Sequence[Mapping[str, bool]]) -> tuple[float | None, f
     same = pairs = 0.0
     disagreed = 0.0
     values: Counter[bool] = Counter()
-    for said in shared:
-        yes, total = sum(said.values()), len(said)
+    for by_annotator in shared:
+        yes, total = sum(by_annotator.values()), len(by_annotator)
         no = total - yes
         values.update({True: yes, False: no})
         pairs += total * (total - 1)

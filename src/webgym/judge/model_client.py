@@ -20,12 +20,17 @@ from webgym.llm.prices import Prices
 
 T = TypeVar("T")
 
-_MOST_REFUSED: Final = 4
+_MAX_UNUSABLE: Final = 4
 """Most unusable replies in one conversation, as a multiple of ``tries``: the request grows with each."""
 
 
 class LabelledScreenshot(msgspec.Struct, frozen=True):
-    """A screenshot in a question: the label that the question calls it by, and the image's name."""
+    """A screenshot in a question.
+
+    Attributes:
+        label: what the question calls it.
+        name: of the image: the hash of its pixels.
+    """
 
     label: str
     name: str
@@ -87,8 +92,9 @@ class JudgeModelClient:
         code, bare = self._signature(question)
 
         def read(reply: Completion) -> Finding | NoVerdict:
-            said = reply.finish_reason
-            return read_verdict(reply.text, question.words, code, bare=bare, finish_reason=said)
+            return read_verdict(
+                reply.text, question.words, code, bare=bare, finish_reason=reply.finish_reason
+            )
 
         return await self._until_clear(question, code, read)
 
@@ -123,18 +129,21 @@ class JudgeModelClient:
                 {"role": "system", "content": system},
                 {"role": "user", "content": content if question.shots else text},
             ]
-            why, refused, fresh = "", 0, 0
+            problem, unusable, tries = "", 0, 0
             # An unusable reply that comes from the cache does not count as a try: otherwise an attempt that
             # once got no verdict could never get one.
-            while fresh < self._config.tries and refused < _MOST_REFUSED * self._config.tries:
-                reply = await self._reply(question.stage, messages, is_repeat=refused > 0)
-                found = read(reply)
-                if not isinstance(found, NoVerdict):
-                    return found
-                why, refused, fresh = found.why, refused + 1, fresh + (not reply.cached)
-                messages = [*messages, *_again(reply.text, why, self._config.texts.reason_chars)]
+            while tries < self._config.tries and unusable < _MAX_UNUSABLE * self._config.tries:
+                reply = await self._reply(question.stage, messages, is_repeat=unusable > 0)
+                verdict = read(reply)
+                if not isinstance(verdict, NoVerdict):
+                    return verdict
+                problem, unusable, tries = verdict.why, unusable + 1, tries + (not reply.cached)
+                messages = [
+                    *messages,
+                    *_correction_request(reply.text, problem, self._config.texts.reason_chars),
+                ]
         raise JudgeError(
-            f"no clear verdict in {refused} replies at the {question.stage} stage: {why}",
+            f"no clear verdict in {unusable} replies at the {question.stage} stage: {problem}",
             hint="look at the judge model's replies; a larger model or more max_tokens may help",
         )
 
@@ -188,11 +197,11 @@ async def result_or_error(question: Coroutine[Any, Any, T]) -> T | JudgeError:
         return error
 
 
-def _again(reply: str, why: str, limit: int) -> list[dict[str, Any]]:
+def _correction_request(reply: str, why: str, limit: int) -> list[dict[str, Any]]:
     """Two messages: the end of the unusable reply, and a request to correct what was wrong with it."""
-    said = reply[-limit:] or "(an empty reply)"
+    excerpt = reply[-limit:] or "(an empty reply)"
     return [
-        {"role": "assistant", "content": said},
+        {"role": "assistant", "content": excerpt},
         {
             "role": "user",
             "content": f"That reply cannot be used: {why}. Answer the question again, briefly, and end with "

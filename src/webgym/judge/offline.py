@@ -1,7 +1,8 @@
-"""The judge of the offline web: it knows each task's ground truth, and checks what the trajectory shows.
+"""The judge of the offline web: it checks a trajectory against the task's known ground truth, without a
+model.
 
-It reads the text that was visible in each screenshot, recorded with it, and the state that the website's
-server held at the end. It never looks at what the policy says it did.
+It reads the text that was visible in each screenshot, which is recorded with it, and the state of the
+website's server at the end. It ignores what the policy says it did.
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ from webgym.judge.numbers import numbers
 from webgym.judge.soft import score_of
 
 COUNTED_NOT_READ = 10
-"""Whole numbers below this need not be visible: they number a list or count what was seen."""
+"""Integers below this need not be visible in a screenshot: they may number a list or count items."""
 
 
 @dataclass(frozen=True)
 class _View:
-    """One look at a website of the task, ready to be searched."""
+    """An observation of one of the task's websites, with its visible text folded for searching."""
 
     index: int
     host: str
@@ -37,14 +38,14 @@ class _View:
     text: str
 
 
-def what_is_missing(task: Task) -> str:
-    """Why the offline judge cannot judge a task; empty if it can."""
+def why_unjudgeable(task: Task) -> str:
+    """Why the offline judge cannot judge a task, as the end of a sentence about it; empty if it can."""
     if task.truth is None:
         return "has no hidden truth, as only the offline web's tasks have"
     known = {(fact.group, fact.index) for fact in task.truth.facts if fact.evidence or fact.state}
     for group, index, _ in task.rubric.facts():
         if (group.id, index) not in known:
-            return f"has a truth that knows nothing about fact {group.id}.{index}"
+            return f"has a truth without evidence for fact {group.id}.{index}"
     return ""
 
 
@@ -57,13 +58,13 @@ class OfflineJudge:
         """Judge one episode; see :meth:`webgym.judge.base.Judge.judge`.
 
         Args:
-            task: with its hidden truth.
-            episode: what happened; visible text and the website's state are read from it.
-            pictures: not looked at.
+            task: the attempted task, with its hidden truth.
+            episode: the recorded steps, with visible text and the website's final state.
+            pictures: not used.
 
         Raises:
-            JudgeError: the task has no truth, visible text was not recorded, or the website's state is
-                needed and not known.
+            JudgeError: the task has no truth, visible text was not recorded, or the website's final state is
+                needed and was not recorded.
         """
         del pictures  # what they show was recorded as text when they were taken
         truth = task.truth
@@ -83,10 +84,12 @@ class OfflineJudge:
             response = _response(task, truth, views, episode)
             reference = _reference(task, truth, episode.answer)
         criteria = (*(fact.judgement for fact in facts), response, reference)
-        passed = all_hold(each for each in criteria if each is not None) if response else False
+        passed = all_hold(judgement for judgement in criteria if judgement is not None) if response else False
         if passed is None:
-            unread = next(fact.judgement for fact in facts if fact.judgement.passed is None)
-            raise JudgeError(unread.reason, hint="the offline web lost it or was not asked")
+            undecided = next(fact.judgement for fact in facts if fact.judgement.passed is None)
+            raise JudgeError(
+                undecided.reason, hint="the offline web lost it, or the collector did not request it"
+            )
         blocked = find_block(task, episode) if not passed else Judgement(False, "the task was done")
         return Verdict(
             judge=self.name,
@@ -101,49 +104,52 @@ class OfflineJudge:
     def _fact(
         self, truth: Truth, group: int, index: int, views: list[_View], state: dict[str, Any] | None
     ) -> Judgement:
-        """Criterion A."""
-        known = next((fact for fact in truth.facts if (fact.group, fact.index) == (group, index)), None)
-        if known is None or not (known.evidence or known.state):
+        """Criterion A: whether the screenshots and the server's state confirm one fact."""
+        fact = next((fact for fact in truth.facts if (fact.group, fact.index) == (group, index)), None)
+        if fact is None or not (fact.evidence or fact.state):
             raise JudgeError(
-                f"nothing is known about fact {group}.{index}", hint="the task's truth is incomplete"
+                f"the truth has no evidence for fact {group}.{index}", hint="the task's truth is incomplete"
             )
         steps: tuple[int, ...] = ()
         reasons = []
-        if known.evidence:
-            steps = _shown(known, truth.host, views)
+        if fact.evidence:
+            steps = _confirming(fact, truth.host, views)
             if not steps:
-                wanted = " or ".join(_words(evidence) for evidence in known.evidence[:3])
+                wanted = " or ".join(_describe(evidence) for evidence in fact.evidence[:3])
                 return Judgement(False, f"no screenshot shows {wanted}")
             reasons.append(f"shown at step {steps[0] + 1}")
-        for check in known.state:
+        for check in fact.state:
             if state is None:
-                return Judgement(None, "the state of the website's server is not known", steps)
-            found = _look_up(check, state)
-            if found != check.value:
+                return Judgement(None, "the state of the website's server was not recorded", steps)
+            actual = _look_up(check, state)
+            if actual != check.value:
                 name = " / ".join(check.key)
-                return Judgement(False, f"the server holds {name} = {found!r}, not {check.value!r}", steps)
-            reasons.append(f"the server holds {' / '.join(check.key)} = {found!r}")
+                return Judgement(False, f"the server holds {name} = {actual!r}, not {check.value!r}", steps)
+            reasons.append(f"the server holds {' / '.join(check.key)} = {actual!r}")
         return Judgement(True, "; ".join(reasons), steps)
 
 
 def _views(truth: Truth, episode: Episode) -> list[_View]:
     views, hosts = [], truth.hosts
-    for index, seen in enumerate(episode.observations):
-        if seen.text is None:
+    for index, observation in enumerate(episode.observations):
+        if observation.text is None:
             raise JudgeError(
                 "the visible text was not recorded", hint="open sessions with text recording for this judge"
             )
-        address = urlsplit(seen.url)
-        is_there = seen.status is None or seen.status < 400  # an error page may repeat what was asked for
+        address = urlsplit(observation.url)
+        is_page = (
+            observation.status is None or observation.status < 400
+        )  # an error page may repeat the request
         host = address.hostname or ""
-        if host in hosts and is_there:
+        if host in hosts and is_page:
             path = f"{address.path}?{address.query}" if address.query else address.path
-            views.append(_View(index, host, path, fold(seen.text)))
+            views.append(_View(index, host, path, fold(observation.text)))
     return views
 
 
-def _shown(fact: FactTruth, host: str, views: list[_View]) -> tuple[int, ...]:
-    """Indices of the views that confirm the fact; evidence counts on ``host`` unless it names another."""
+def _confirming(fact: FactTruth, host: str, views: list[_View]) -> tuple[int, ...]:
+    """Indices of the observations that confirm the fact; evidence without a host of its own counts on
+    ``host``."""
     return tuple(
         view.index
         for view in views
@@ -156,50 +162,50 @@ def _shown(fact: FactTruth, host: str, views: list[_View]) -> tuple[int, ...]:
     )
 
 
-def _words(evidence: Evidence) -> str:
+def _describe(evidence: Evidence) -> str:
     quoted = ", ".join(f'"{text}"' for text in evidence.texts)
     return f"{quoted} together" if len(evidence.texts) > 1 else quoted
 
 
 def _look_up(check: StateCheck, state: dict[str, Any]) -> Any:
-    found: Any = state
+    value: Any = state
     for key in check.key:
-        found = found.get(key) if isinstance(found, dict) else None
-    return found
+        value = value.get(key) if isinstance(value, dict) else None
+    return value
 
 
 def _reference(task: Task, truth: Truth, answer: str) -> Judgement | None:
-    """The answer against what a right answer says; ``None`` if the task asks for no answer."""
-    known = truth.answer
-    if not known.required:
+    """Compare the answer with the required values; ``None`` if the task requires none."""
+    required = truth.answer
+    if not required.required:
         return None
     folded = fold(answer)
-    for options in known.required:
+    for options in required.required:
         if not any(says(folded, option) for option in options):
             return Judgement(False, f'the answer does not say "{options[0]}"')
-    for wrong in known.forbidden:
+    for wrong in required.forbidden:
         if says(folded, wrong):
             return Judgement(False, f'the answer also says "{wrong}"')
-    if known.in_order and (fault := _out_of_order(known, folded)):
+    if required.in_order and (fault := _out_of_order(required, folded)):
         return Judgement(False, fault)
     given = [move.text for move in truth.moves if isinstance(move, Give)]
-    if other := other_candidate(answer, known.required, (task.instruction, *given)):
+    if other := other_candidate(answer, required.required, (task.instruction, *given)):
         return Judgement(False, f'the answer also claims "{other}"')
     return Judgement(True, "the answer says all that it must")
 
 
 def _out_of_order(truth: AnswerTruth, folded: str) -> str:
-    """What is wrong with the order of an answer's values, if anything is."""
-    value_of = {fold(option): place for place in truth.required for option in place}
-    told = [value_of[mention] for mention in mentions(folded, value_of)]
-    if told == list(truth.required):
+    """What is wrong with the order of an answer's values; empty if nothing is."""
+    value_of = {fold(option): spellings for spellings in truth.required for option in spellings}
+    given = [value_of[mention] for mention in mentions(folded, value_of)]
+    if given == list(truth.required):
         return ""
-    wanted, named = (", ".join(place[0] for place in places) for places in (truth.required, told))
+    wanted, named = (", ".join(spellings[0] for spellings in places) for places in (truth.required, given))
     return f'the answer says "{named}", not "{wanted}"'
 
 
 def _response(task: Task, truth: Truth, views: list[_View], episode: Episode) -> Judgement:
-    """Criterion B: every number in the answer stands in a screenshot, the task or the reference."""
+    """Criterion B: every number in the answer occurs in a screenshot, the task or the required values."""
     assert episode.answer is not None
     if not episode.answer.strip():
         return Judgement(False, "the answer is empty")

@@ -1,4 +1,4 @@
-"""Several judges, or several samples of one: the majority decides."""
+"""Several judges, or several samples of one judge, decided by majority."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from webgym.judge.soft import score_of
 
 
 class Panel:
-    """Judges by majority.
+    """A judge whose verdict is the majority verdict of its members.
 
-    A member without a verdict counts for nobody. The reward is what more than half of *all* members found;
-    where none did, there is no verdict.
+    The reward is the one that more than half of *all* members gave; members without a verdict count in that
+    total. Without such a majority there is no verdict.
 
     Args:
-        members: at least one.
-        name: stands in every verdict; made from the members' where none is given.
+        members: at least one judge.
+        name: recorded in every verdict; empty makes one from the members' names.
     """
 
     def __init__(self, members: Sequence[Judge], name: str = "") -> None:
@@ -33,45 +33,49 @@ class Panel:
 
     @property
     def name(self) -> str:
-        """As given, or the members' names."""
+        """The name that was given, or one made from the members' names."""
         return self._name
 
     async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
         """Judge one episode; see :meth:`webgym.judge.base.Judge.judge`.
 
         Raises:
-            JudgeError: no finding has more than half of the members behind it.
+            JudgeError: no reward was given by more than half of the members.
         """
-        found = await asyncio.gather(*(_judged(member, task, episode, pictures) for member in self._members))
-        verdicts = [verdict for verdict in found if isinstance(verdict, Verdict)]
+        results = await asyncio.gather(
+            *(_verdict_or_error(member, task, episode, pictures) for member in self._members)
+        )
+        verdicts = [verdict for verdict in results if isinstance(verdict, Verdict)]
         rewards = [verdict.reward for verdict in verdicts]
         reward = max(dict.fromkeys(rewards), key=rewards.count, default=None)
         votes = rewards.count(reward) if verdicts else 0
         if 2 * votes <= len(self._members):
-            failed = [str(error) for error in found if isinstance(error, JudgeError)]
-            told = f"; {len(failed)} had no verdict: {failed[0]}" if failed else ""
+            failed = [str(error) for error in results if isinstance(error, JudgeError)]
+            errors = f"; {len(failed)} had no verdict: {failed[0]}" if failed else ""
             raise JudgeError(
-                f"{votes} of {len(self._members)} members agree, which is no majority{told}",
+                f"{votes} of {len(self._members)} members agree, which is no majority{errors}",
                 hint="an odd number of samples has no ties",
             )
-        behind = [verdict for verdict in verdicts if verdict.reward == reward]
+        agreeing = [verdict for verdict in verdicts if verdict.reward == reward]
         facts = tuple(_facts(task, verdicts))
         costs = [verdict.cost for verdict in verdicts if verdict.cost is not None]
         return Verdict(
             judge=self._name,
             reward=reward,
             facts=facts,
-            blocked=behind[0].blocked,
-            response=_majority(verdicts, lambda verdict: verdict.response),
-            reference=_majority(verdicts, lambda verdict: verdict.reference),
+            blocked=agreeing[0].blocked,
+            response=_majority_part(verdicts, lambda verdict: verdict.response),
+            reference=_majority_part(verdicts, lambda verdict: verdict.reference),
             score=score_of(task.rubric, facts),
             confidence=votes / len(self._members),
-            keypoints=behind[0].keypoints,
+            keypoints=agreeing[0].keypoints,
             cost=sum(costs, Cost()) if costs else None,
         )
 
 
-async def _judged(member: Judge, task: Task, episode: Episode, pictures: Pictures) -> Verdict | JudgeError:
+async def _verdict_or_error(
+    member: Judge, task: Task, episode: Episode, pictures: Pictures
+) -> Verdict | JudgeError:
     try:
         return await member.judge(task, episode, pictures)
     except JudgeError as error:
@@ -79,26 +83,32 @@ async def _judged(member: Judge, task: Task, episode: Episode, pictures: Picture
 
 
 def _facts(task: Task, verdicts: Sequence[Verdict]) -> list[FactJudgement]:
-    """Each fact by the majority of those who judged it."""
-    by_place = [{(fact.group, fact.index): fact.judgement for fact in each.facts} for each in verdicts]
-    found = []
+    """The judgement of each fact: the majority of the members that judged it."""
+    judgements_by_fact = [
+        {(fact.group, fact.index): fact.judgement for fact in verdict.facts} for verdict in verdicts
+    ]
+    majorities = []
     for group, index, text in task.rubric.facts():
-        judgements = [facts[group.id, index] for facts in by_place if (group.id, index) in facts]
-        if judgement := _decided(judgements):
-            found.append(FactJudgement(group.id, index, text, judgement))
-    return found
+        judgements = [facts[group.id, index] for facts in judgements_by_fact if (group.id, index) in facts]
+        if judgement := _majority_judgement(judgements):
+            majorities.append(FactJudgement(group.id, index, text, judgement))
+    return majorities
 
 
-def _majority(verdicts: Sequence[Verdict], part: Callable[[Verdict], Judgement | None]) -> Judgement | None:
-    return _decided([judgement for verdict in verdicts if (judgement := part(verdict)) is not None])
+def _majority_part(
+    verdicts: Sequence[Verdict], part: Callable[[Verdict], Judgement | None]
+) -> Judgement | None:
+    return _majority_judgement(
+        [judgement for verdict in verdicts if (judgement := part(verdict)) is not None]
+    )
 
 
-def _decided(judgements: Sequence[Judgement]) -> Judgement | None:
-    """What most of the read judgements say, in the words of the first that says so. A tie does not pass."""
-    read = [judgement for judgement in judgements if judgement.passed is not None]
-    if not read:
+def _majority_judgement(judgements: Sequence[Judgement]) -> Judgement | None:
+    """The majority judgement, with the reason of the first that agrees with it. A tie does not pass."""
+    decided = [judgement for judgement in judgements if judgement.passed is not None]
+    if not decided:
         return judgements[0] if judgements else None
-    passed = 2 * sum(judgement.passed is True for judgement in read) > len(read)
-    behind = [judgement for judgement in read if judgement.passed == passed]
-    share = f" ({len(behind)} of {len(read)})" if len(judgements) > 1 else ""
-    return Judgement(passed, f"{behind[0].reason}{share}", behind[0].steps)
+    passed = 2 * sum(judgement.passed is True for judgement in decided) > len(decided)
+    agreeing = [judgement for judgement in decided if judgement.passed == passed]
+    share = f" ({len(agreeing)} of {len(decided)})" if len(judgements) > 1 else ""
+    return Judgement(passed, f"{agreeing[0].reason}{share}", agreeing[0].steps)

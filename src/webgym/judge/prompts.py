@@ -1,7 +1,7 @@
 """The prompts of the judge's models (paper §3.4, appendix E), in our own wording.
 
-Every text of others stands in a quotation (:mod:`webgym.judge.untrusted`); the system message says what that
-means, and how the reply must end.
+Every untrusted text is quoted (:mod:`webgym.judge.untrusted`); the system message explains the quotations and
+how the reply must end. Each function returns the texts of the system message and of the user message.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def _criterion(rules: str, code: str, part: str, notes: str) -> str:
 
 
 def keypoint(code: str, *, instruction: str, facts: Sequence[str], labels: Sequence[str]) -> tuple[str, str]:
-    """Which of these screenshots matter?"""
+    """Ask which of the screenshots matter."""
     lines = "\n".join(f"SCREENSHOT {number} {code}: YES or NO" for number in range(1, len(labels) + 1))
     closing = _KEYPOINT_CLOSING.format(lines=lines)
     system = "\n\n".join((_ROLE, _QUOTED.format(code=code), _KEYPOINT, closing))
@@ -145,17 +145,18 @@ def fact(
     part: str = "",
     notes: str = "",
 ) -> tuple[str, str]:
-    """Criterion A: is this fact confirmed? The answer is not told.
+    """Criterion A: ask whether the screenshots confirm a fact. The prompt does not contain the agent's
+    answer.
 
     Args:
-        code: of the request.
-        instruction: the task's.
-        group: the fact's, which it is understood by.
+        code: signature code of the request.
+        instruction: of the task.
+        group: the fact group of the fact, which gives it its context.
         text: the fact.
-        history: what the agent did.
+        history: the agent's actions, as text.
         labels: of the screenshots.
-        part: which part of the screenshots they are ("2 of 3"); empty if they are all.
-        notes: what the parts show, in place of screenshots.
+        part: which part of the screenshots the request shows ("2 of 3"); empty if it shows all.
+        notes: what the parts show, sent instead of screenshots.
     """
     described = [group.description] if group.description.strip() else []
     parts = [
@@ -175,7 +176,7 @@ def fact(
 def response(
     code: str, *, instruction: str, answer: str, labels: Sequence[str], part: str = "", notes: str = ""
 ) -> tuple[str, str]:
-    """Criterion B: is every claim of the answer visible? Arguments as for :func:`fact`."""
+    """Criterion B: ask whether every claim of the answer is visible. Arguments as for :func:`fact`."""
     parts = [
         "The task:",
         quote("task", instruction, code),
@@ -187,7 +188,7 @@ def response(
 
 
 def blocking(code: str, *, website: str, history: str, last: str, labels: Sequence[str]) -> tuple[str, str]:
-    """Was the agent kept out?"""
+    """Ask whether the website blocked the agent."""
     parts = [
         "The website:",
         quote("website", website, code),
@@ -195,13 +196,13 @@ def blocking(code: str, *, website: str, history: str, last: str, labels: Sequen
         quote("actions", history, code),
         "The last pages' addresses, statuses and titles:",
         quote("pages", last, code),
-        _follow(labels),
+        _screenshots_line(labels),
     ]
     return _system(_BLOCKING, "question", code), "\n".join(parts)
 
 
 def reference(code: str, *, instruction: str, answer: str, expected: str) -> tuple[str, str]:
-    """Does the answer agree with the reference answer?"""
+    """Ask whether the answer agrees with the reference answer."""
     parts = [
         "The task:",
         quote("task", instruction, code),
@@ -216,10 +217,10 @@ def reference(code: str, *, instruction: str, answer: str, expected: str) -> tup
 def _evidence(labels: Sequence[str], part: str, notes: str, code: str) -> list[str]:
     if notes:
         return ["What the screenshots show, part by part:", quote("notes", notes, code)]
-    return [*([f"This is part {part} of the screenshots."] if part else []), _follow(labels)]
+    return [*([f"This is part {part} of the screenshots."] if part else []), _screenshots_line(labels)]
 
 
-def _follow(labels: Sequence[str]) -> str:
+def _screenshots_line(labels: Sequence[str]) -> str:
     if not labels:
         return "There is no screenshot."
     return f"{len(labels)} screenshots follow, in the order in which they were taken: {', '.join(labels)}."

@@ -1,13 +1,13 @@
-"""The rubric judge: a model looks at screenshots and says which facts they confirm (paper §3.4).
+"""The rubric judge: a model is asked which facts the screenshots confirm (paper §3.4).
 
 keypoints     which screenshots matter; the last one always does
-criterion B   every claim in the answer is visible (once)
-criterion A   this fact is confirmed (once per fact, without the answer)
-reference     the answer agrees with the reference answer, where there is one: it overrides
-blocking      an attempt that did not succeed: was it kept out?
+criterion B   whether every claim in the answer is visible (asked once)
+criterion A   whether a fact is confirmed (asked once per fact, without showing the answer)
+reference     whether the answer agrees with the reference answer, if there is one; it overrides the others
+blocking      whether the website blocked an unsuccessful attempt
 
-The reward is 1 only if all of them hold, and 0 as soon as one does not. A question without a clear verdict
-leaves the episode unjudged if the reward hangs on it; else it is noted as unread, and the reward stands.
+The reward is 1 only if all criteria hold, and 0 as soon as one does not. A question without a clear verdict
+leaves the episode unjudged if the reward depends on it; else it is recorded as unread, and the reward stands.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from webgym.judge.base import Pictures
 from webgym.judge.blocking import find_block
 from webgym.judge.config import STAGES, JudgeConfig, Stage
 from webgym.judge.history import action_history
-from webgym.judge.keypoints import page_texts, parts, select, shown
+from webgym.judge.keypoints import fit_in_request, page_texts, select, split_into_requests
 from webgym.judge.model_client import JudgeModelClient, Question, gather, result_or_error
-from webgym.judge.reference import hold_against, is_reference
+from webgym.judge.reference import compare_with_reference, is_reference
 from webgym.judge.soft import score_of
 from webgym.judge.untrusted import code_of, shorten
 from webgym.judge.value_comparison import Match
@@ -38,7 +38,7 @@ from webgym.llm.completion import Completes
 from webgym.llm.prices import Prices
 
 VERSION = "rubric/2"
-"""Of the rules and prompts; raised when a change of theirs can change a verdict."""
+"""Version of the rules and prompts; raised when a change of theirs can change a verdict."""
 
 _STEPS = re.compile(
     r"\bsteps? [0-9]{1,4}((?:(?:, ?| and |, and | & )[0-9]{1,4})+|( ?(?:-|–|to|through) ?[0-9]{1,4}))?\b",
@@ -46,16 +46,16 @@ _STEPS = re.compile(
 )
 Write: TypeAlias = Callable[..., tuple[str, str]]
 Quoted: TypeAlias = tuple[str, ...]
-_NOT_LOOKED = Judgement(False, "the attempt succeeded")
+_NOT_BLOCKED = Judgement(False, "the attempt succeeded")
 
 
 class RubricJudge:
     """Judges any task that has a rubric.
 
     Args:
-        config: stages, limits, rules.
-        models: who is asked at each stage, open.
-        prices: what tokens cost, for the verdicts' cost.
+        config: models, limits and rules.
+        models: the open model client of each stage.
+        prices: dollars per token, for the cost in the verdicts.
     """
 
     def __init__(
@@ -74,11 +74,11 @@ class RubricJudge:
     async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
         """Judge one episode; see :meth:`webgym.judge.base.Judge.judge`."""
         client = JudgeModelClient(self._models, self._config, pictures, self._prices)
-        return await _Case(self._name, task, episode, client, self._config).verdict()
+        return await _EpisodeJudging(self._name, task, episode, client, self._config).verdict()
 
 
 def _digest(config: JudgeConfig) -> str:
-    """Of every setting that can change a verdict; not of where a model is served, or how patiently."""
+    """Digest of every setting that can change a verdict, which endpoints, concurrency and retries cannot."""
     stages = {
         name: config.stage(name).model_dump(mode="json", exclude={"chat"})
         | {"model": config.chat_of(name).model}
@@ -88,8 +88,8 @@ def _digest(config: JudgeConfig) -> str:
     return code_of(json.dumps([stages, rules], sort_keys=True))[:6]
 
 
-class _Case:
-    """One episode being judged."""
+class _EpisodeJudging:
+    """The judgement of one episode, while it is being made."""
 
     def __init__(
         self, judge: str, task: Task, episode: Episode, client: JudgeModelClient, config: JudgeConfig
@@ -108,16 +108,16 @@ class _Case:
         self._unread: list[JudgeError] = []
 
     async def verdict(self) -> Verdict:
-        """The whole judgement.
+        """Judge the episode.
 
         Raises:
-            JudgeError: a question that the reward hangs on had no clear verdict.
+            JudgeError: a question that the reward depends on had no clear verdict.
         """
-        await self._look()
-        passed = self._is_met()
+        await self._judge_criteria()
+        passed = self._is_success()
         if passed is None:
             raise self._unread[0]
-        blocked = _NOT_LOOKED if passed else await self._find_block()
+        blocked = _NOT_BLOCKED if passed else await self._find_block()
         return Verdict(
             judge=self._judge,
             reward=None if blocked.passed else int(passed),
@@ -130,31 +130,31 @@ class _Case:
             cost=self._client.cost,
         )
 
-    async def _look(self) -> None:
-        """Judge the criteria; what costs little comes first, so that an early exit saves the most."""
+    async def _judge_criteria(self) -> None:
+        """Judge the criteria, the cheap ones first, so that an early exit saves the most."""
         config, task, is_answered = self._config, self._task, self._episode.answer is not None
         if is_answered and task.reference_answer is not None and is_reference(task.reference_answer):
-            self._reference = await self._hold_against(task.reference_answer)
-            alone = config.reference_rule == "decides"
-            is_hopeless = alone and self._reference.passed is None
-            if is_hopeless or (config.early_exit and (alone or self._reference.passed is False)):
+            self._reference = await self._compare_with_reference(task.reference_answer)
+            decides = config.reference_rule == "decides"
+            is_hopeless = decides and self._reference.passed is None
+            if is_hopeless or (config.early_exit and (decides or self._reference.passed is False)):
                 return
         if not is_answered and (config.early_exit or not config.judge_unanswered):
             return
         self._keypoints = await select(task, self._episode, self._client, config)
         if config.early_exit:
-            await self._look_until_one_fails()
+            await self._judge_until_one_fails()
             return
         facts = task.rubric.facts()
         questions = [self._ask_fact(group, text) for group, _, text in facts]
         if is_answered:
-            self._response, *found = await gather([self._ask_response(), *questions])
+            self._response, *judgements = await gather([self._ask_response(), *questions])
         else:
-            found = await gather(questions)
-        for (group, index, text), judgement in zip(facts, found, strict=True):
+            judgements = await gather(questions)
+        for (group, index, text), judgement in zip(facts, judgements, strict=True):
             self._facts.append(FactJudgement(group.id, index, text, judgement))
 
-    async def _look_until_one_fails(self) -> None:
+    async def _judge_until_one_fails(self) -> None:
         self._response = await self._ask_response()
         if self._response.passed is False:
             return
@@ -164,8 +164,8 @@ class _Case:
             if judgement.passed is False:
                 return
 
-    def _is_met(self) -> bool | None:
-        """Whether the reward is 1; ``None`` if it hangs on a question without a clear verdict."""
+    def _is_success(self) -> bool | None:
+        """Whether the reward is 1; ``None`` if it depends on a question without a clear verdict."""
         if self._episode.answer is None:
             return False
         if self._reference is not None and self._config.reference_rule == "decides":
@@ -174,74 +174,82 @@ class _Case:
         return all_hold(judgement for judgement in criteria if judgement is not None)
 
     async def _ask_fact(self, group: FactGroup, text: str) -> Judgement:
-        """Criterion A."""
+        """Criterion A: whether the screenshots confirm this fact."""
         texts = self._config.texts
         history = action_history(self._episode, line_chars=texts.action_chars, limit=texts.history_chars)
         write = partial(prompts.fact, instruction=self._instruction, group=group, text=text, history=history)
         return await self._ask("fact", write, (self._instruction, group.description, *group.facts, history))
 
     async def _ask_response(self) -> Judgement:
-        """Criterion B."""
+        """Criterion B: whether the screenshots support every claim of the answer."""
         if not self._answer.strip():
             return Judgement(False, "the answer is empty")
         write = partial(prompts.response, instruction=self._instruction, answer=self._answer)
         return await self._ask("response", write, (self._instruction, self._answer))
 
     async def _ask(self, stage: Stage, write: Write, quoted: Quoted) -> Judgement:
-        """A criterion by the chosen screenshots: in one request, or else part by part."""
+        """Judge a criterion by the selected screenshots, in one request or in several."""
         chosen = self._keypoints or ()
-        split = parts(self._episode, chosen, stage, self._config, write)
-        one = self._by_parts if len(split) > 1 else self._by_part
-        return self._read(await result_or_error(one(stage, write, quoted, split)), chosen)
+        split = split_into_requests(self._episode, chosen, stage, self._config, write)
+        ask = self._ask_in_parts if len(split) > 1 else self._ask_once
+        return self._read(await result_or_error(ask(stage, write, quoted, split)), chosen)
 
-    async def _by_part(
+    async def _ask_once(
         self, stage: Stage, write: Write, quoted: Quoted, split: Sequence[Sequence[int]]
     ) -> Finding:
         (part,) = split
-        text, shots, _ = shown(self._episode, part, stage, self._config, write)
+        text, shots, _ = fit_in_request(self._episode, part, stage, self._config, write)
         untrusted = (*quoted, *page_texts(self._episode.observations, part))
         return await self._client.ask(Question(stage, "criterion", text, shots, untrusted))
 
-    async def _by_parts(
+    async def _ask_in_parts(
         self, stage: Stage, write: Write, quoted: Quoted, split: Sequence[Sequence[int]]
     ) -> Finding:
-        """A fact that a part confirms is confirmed. All else is decided over what the parts are said to show:
-        a claim may be visible in one of them and contradicted in another, a total be spread over all.
+        """Judge a criterion by screenshots that do not fit in one request.
+
+        A fact that one part confirms is confirmed. Everything else is decided by a last request about the
+        notes on all parts: a claim may be visible in one part and contradicted in another, or a total be
+        spread over all.
         """
         count = len(split)
-        found = await gather(
-            result_or_error(self._by_part(stage, partial(write, part=f"{number} of {count}"), quoted, [part]))
+        results = await gather(
+            result_or_error(
+                self._ask_once(stage, partial(write, part=f"{number} of {count}"), quoted, [part])
+            )
             for number, part in enumerate(split, 1)
         )
-        notes = [each for each in found if isinstance(each, Finding)]
+        notes = [result for result in results if isinstance(result, Finding)]
         if stage == "fact" and (confirmed := next((note for note in notes if note.passed), None)):
             return confirmed
-        if unread := next((each for each in found if isinstance(each, JudgeError)), None):
+        if unread := next((result for result in results if isinstance(result, JudgeError)), None):
             raise unread
         limit = self._config.texts.history_chars // count
-        told = [
+        parts = [
             f"Part {number} of {count}:\n{shorten(note.reason, limit)}"
             for number, note in enumerate(notes, 1)
         ]
-        closing = partial(write, labels=(), notes="\n\n".join(told))
-        return await self._client.ask(Question(stage, "criterion", closing, (), (*quoted, *told)))
+        closing = partial(write, labels=(), notes="\n\n".join(parts))
+        return await self._client.ask(Question(stage, "criterion", closing, (), (*quoted, *parts)))
 
-    def _read(self, found: Finding | JudgeError, chosen: Sequence[int]) -> Judgement:
-        """A finding as it is recorded, or that there is none."""
-        if isinstance(found, Finding):
-            return self._judgement(found, chosen)
-        self._unread.append(found)
-        return Judgement(None, f"not read: {shorten(found.message, self._config.texts.reason_chars)}")
+    def _read(self, result: Finding | JudgeError, chosen: Sequence[int]) -> Judgement:
+        """The judgement that is recorded for a finding or for a missing verdict, which is noted in
+        ``_unread``."""
+        if isinstance(result, Finding):
+            return self._judgement(result, chosen)
+        self._unread.append(result)
+        return Judgement(None, f"not read: {shorten(result.message, self._config.texts.reason_chars)}")
 
-    async def _hold_against(self, expected: str) -> Judgement:
-        """The reference answer: by rule where rules are sure, else by a model."""
+    async def _compare_with_reference(self, expected: str) -> Judgement:
+        """Compare the answer with the reference answer: by rules where they are sure, else by a model."""
         config = self._config
-        ways = config.ways_by_source.get(self._task.source, config.reference_ways)
-        found = hold_against(expected, self._episode.answer or "", ways, self._task.instruction)
-        if found.match is not Match.UNSURE:
-            return Judgement(found.match is Match.SAME, found.reason)
-        if "model" not in ways:
-            return Judgement(False, f"{found.reason}, and no model is asked for this source")
+        methods = config.ways_by_source.get(self._task.source, config.reference_ways)
+        finding = compare_with_reference(
+            expected, self._episode.answer or "", methods, self._task.instruction
+        )
+        if finding.match is not Match.UNSURE:
+            return Judgement(finding.match is Match.SAME, finding.reason)
+        if "model" not in methods:
+            return Judgement(False, f"{finding.reason}, and no model is asked for this source")
         expected = shorten(expected, config.texts.answer_chars)
         write = partial(
             prompts.reference, instruction=self._instruction, answer=self._answer, expected=expected
@@ -252,31 +260,33 @@ class _Case:
         )
 
     async def _find_block(self) -> Judgement:
-        """What the rules see; where they see nothing, what a model sees in what could be refusals."""
+        """Whether the website blocked the agent: by rules, and by a model where possible refusals are not
+        recognised."""
         by_rule = find_block(self._task, self._episode)
         if by_rule.passed or not self._config.blocking_model:
             return by_rule
-        at_most = find_block(self._task, self._episode, suspect_last=True)
-        if not at_most.passed:
-            return by_rule  # whatever a model said, the attempt would not be blocked
+        with_suspects = find_block(self._task, self._episode, suspect_last=True)
+        if not with_suspects.passed:
+            return by_rule  # whatever a model would say, the attempt was not blocked
         seen, texts = self._episode.observations, self._config.texts
-        last = at_most.steps[-self._config.blocking.images_per_call :]
+        last = with_suspects.steps[-self._config.blocking.images_per_call :]
         pages = "\n".join(f"{seen[i].url}, status {seen[i].status}, {seen[i].title}" for i in last)
         history = action_history(self._episode, line_chars=texts.action_chars, limit=texts.history_chars)
         write = partial(prompts.blocking, website=self._task.website, history=history, last=pages)
-        text, shots, chosen = shown(self._episode, last, "blocking", self._config, write)
+        text, shots, chosen = fit_in_request(self._episode, last, "blocking", self._config, write)
         untrusted = (self._task.website, history, pages, *page_texts(seen, chosen))
         finding = await self._client.ask(Question("blocking", "question", text, shots, untrusted))
         return self._judgement(finding, chosen)
 
     def _judgement(self, finding: Finding, chosen: Sequence[int]) -> Judgement:
-        """A finding as it is recorded: its reason, and the steps that it names of those it was shown."""
+        """The judgement that is recorded for a finding: its reason, and the steps shown that the reason
+        names."""
         reason = shorten(finding.reason, self._config.texts.reason_chars).strip()
         return Judgement(finding.passed, reason or "no reason was given", cited(reason, chosen))
 
 
 def cited(reason: str, among: Sequence[int]) -> tuple[int, ...]:
-    """Indices of the observations that a reason names as steps ("step 4", "steps 2, 3 and 5")."""
+    """Indices, among those given, of the steps that a reason names ("step 4", "steps 2, 3 and 5")."""
     named: set[int] = set()
     for match in _STEPS.finditer(reason):
         numbers = [int(number) for number in re.findall(r"[0-9]+", match[0])]

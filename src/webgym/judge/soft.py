@@ -1,4 +1,4 @@
-"""Rubrics as soft guidance (paper's own future work): how much of a task was done."""
+"""The score of an attempt: the share of the rubric's facts that hold (future work in the paper)."""
 
 from __future__ import annotations
 
@@ -9,13 +9,12 @@ from webgym.core.verdict import FactJudgement
 
 
 def score_of(rubric: Rubric, facts: Sequence[FactJudgement]) -> float | None:
-    """The share of the rubric's facts that hold, 0 to 1; ``None`` unless every fact was judged and read.
+    """The share of the rubric's facts that hold, 0 to 1; ``None`` unless every fact has a clear verdict.
 
-    A shaped score beside the binary reward. It never stands in for it: facts say nothing of whether the
-    answer is right.
+    It supplements the binary reward and never replaces it: facts do not say whether the answer is right.
     """
-    found = {(fact.group, fact.index): fact.judgement.passed for fact in facts}
-    wanted = [(group.id, index) for group, index, _ in rubric.facts()]
-    if any(found.get(place) is None for place in wanted):
+    passed = {(fact.group, fact.index): fact.judgement.passed for fact in facts}
+    expected = [(group.id, index) for group, index, _ in rubric.facts()]
+    if any(passed.get(fact) is None for fact in expected):
         return None
-    return sum(found[place] is True for place in wanted) / len(wanted)
+    return sum(passed[fact] is True for fact in expected) / len(expected)

@@ -71,10 +71,10 @@ UNITS: Final[dict[str, tuple[str, Decimal]]] = {
     for line in _UNITS.strip().splitlines()
     for name in line.split("=")[0].split()[1:]
 }
-"""Spelling to dimension and size in the dimension's own unit."""
+"""Spelling to dimension, and size in the dimension's base unit."""
 
 CASED_UNITS: Final = {"Kb": "kilobit", "Mb": "megabit", "Gb": "gigabit", "Tb": "terabit", "mW": "milliwatt"}
-"""Where case tells: not for sure bytes or megawatts, so no rule takes one for the other."""
+"""Units that differ from others only in case. They may be meant either way, so each is a unit of its own."""
 
 CURRENCY_SIGNS: Final[dict[str, str]] = {
     "us$": "USD",
@@ -93,7 +93,7 @@ CURRENCY_SIGNS: Final[dict[str, str]] = {
     "₩": "KRW",
     "₽": "RUB",
 }
-"""A bare dollar is taken for the US one, a bare yen sign for the Japanese one."""
+"""Sign to currency. A bare dollar sign means US dollars, a bare yen sign Japanese yen."""
 
 CURRENCY_WORDS: Final[dict[str, tuple[str, Decimal]]] = {
     **{
@@ -113,10 +113,10 @@ CURRENCY_WORDS: Final[dict[str, tuple[str, Decimal]]] = {
     "won": ("KRW", Decimal(1)),
     **dict.fromkeys(("franc", "francs"), ("CHF", Decimal(1))),
 }
-"""A word after an amount to the currency and how much of it the word means."""
+"""Word after an amount to currency, and the size of what the word names in that currency."""
 
 AMBIGUOUS_POUNDS: Final = frozenset({"pound", "pounds"})
-"""Money or mass."""
+"""Words for money or mass."""
 
 SCALES: Final[dict[str, Decimal]] = {
     "dozen": Decimal(12),
@@ -132,9 +132,9 @@ SCALES: Final[dict[str, Decimal]] = {
     "lakh": Decimal("1E5"),
     "crore": Decimal("1E7"),
 }
-"""With exponents, so that 1.2 million is known to be told in hundreds of thousands."""
+"""Word to factor. As powers of ten, so that 1.2 million is known to be precise to hundreds of thousands."""
 SHORT_SCALES: Final[dict[str, Decimal]] = {"k": Decimal("1E3"), "m": Decimal("1E6"), "b": Decimal("1E9")}
-"""Right after the digits. M and B only of money; elsewhere they are a unit or a name."""
+"""Letter right after the digits to factor. M and B only for money; elsewhere they are a unit or a name."""
 
 MONTHS: Final[dict[str, int]] = {
     name: number

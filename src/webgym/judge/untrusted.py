@@ -1,10 +1,10 @@
 """Quotation of untrusted text, so that a judge model cannot take it for instructions.
 
 Pages, answers and whatever an agent typed are untrusted: they may address the judge, pretend to be the
-end of the quotation, or forge a verdict. A quotation is fenced by lines with a code, and each of its own
-lines begins with a bar. The code is a digest of everything in the request, the quoted text included:
-nobody can write a text that contains the digest of itself, and the same request has the same code, so
-that replies can be cached.
+end of the quotation, or forge a verdict. A quotation stands between two lines with a code, and each of its
+own lines begins with a bar. The code is a digest of everything in the request, including the quoted text:
+nobody can write a text that contains its own digest. The same request has the same code, so replies can be
+cached.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from collections.abc import Iterable
 from typing import Final
 
 CODE_CHARS: Final = 12
-"""48 bits: to guess the code of one request takes 10^14 tries, and a try is a request."""
+"""Length of a code; 48 bits, so guessing the code of one request takes about 10^14 requests."""
 
 _KEPT: Final = frozenset("\t\u200c\u200d")
-"""Joiners belong to scripts and emoji."""
+"""Invisible characters that are kept: joiners are part of scripts and emoji."""
 
 _HIDDEN: Final = frozenset({"Cc", "Cf", "Co", "Cs", "Cn"})
 _CONTROL_TOKEN: Final = re.compile(r"<(?=\||/?(?:s|im_start|im_end|think|image|vision)\b)", re.IGNORECASE)
 
 
 def code_of(*content: str) -> str:
-    """The code of a request with this content."""
+    """The code of a request with these texts: :data:`CODE_CHARS` hexadecimal digits."""
     digest = hashlib.sha256()
     for part in content:
         data = part.encode("utf-8", "replace")
@@ -35,7 +35,8 @@ def code_of(*content: str) -> str:
 
 
 def visible(text: str) -> str:
-    """The text without characters that a reader would not see and without chat templates' control tokens."""
+    """The text with invisible characters replaced by U+FFFD and control tokens of chat templates broken
+    up."""
     shown = "".join(
         character if character in _KEPT or unicodedata.category(character) not in _HIDDEN else "\ufffd"
         for character in text
@@ -53,7 +54,7 @@ def shorten(text: str, limit: int) -> str:
 
 
 def quote(label: str, text: str, code: str) -> str:
-    """A text as a quotation that cannot be closed from inside."""
+    """The text as a quotation that nothing in it can end."""
     lines = _barred(text.splitlines() or [""])
     return "\n".join((f"<<{label} {code}>>", *lines, f"<<end of {label} {code}>>"))
 

@@ -1,8 +1,8 @@
-"""Texts as tokens that can be compared: words, and values (numbers, amounts, dates) in any spelling.
+"""Tokens of a text that can be compared: words, and values (numbers, amounts, dates) in any spelling.
 
 A value has *readings*, because spellings are ambiguous: 03/05/2024 is a day in March or in May, 3:30 a
-time before or after noon, 5 pounds an amount of money or of mass. An amount of a unit is read in the base
-unit of its dimension, so that 2 h 30 min is 150 min.
+time before or after noon, 5 pounds an amount of money or of mass. An amount with a unit is converted to the
+base unit of its dimension, so 2 h 30 min equals 150 min.
 """
 
 from __future__ import annotations
@@ -35,14 +35,15 @@ Reading: TypeAlias = tuple[str, str, str]
 """Kind (``number``, ``money``, ``date``, ``clock``, ``ordinal``, a dimension), unit, canonical amount."""
 
 Gap: TypeAlias = Literal["none", "comma", "label", "strong"]
-"""What stands before a token: nothing, a list's separator, a colon, or anything else but a space."""
+"""What separates a token from the one before: nothing but spaces, a list separator, a colon, or anything
+else."""
 
 
 class Value(msgspec.Struct, frozen=True):
     """An amount, a date or a time.
 
     Attributes:
-        readings: what it may mean.
+        readings: its possible meanings.
         amount: the number as it was written, scale included; ``None`` for dates and times.
         factor: size of the unit that was written, in the dimension's base unit.
     """
@@ -53,7 +54,7 @@ class Value(msgspec.Struct, frozen=True):
 
     @property
     def kinds(self) -> set[str]:
-        """What it may be."""
+        """The kinds of its readings."""
         return {kind for kind, _, _ in self.readings}
 
 
@@ -72,12 +73,12 @@ class Token(msgspec.Struct, frozen=True):
 
 
 class Text(msgspec.Struct, frozen=True):
-    """What a text says.
+    """The tokens and signs of a text.
 
     Attributes:
         tokens: words and values, in order. Articles and punctuation are left out.
         signs: characters between them that are more than punctuation, in order: a question mark, an
-            ellipsis, a stroke through a letter, a mathematical sign, an emoji. No rule knows what they say.
+            ellipsis, a stroke through a letter, a mathematical sign, an emoji. No rule interprets them.
     """
 
     tokens: tuple[Token, ...]
@@ -89,13 +90,13 @@ _FRACTIONS: Final = re.compile(r"(?:(?<!\d)(\d{1,12})\s?)?([¼½¾⅐⅑⅒⅓�
 _POWERS: Final = re.compile(r"(?<=\d)[⁰¹²³⁴⁵⁶⁷⁸⁹]+")
 _SPACES: Final = re.compile(r"[^\S\n]+")
 _LINE_ENDS: Final = re.compile(r"[\r\v\f\x1c-\x1e\x85\u2028\u2029]")
-_OVERLAY: Final = 1
-"""Combining class of strokes through a letter: no accent, but struck out."""
+_STROKE: Final = 1
+"""Combining class of strokes through a letter, which are no accents: the letter is struck out."""
 _PUNCTUATION: Final = frozenset(".,;:!'\"()[]{}<>|/\\-*_#`=•·«»‹›„‚、。「」『』【】")
-_ENDS: Final = frozenset(".,;:!'\")]}>|*_`»›。」』】")
-"""Punctuation that may close a text; with any other it breaks off, or goes on as a sign of the last word."""
+_FINAL_PUNCTUATION: Final = frozenset(".,;:!'\")]}>|*_`»›。」』】")
+"""Punctuation that may end a text. Any other at the end is recorded as a sign."""
 _RATIO: Final = "∶"
-"""The sign for what makes one number of two: 7/7, 1:1."""
+"""The sign recorded between two numbers that form one: 7/7, 1:1."""
 _ELLIPSIS: Final = re.compile(r"\.{2,}")
 _GROUPING_SPACE: Final = re.compile(r"(?<=\d)[\u00a0\u2009\u202f](?=\d{3}(?!\d))")
 _BOUND: Final = re.compile(r"([<>≤≥≈~±]=?)(?=\s?[-$€£¥]?\s?\d)|(?<=\d)(\s?[<>≤≥≈]=?|\+(?![\w+]))")
@@ -108,7 +109,7 @@ _BOUNDS: Final = {
     ">=": "least",
     "+": "plus",
 }
-"""Signs that make a bound of a number, as words; any other sign says that it is rounded."""
+"""Signs that make a number a bound, as words; any other such sign means "about"."""
 _TAG: Final = re.compile(r"</?([a-z][a-z0-9]{0,30})[ ]?/?>", re.IGNORECASE)
 _MINUS: Final = re.compile(
     rf"\b(?:minus|negative) (?=[$€£¥]?\d|(?:{'|'.join(NUMBER_WORDS)})\b)", re.IGNORECASE
@@ -194,7 +195,7 @@ _SPELLINGS: Final = {
 def read(text: str) -> Text:
     """The words, values and signs of a text. Never raises."""
     prepared = prepare(text)
-    found: list[Token] = []
+    tokens_found: list[Token] = []
     between: list[str] = []
     at = end = 0
     while match := _LEXER.search(prepared, at):
@@ -203,9 +204,9 @@ def read(text: str) -> Text:
         is_ratio = gap in ("/", ":") and end > 0 and prepared[end - 1].isdigit() and match[0][0].isdigit()
         between.append(_RATIO if is_ratio else gap)
         if token is not None:
-            found.append(msgspec.structs.replace(token, gap=_gap(gap) if found else "none"))
+            tokens_found.append(msgspec.structs.replace(token, gap=_gap(gap) if tokens_found else "none"))
         end = at
-    return Text(tuple(_summed(_without_articles(found))), _signs(between, prepared[end:]))
+    return Text(tuple(_with_sums(_without_articles(tokens_found))), _signs(between, prepared[end:]))
 
 
 def tokens(text: str) -> list[Token]:
@@ -214,32 +215,37 @@ def tokens(text: str) -> list[Token]:
 
 
 def _signs(between: list[str], rest: str) -> tuple[str, ...]:
-    """The characters between tokens, and behind the last, that may say something themselves."""
-    found = [sign for gap in between for sign in gap if sign not in _PUNCTUATION and not sign.isspace()]
-    found += [sign for sign in rest if sign not in _ENDS and not sign.isspace()]
-    found += ["…" for gap in (*between, rest) for _ in _ELLIPSIS.findall(gap)]
-    found += ["!" for gap in between if gap.endswith("!") or "!=" in gap]  # not, as in code
-    # A lone mark of quotation is a unit, as in 5", or an apostrophe that stands for something.
-    found += [mark for mark in "'\"" if sum(gap.count(mark) for gap in (*between, rest)) % 2]
-    return tuple(found)
+    """The characters between tokens, and after the last, that may carry meaning."""
+    signs = [sign for gap in between for sign in gap if sign not in _PUNCTUATION and not sign.isspace()]
+    signs += [sign for sign in rest if sign not in _FINAL_PUNCTUATION and not sign.isspace()]
+    signs += ["…" for gap in (*between, rest) for _ in _ELLIPSIS.findall(gap)]
+    signs += ["!" for gap in between if gap.endswith("!") or "!=" in gap]  # "not" in code
+    # A single quotation mark is a unit, as in 5", or an apostrophe with a meaning.
+    signs += [mark for mark in "'\"" if sum(gap.count(mark) for gap in (*between, rest)) % 2]
+    return tuple(signs)
 
 
-def _without_articles(found: list[Token]) -> list[Token]:
-    """An article belongs to the word after it; where there is none it is a letter or a name."""
-    kept: list[Token] = []
+def _without_articles(tokens_found: list[Token]) -> list[Token]:
+    """The tokens without articles. An "a" that no word follows directly is a letter or a name, and kept."""
+    tokens: list[Token] = []
     gap: Gap | None = None
-    for place, token in enumerate(found):
-        if gap is not None:  # what stood before the article stands before its word
+    for index, token in enumerate(tokens_found):
+        if gap is not None:  # the gap before the article becomes the gap before its word
             token, gap = msgspec.structs.replace(token, gap=gap), None
-        if token.word in _ARTICLES and place + 1 < len(found) and found[place + 1].gap == "none":
+        if (
+            token.word in _ARTICLES
+            and index + 1 < len(tokens_found)
+            and tokens_found[index + 1].gap == "none"
+        ):
             gap = token.gap
         else:
-            kept.append(token)
-    return kept
+            tokens.append(token)
+    return tokens
 
 
 def prepare(text: str) -> str:
-    """The text with typographic forms made plain; case is kept."""
+    """The text with typography normalised: fractions, dashes, quotes, spaces, accents, bullets. Case is
+    kept."""
     text = _FRACTIONS.sub(_fraction, text)
     text = _POWERS.sub(lambda match: "^" + unicodedata.normalize("NFKC", match[0]), text)
     text = _GROUPING_SPACE.sub("", text)
@@ -254,7 +260,8 @@ def prepare(text: str) -> str:
 
 
 def _without_bullets(text: str) -> str:
-    """The text without what numbers or marks its lines; a number that does not count from 1 says more."""
+    """The text without the bullets and numbers of list items; numbers that do not count up from 1 are
+    kept."""
     following = 1
 
     def stripped(match: re.Match[str]) -> str:
@@ -274,14 +281,14 @@ def _fraction(match: re.Match[str]) -> str:
 
 
 def _without_accents(text: str) -> str:
-    """Latin letters without their accents; other scripts' marks are letters of their own."""
-    kept: list[str] = []
+    """The text without accents on Latin letters; in other scripts, marks are letters of their own."""
+    characters: list[str] = []
     for character in unicodedata.normalize("NFD", text):
         mark = unicodedata.combining(character)
-        if mark and mark != _OVERLAY and kept and kept[-1].isascii():
+        if mark and mark != _STROKE and characters and characters[-1].isascii():
             continue
-        kept.append(character)
-    return unicodedata.normalize("NFC", "".join(kept))
+        characters.append(character)
+    return unicodedata.normalize("NFC", "".join(characters))
 
 
 def _gap(between: str) -> Gap:
@@ -293,7 +300,7 @@ def _gap(between: str) -> Gap:
 
 
 def _token(match: re.Match[str], text: str) -> tuple[Token | None, int]:
-    """The token at a match, and where to go on."""
+    """The token at a match of the lexer (``None`` for none), and the index at which to continue."""
     raw = match[0]
     kind = match.lastgroup  # the outermost one
     if kind == "link":
@@ -308,12 +315,12 @@ def _token(match: re.Match[str], text: str) -> tuple[Token | None, int]:
         return _word(raw), match.end()
     if (value := _READERS[str(kind)](match)) is not None:
         return Token("", value), match.end()
-    # It looked like a date, a time or a telephone number and is none: only its first piece is taken.
+    # It looks like a date, a time or a telephone number but is not: take only its first piece.
     piece = re.match(r"\W*([^\W_]+)", raw)
     if piece is None:
         return None, match.end()
     amount = read_number(piece[1])
-    token = Token("", _of("number", "", amount)) if amount is not None else _word(piece[1])
+    token = Token("", _amount_of("number", "", amount)) if amount is not None else _word(piece[1])
     return token, match.start() + piece.end()
 
 
@@ -322,9 +329,9 @@ def _word(raw: str) -> Token:
 
 
 def read_number(text: str) -> Decimal | None:
-    """A number as it is written in English or, with a decimal comma, elsewhere; ``None`` if it is none.
+    """A number in English notation or with a decimal comma; ``None`` if the text is not a number.
 
-    A lone comma before three digits separates thousands, a lone point never does.
+    A single comma before three digits separates thousands, a single point never does.
     """
     sign, digits = (-1, text[1:]) if text.startswith("-") else (1, text)
     if re.fullmatch(r"\d{1,3}(?:[,' ]\d{3})+(?:\.\d+)?|\d{1,2}(?:,\d{2})+,\d{3}(?:\.\d+)?", digits):
@@ -342,21 +349,21 @@ def read_number(text: str) -> Decimal | None:
 
 
 def canonical(amount: Decimal) -> str:
-    """The number without exponent and trailing zeros."""
+    """The number as text, without exponent and trailing zeros."""
     text = f"{amount:f}"
     text = text.rstrip("0").rstrip(".") if "." in text else text
     return "0" if text in ("-0", "") else text
 
 
-def _of(kind: str, unit: str, amount: Decimal, factor: Decimal = Decimal(1)) -> Value:
+def _amount_of(kind: str, unit: str, amount: Decimal, factor: Decimal = Decimal(1)) -> Value:
     return Value(frozenset({(kind, unit, canonical(amount * factor))}), amount, factor)
 
 
 def _number(match: re.Match[str], text: str) -> tuple[Token | None, int]:
-    """A number and the unit after it."""
+    """The token of a number together with the unit after it, and the index at which to continue."""
     raw = match[0].casefold()
     if raw in ORDINAL_WORDS:
-        return Token("", _of("ordinal", "", Decimal(ORDINAL_WORDS[raw]))), match.end()
+        return Token("", _amount_of("ordinal", "", Decimal(ORDINAL_WORDS[raw]))), match.end()
     if (word := raw.removeprefix("-")) in NUMBER_WORDS:
         amount: Decimal | None = Decimal(NUMBER_WORDS[word]) * (-1 if raw.startswith("-") else 1)
     else:
@@ -368,11 +375,13 @@ def _number(match: re.Match[str], text: str) -> tuple[Token | None, int]:
     assert after is not None
     attached = "" if after["space"] or after["scale"] else after["unit"] or ""
     if attached in ("M", "B", "k", "K"):
-        return Token("", _of("number", "", amount * SHORT_SCALES[attached.lower()])), after.end()
+        return Token("", _amount_of("number", "", amount * SHORT_SCALES[attached.lower()])), after.end()
     if (after["unit"] or "").casefold() == "in" and not re.match(
         r"\s+\w", text[after.end() : after.end() + 9]
     ):
-        return Token("", _of("length", "", amount, UNITS["inch"][1])), after.end()  # else a preposition
+        return Token(
+            "", _amount_of("length", "", amount, UNITS["inch"][1])
+        ), after.end()  # else a preposition
     if after["scale"]:
         amount *= SCALES[after["scale"].casefold()]
     if value := _with_unit(amount, after["unit"] or ""):
@@ -384,28 +393,28 @@ def _number(match: re.Match[str], text: str) -> tuple[Token | None, int]:
         return Token(raw + tail[0].casefold()), tail.end()
     if re.fullmatch(r"0\d+", raw):  # a code: its zeros count
         return Token(raw), end
-    return Token("", _of("number", "", amount)), end
+    return Token("", _amount_of("number", "", amount)), end
 
 
 def _with_unit(amount: Decimal, unit: str) -> Value | None:
-    """An amount of a unit, if it is one."""
+    """The amount with this unit; ``None`` if it is not a known unit."""
     if unit in CASED_UNITS:
-        return _of(CASED_UNITS[unit], "", amount)
+        return _amount_of(CASED_UNITS[unit], "", amount)
     name = re.sub(r"[\s.]", "", unit.casefold())
     name = _SPELLINGS.get(name, name)
     if name in AMBIGUOUS_POUNDS:
-        pounds = _of("mass", "", amount, UNITS["lb"][1])
+        pounds = _amount_of("mass", "", amount, UNITS["lb"][1])
         return msgspec.structs.replace(
             pounds, readings=pounds.readings | {("money", "GBP", canonical(amount))}
         )
     if name in CURRENCY_SIGNS:
-        return _of("money", CURRENCY_SIGNS[name], amount)
+        return _amount_of("money", CURRENCY_SIGNS[name], amount)
     if name in CURRENCY_WORDS:
         currency, factor = CURRENCY_WORDS[name]
-        return _of("money", currency, amount, factor)
+        return _amount_of("money", currency, amount, factor)
     if name in UNITS:
         dimension, factor = UNITS[name]
-        return _of(dimension, "", amount, factor)
+        return _amount_of(dimension, "", amount, factor)
     return None
 
 
@@ -419,12 +428,12 @@ def _money(match: re.Match[str], text: str) -> tuple[Token | None, int]:
         amount *= (SCALES | SHORT_SCALES)[scale.casefold()]
     if match["minus"] or match["minus2"]:
         amount = -amount
-    # "$12.50 USD" says it twice.
+    # "$12.50 USD" has its currency twice.
     twice = re.compile(rf"\s?(?:{currency}|dollars)\b", re.IGNORECASE).match(text, match.end())
-    return Token("", _of("money", currency, amount)), twice.end() if twice else match.end()
+    return Token("", _amount_of("money", currency, amount)), twice.end() if twice else match.end()
 
 
-def _day(year: int | None, month: int, day: int | None) -> Reading | None:
+def _date_reading(year: int | None, month: int, day: int | None) -> Reading | None:
     try:
         date(year or 2000, month, day or 1)
     except ValueError:
@@ -432,73 +441,77 @@ def _day(year: int | None, month: int, day: int | None) -> Reading | None:
     return "date", "", f"{year or '?'}-{month:02d}-{day or '?'}"
 
 
-def _dated(*readings: Reading | None) -> Value | None:
-    found = frozenset(reading for reading in readings if reading is not None)
-    return Value(found) if found else None
+def _date_value(*readings: Reading | None) -> Value | None:
+    known = frozenset(reading for reading in readings if reading is not None)
+    return Value(known) if known else None
 
 
 def _iso(match: re.Match[str]) -> Value | None:
     year, month, day = (int(piece) for piece in re.findall(r"\d+", match[0]))
-    return _dated(_day(year, month, day))
+    return _date_value(_date_reading(year, month, day))
 
 
 def _numeric_date(match: re.Match[str]) -> Value | None:
     first, second, year = (int(piece) for piece in re.findall(r"\d+", match[0]))
     if year < 100:
         year += 2000 if year < 70 else 1900
-    day_first = _day(year, second, first)
-    return _dated(day_first) if match["sep"] == "." else _dated(day_first, _day(year, first, second))
+    day_first = _date_reading(year, second, first)
+    return (
+        _date_value(day_first)
+        if match["sep"] == "."
+        else _date_value(day_first, _date_reading(year, first, second))
+    )
 
 
 def _named_date(match: re.Match[str]) -> Value | None:
     weekday = re.match(rf"(?:{WEEKDAYS})\b\.?,?\s+", match[0], re.IGNORECASE)
-    said = match[0][weekday.end() :] if weekday else match[0]
-    said = re.sub(r"(?<=\d)(?:st|nd|rd|th)", " ", said, flags=re.IGNORECASE)
-    month = next(MONTHS[word] for word in re.findall(r"[a-z]+", said.casefold()) if word in MONTHS)
-    numbers = [int(piece) for piece in re.findall(r"\d+", said)]
+    text = match[0][weekday.end() :] if weekday else match[0]
+    text = re.sub(r"(?<=\d)(?:st|nd|rd|th)", " ", text, flags=re.IGNORECASE)
+    month = next(MONTHS[word] for word in re.findall(r"[a-z]+", text.casefold()) if word in MONTHS)
+    numbers = [int(piece) for piece in re.findall(r"\d+", text)]
     year = next((number for number in numbers if number > 31), None)
     day = next((number for number in numbers if number <= 31), None)
-    return _dated(_day(year, month, day))
+    return _date_value(_date_reading(year, month, day))
 
 
 def _clock(match: re.Match[str]) -> Value | None:
-    said = match[0].casefold()
-    if said in ("noon", "midnight"):
-        return Value(frozenset({("clock", "", "12:00" if said == "noon" else "00:00")}))
-    hour, minute, *_ = [int(piece) for piece in re.findall(r"\d+", said)] + [0]
-    half = re.search(r"[ap](?=\.?m)", said)
+    text = match[0].casefold()
+    if text in ("noon", "midnight"):
+        return Value(frozenset({("clock", "", "12:00" if text == "noon" else "00:00")}))
+    hour, minute, *_ = [int(piece) for piece in re.findall(r"\d+", text)] + [0]
+    half = re.search(r"[ap](?=\.?m)", text)
     if minute > 59 or hour > (12 if half else 24) or (half and hour == 0):
         return None
     if half:
         hours = {hour % 12 + (12 if half[0] == "p" else 0)}
-    elif 1 <= hour <= 12 and not said.startswith("0"):
+    elif 1 <= hour <= 12 and not text.startswith("0"):
         hours = {hour, (hour + 12) % 24}
     else:
         hours = {hour % 24}
-    return Value(frozenset(("clock", "", f"{each:02d}:{minute:02d}") for each in hours))
+    return Value(frozenset(("clock", "", f"{hour_of_day:02d}:{minute:02d}") for hour_of_day in hours))
 
 
 def _hours(match: re.Match[str]) -> Value | None:
     hours, minutes = (Decimal(piece) for piece in re.findall(r"\d+", match[0]))
-    return _of("time", "", hours * 60 + minutes, UNITS["min"][1])
+    return _amount_of("time", "", hours * 60 + minutes, UNITS["min"][1])
 
 
 def _feet(match: re.Match[str]) -> Value | None:
     feet, inches = (Decimal(piece) for piece in re.findall(r"\d+", match[0]))
-    return _of("length", "", feet * UNITS["ft"][1] + inches * UNITS["inch"][1])
+    return _amount_of("length", "", feet * UNITS["ft"][1] + inches * UNITS["inch"][1])
 
 
 def _phone(match: re.Match[str]) -> Value | None:
     digits = "".join(re.findall(r"\d", match[0]))
     if (amount := read_number(match[0])) is not None:
-        return _of("number", "", amount)
+        return _amount_of("number", "", amount)
     if len(digits) < 7:
         return None
     return Value(frozenset({("identifier", "", ("+" if match[0].startswith("+") else "") + digits)}))
 
 
 def _ordinal(match: re.Match[str]) -> Value | None:
-    return _of("ordinal", "", Decimal(re.sub(r"\D", "", match[0])))
+    return _amount_of("ordinal", "", Decimal(re.sub(r"\D", "", match[0])))
 
 
 _READERS: Final[dict[str, Callable[[re.Match[str]], Value | None]]] = {
@@ -513,42 +526,42 @@ _READERS: Final[dict[str, Callable[[re.Match[str]], Value | None]]] = {
     "phone": _phone,
     "ordinal": _ordinal,
 }
-_ADDED: Final = frozenset({"time", "length", "mass", "months"})
-"""Dimensions whose amounts are written in several units: 2 h 30 min, 5 ft 10 in, 7 lb 3 oz."""
+_SUMMED_DIMENSIONS: Final = frozenset({"time", "length", "mass", "months"})
+"""Dimensions whose amounts are often written in several units: 2 h 30 min, 5 ft 10 in, 7 lb 3 oz."""
 
 
-def _summed(found: list[Token]) -> list[Token]:
-    """The tokens, with amounts in falling units of one dimension added up."""
-    made: list[Token] = []
+def _with_sums(tokens_found: list[Token]) -> list[Token]:
+    """The tokens, with adjacent amounts in decreasing units of one dimension added up."""
+    summed: list[Token] = []
     pending_and: Token | None = None
-    for token in found:
-        if token.word == "and" and made and made[-1].value and pending_and is None:
+    for token in tokens_found:
+        if token.word == "and" and summed and summed[-1].value and pending_and is None:
             pending_and = token
             continue
-        before = made[-1].value if made else None
+        before = summed[-1].value if summed else None
         if before and token.value and token.gap not in ("label", "strong") and _adds_up(before, token.value):
-            total = _amount(before) + _amount(token.value)
+            total = _base_amount(before) + _base_amount(token.value)
             (kind,) = before.kinds
             both = Value(
                 frozenset({(kind, "", canonical(total))}), total / token.value.factor, token.value.factor
             )
-            made[-1] = msgspec.structs.replace(made[-1], value=both)
+            summed[-1] = msgspec.structs.replace(summed[-1], value=both)
         else:
-            made.extend([pending_and] if pending_and else [])
-            made.append(token)
+            summed.extend([pending_and] if pending_and else [])
+            summed.append(token)
         pending_and = None
-    return [*made, pending_and] if pending_and else made
+    return [*summed, pending_and] if pending_and else summed
 
 
 def _adds_up(before: Value, after: Value) -> bool:
     return (
         len(before.readings) == len(after.readings) == 1
         and before.kinds == after.kinds
-        and before.kinds <= _ADDED
+        and before.kinds <= _SUMMED_DIMENSIONS
         and before.factor > after.factor
     )
 
 
-def _amount(value: Value) -> Decimal:
+def _base_amount(value: Value) -> Decimal:
     ((_, _, amount),) = value.readings
     return Decimal(amount)

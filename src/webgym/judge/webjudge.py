@@ -1,8 +1,9 @@
 """Published judge replies with human labels, as data for measuring agreement.
 
 Records of the AgentRewardBench study, judged by WebJudge (SOURCES.md, "Judge labels"): a JSON object per line
-with ``judge_response`` (ends in ``Status: success`` or ``failure``), ``judge_status`` (what the study's own
-reader made of it) and ``human`` (annotators' labels, ``success`` being Successful, Unsuccessful or Unsure).
+with ``judge_response`` (ends in ``Status: success`` or ``failure``), ``judge_status`` (the status that the
+study parsed from it) and ``human`` (annotators' labels; their ``success`` is Successful, Unsuccessful or
+Unsure).
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ _STATUS: Final = re.compile(r"(?:final )?status\s?[:=–—-]\s?(?P<said>[a-z -]
 _LAST_SENTENCE: Final = re.compile(r"(?P<before>.*[.!?][\"'”’)\]]*)\s+(?P<last>\S.*)", re.DOTALL)
 _TAIL: Final = 400
 """Characters at a reply's end in which its last sentence is looked for."""
-_SAID: Final = {
+_STATUSES: Final = {
     "success": True,
     "successful": True,
     "failure": False,
@@ -39,12 +40,12 @@ _THOUGHT_END: Final = re.compile(r"</think(?:ing)?\s*>", re.IGNORECASE)
 
 
 class Labelled(msgspec.Struct, frozen=True):
-    """A judged trajectory with what people said of it.
+    """A judged trajectory with human labels.
 
     Attributes:
         key: judge, benchmark, agent and task.
-        verdict: what the reply says, read strictly; ``None`` if it holds no verdict.
-        recorded: what the study's own reader took it for; ``None`` for anything but success and failure.
+        verdict: the verdict as :func:`read_status` reads the reply; ``None`` if it has none.
+        recorded: the status that the study recorded; ``None`` for anything but success and failure.
         humans: each annotator's label, in order; ``None`` for Unsure.
     """
 
@@ -70,26 +71,28 @@ class _Record(msgspec.Struct):
 
 
 def read_status(reply: str) -> bool | None:
-    """The verdict of a WebJudge reply; ``None`` if it holds none, or two. Never raises.
+    """The verdict of a WebJudge reply; ``None`` if it has none, or two. Never raises.
 
-    A line of its own that says the status counts, and where there is none, the last sentence. It must stand
-    alone: a question, a quotation, a condition or a part of a longer sentence ("neither here nor status:
-    success") says no status, nor does one that is told of within the thoughts or is cut off.
+    A status on a line of its own counts; if there is none, the last sentence does. It must stand alone: a
+    question, a quotation, a condition or a part of a longer sentence ("neither here nor status: success") is
+    no status, nor is one inside of the model's thinking.
     """
     lines = [line.strip() for line in _THOUGHT_END.split(reply)[-1].splitlines() if plain(line)]
-    found = {
-        _SAID.get(match["said"].strip())
+    statuses = {
+        _STATUSES.get(match["said"].strip())
         for before, line, after in zip(["", *lines], lines, [*lines[1:], ""], strict=False)
         if (match := _STATUS.fullmatch(plain(line)))
         and not runs_on(line, before)
-        and not after[:1].islower()  # it runs on: "would be wrong"
+        and not after[:1].islower()  # the sentence goes on: "would be wrong"
     }
-    if not found and lines and (end := _LAST_SENTENCE.fullmatch(lines[-1][-_TAIL:])):
+    if not statuses and lines and (end := _LAST_SENTENCE.fullmatch(lines[-1][-_TAIL:])):
         match = _STATUS.fullmatch(plain(end["last"]))
         return (
-            _SAID.get(match["said"].strip()) if match and stands_alone(end["last"], end["before"]) else None
+            _STATUSES.get(match["said"].strip())
+            if match and stands_alone(end["last"], end["before"])
+            else None
         )
-    return found.pop() if len(found) == 1 else None
+    return statuses.pop() if len(statuses) == 1 else None
 
 
 def read_labelled(path: Path, broken: list[BrokenLabel] | None = None) -> Iterator[Labelled]:
@@ -97,10 +100,10 @@ def read_labelled(path: Path, broken: list[BrokenLabel] | None = None) -> Iterat
 
     Args:
         path: of the file.
-        broken: takes lines that are no such records, which are then skipped.
+        broken: a list to which lines that are not such records are added; they are then skipped.
 
     Raises:
-        UsageError: the file cannot be read, or a line is no such record and ``broken`` is not given.
+        UsageError: the file cannot be read, or a line is not such a record and ``broken`` is ``None``.
     """
     try:
         with path.open("rb") as file:
@@ -125,7 +128,7 @@ def _labelled(line: bytes) -> Labelled:
     return Labelled(
         (record.judge, record.benchmark, record.agent, str(record.task_id)),
         read_status(record.judge_response or ""),
-        _SAID.get(status),
+        _STATUSES.get(status),
         humans,
     )
 
@@ -134,11 +137,12 @@ class Pairs(msgspec.Struct, frozen=True):
     """Records as cases for :func:`webgym.judge.agreement.agreement`.
 
     Attributes:
-        judges: every judge twice: as the study read its replies (``..., as recorded``; not where it did not),
-            then as we read them. A recorded verdict does not count for a reply without one.
-        cases: trajectories that all of the judges have a record of.
-        left_out: why others are not among them, and how many.
-        apart: keys of the records that the two readings differ on.
+        judges: names: first the judges with the verdicts that the study recorded (``..., as recorded``; only
+            judges that have them), then all judges with the verdicts that :func:`read_status` reads. A
+            recorded verdict does not count for a reply in which none can be read.
+        cases: trajectories that all judges have a record of, with a human label.
+        left_out: number of other trajectories, by the reason for leaving them out.
+        apart: keys of the records whose recorded and read verdicts differ.
     """
 
     judges: tuple[str, ...]
@@ -148,56 +152,63 @@ class Pairs(msgspec.Struct, frozen=True):
 
 
 def pairs_of(records: Iterable[Labelled], humans: Humans = "first", *, unsure_fails: bool = True) -> Pairs:
-    """Put the records of one or several judges side by side.
+    """Join the records of one or several judges by trajectory.
 
     Args:
         records: of any number of judges.
-        humans: whose label counts.
-        unsure_fails: count an annotator's "unsure" as "no success", as the study does; else leave it out.
+        humans: how the labels of several annotators are combined.
+        unsure_fails: count "unsure" as a failure, as the study does; ``False`` leaves the trajectory out.
     """
-    held = _by_key(records)
-    names = list(dict.fromkeys(record.key[0] for record in held.values()))
+    by_key = _by_key(records)
+    names = list(dict.fromkeys(record.key[0] for record in by_key.values()))
     recorded = [
         name
         for name in names
-        if any(one.recorded is not None and one.key[0] == name for one in held.values())
+        if any(record.recorded is not None and record.key[0] == name for record in by_key.values())
     ]
     cases, left_out = [], Counter[str]()
-    for trajectory in dict.fromkeys(key[1:] for key in held):
-        found = [held.get((name, *trajectory)) for name in names]
-        ours = [one for one in found if one is not None]
-        human = _human(ours[0].humans, humans, unsure_fails)
-        if len(ours) < len(names):
+    for trajectory in dict.fromkeys(key[1:] for key in by_key):
+        matching = [by_key.get((name, *trajectory)) for name in names]
+        available = [record for record in matching if record is not None]
+        human = _human(available[0].humans, humans, unsure_fails)
+        if len(available) < len(names):
             left_out["not judged by every judge"] += 1
         elif isinstance(human, str):
             left_out[human] += 1
         else:
             verdicts = [
-                one.recorded if one.verdict is not None else None for one in ours if one.key[0] in recorded
+                record.recorded if record.verdict is not None else None
+                for record in available
+                if record.key[0] in recorded
             ]
-            verdicts += [one.verdict for one in ours]
-            benchmark, _, task = ours[0].key[1:]
+            verdicts += [record.verdict for record in available]
+            benchmark, _, task = available[0].key[1:]
             cases.append(Case(human, tuple(verdicts), task=f"{benchmark}/{task}" if task else ""))
-    apart = tuple(one.key for one in held.values() if one.key[0] in recorded and one.verdict != one.recorded)
-    return Pairs((*(f"{name}, as recorded" for name in recorded), *names), cases, left_out, apart)
+    differing = tuple(
+        record.key
+        for record in by_key.values()
+        if record.key[0] in recorded and record.verdict != record.recorded
+    )
+    return Pairs((*(f"{name}, as recorded" for name in recorded), *names), cases, left_out, differing)
 
 
 def _by_key(records: Iterable[Labelled]) -> dict[tuple[str, ...], Labelled]:
-    """Records by judge and trajectory. Those that tell no trajectory apart are trajectories of their own."""
-    held: dict[tuple[str, ...], Labelled] = {}
-    often: Counter[tuple[str, ...]] = Counter()
+    """Records by judge and trajectory. Records with the same key count as different trajectories, in
+    order."""
+    by_key: dict[tuple[str, ...], Labelled] = {}
+    repeats: Counter[tuple[str, ...]] = Counter()
     for record in records:
-        held[*record.key, str(often[record.key])] = record
-        often[record.key] += 1
-    return held
+        by_key[*record.key, str(repeats[record.key])] = record
+        repeats[record.key] += 1
+    return by_key
 
 
-def _human(said: tuple[bool | None, ...], humans: Humans, unsure_fails: bool) -> bool | str:
-    """What people say, or why that counts for nothing."""
+def _human(labels: tuple[bool | None, ...], humans: Humans, unsure_fails: bool) -> bool | str:
+    """The combined human label (true is success), or why the trajectory is left out."""
     words: dict[bool | None, Label] = {True: "success", False: "failure", None: "unsure"}
-    label = settled([words[one] for one in said], humans)
+    label = settled([words[choice] for choice in labels], humans)
     if label == "unsure":
         return False if unsure_fails else "the annotators are unsure"
     if label is None:
-        return "the annotators do not agree" if said else "nobody labelled it"
+        return "the annotators do not agree" if labels else "nobody labelled it"
     return label == "success"

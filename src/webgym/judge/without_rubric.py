@@ -12,17 +12,17 @@ from webgym.core.verdict import Verdict
 from webgym.judge.base import Judge, Pictures
 
 PREFIX: Final = "without rubric: "
-"""How the names of such judges begin; what follows is the name of the same judge with rubric."""
+"""Prefix of the names of such judges; the name of the same judge with rubric follows."""
 
 
 class WithoutRubric:
-    """Gives a judge every task with one fact in place of its rubric: that the task was done.
+    """Replaces every task's rubric by a single fact: that the task was done.
 
-    All else is the judge's own (screenshots, criterion B, reference answers, models), so that a difference
-    from the judge itself is the rubric's doing.
+    Everything else is the wrapped judge's (screenshots, criterion B, reference answers, models), so a
+    difference from its own verdicts is due to the rubric.
 
     Args:
-        judge: any judge that needs no more than the rubric's text.
+        judge: any judge that does not need the task's hidden truth.
     """
 
     def __init__(self, judge: Judge) -> None:
@@ -30,7 +30,7 @@ class WithoutRubric:
 
     @property
     def name(self) -> str:
-        """That of the judge, marked."""
+        """The wrapped judge's name, with :data:`PREFIX`."""
         return f"{PREFIX}{self._judge.name}"
 
     async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:

@@ -1,8 +1,8 @@
-"""The ASGI application that serves the offline web, and the way to run it.
+"""The ASGI application that serves the offline web, and a context manager that runs it.
 
-Requests are told apart by their ``Host`` header: a website's hostname leads to the website, anything
-else to a small administration under a token, where a collector asks what a website's server holds for a
-visitor. Browsers get here through rules of the egress policy, so pages see clean URLs on port 80.
+Requests are routed by their ``Host`` header: a website's hostname is answered by the website, any other by a
+small administration API with a token, which returns a website's state for a visitor. Browsers are directed
+here by rules of the egress policy, so pages have plain URLs on port 80.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ ASSET_TYPES = {".css": "text/css; charset=utf-8", ".js": "text/javascript; chars
 
 
 _LARGEST_FORM: Final = 2**20
-"""Bytes of a form's body."""
+"""Most bytes of the body of a form."""
 
 
 class SitesApp:
@@ -45,8 +45,8 @@ class SitesApp:
 
     Args:
         web: the websites.
-        config: latency and the slow website's delay.
-        token: what the administration asks for.
+        config: latency and the slow websites' delay.
+        token: of the administration API.
     """
 
     def __init__(self, web: OfflineWeb, config: SitesConfig, token: str) -> None:
@@ -54,7 +54,7 @@ class SitesApp:
         self.config = config
         self.visitors = Visitors()
         self._token = token
-        self._asked: Counter[tuple[str, str]] = Counter()
+        self._requests: Counter[tuple[str, str]] = Counter()
         self._assets = {
             path.name: (path.read_bytes(), ASSET_TYPES[path.suffix]) for path in sorted(ASSETS.iterdir())
         }
@@ -71,7 +71,7 @@ class SitesApp:
             else:
                 response = self._administration(request)
         except ClientDisconnect:
-            return  # the browser left before its form was read: there is nobody to answer
+            return  # the browser disconnected before its form was read
         await response(scope, receive, send)
 
     async def _website(self, request: Request, host: str) -> Response:
@@ -80,22 +80,22 @@ class SitesApp:
             return PlainTextResponse("There is no website at this address.", status_code=404)
         if request.url.path.startswith("/assets/"):
             return self._asset(request.url.path.removeprefix("/assets/"))
-        await self._take_time(site, request.url.path)
+        await self._simulate_latency(site, request.url.path)
         visitor = request.cookies.get(VISITOR_COOKIE)
-        given = visitor or secrets.token_hex(8)
+        visitor_id = visitor or secrets.token_hex(8)
         try:
-            visit = await self._visit(request, given, site)
+            visit = await self._visit(request, visitor_id, site)
         except (MultiPartException, _TooLarge) as error:
             status = 413 if isinstance(error, _TooLarge) else 400
             return PlainTextResponse("The form cannot be read.", status_code=status)
-        answer = site.handle(visit)
-        response = Response(answer.body, answer.status, media_type=answer.media_type)
-        if answer.location is not None:
-            response.headers["location"] = answer.location
-        if answer.media_type == "image/svg+xml":
+        page = site.handle(visit)
+        response = Response(page.body, page.status, media_type=page.media_type)
+        if page.location is not None:
+            response.headers["location"] = page.location
+        if page.media_type == "image/svg+xml":
             response.headers["cache-control"] = "max-age=3600"
         if visitor is None:
-            response.set_cookie(VISITOR_COOKIE, given, samesite="lax", httponly=True)
+            response.set_cookie(VISITOR_COOKIE, visitor_id, samesite="lax", httponly=True)
         return response
 
     async def _visit(self, request: Request, visitor: str, site: Website) -> Visit:
@@ -117,9 +117,9 @@ class SitesApp:
             state=self.visitors.state(visitor, site.host),
         )
 
-    async def _take_time(self, site: Website, path: str) -> None:
-        self._asked[site.host, path] += 1
-        config, nth = self.config, self._asked[site.host, path]
+    async def _simulate_latency(self, site: Website, path: str) -> None:
+        self._requests[site.host, path] += 1
+        config, nth = self.config, self._requests[site.host, path]
         seconds = latency.seconds(
             self.web.seed, site.host, path, nth, config.latency, sigma=config.latency_sigma
         )
@@ -135,8 +135,8 @@ class SitesApp:
         return Response(body, media_type=media_type, headers={"cache-control": "max-age=3600"})
 
     def _administration(self, request: Request) -> Response:
-        given = request.headers.get("authorization", "").removeprefix("Bearer ")
-        if not hmac.compare_digest(given.encode(), self._token.encode()):
+        token = request.headers.get("authorization", "").removeprefix("Bearer ")
+        if not hmac.compare_digest(token.encode(), self._token.encode()):
             return JSONResponse({"error": "the token is wrong or missing"}, status_code=401)
         match request.url.path.strip("/").split("/"):
             case ["websites"]:
@@ -156,19 +156,19 @@ class SitesApp:
         site = self.web.website(host)
         state: dict[str, Any] | None = self.visitors.known(visitor, host)
         if site is None or state is None or site.behaviour == "forgets":
-            return JSONResponse({"error": f"{host} knows of no such visitor"}, status_code=404)
+            return JSONResponse({"error": f"{host} has no such visitor"}, status_code=404)
         return JSONResponse(site.report(state))
 
 
 class _TooLarge(Exception):
-    """A form is larger than any page's."""
+    """The body of a form is larger than :data:`_LARGEST_FORM`."""
 
 
 async def _bounded(request: Request) -> Request:
     """The request with its body read.
 
     Raises:
-        _TooLarge: the rest of the body was not even read.
+        _TooLarge: the body is too large; the rest is not read.
     """
     body = bytearray()
     async for part in request.stream():
@@ -188,8 +188,8 @@ class RunningSites:
 
     Attributes:
         web: its websites.
-        address: ``host:port``.
-        token: for the administration.
+        address: ``host:port`` of the server.
+        token: of the administration API.
     """
 
     web: OfflineWeb
@@ -203,7 +203,7 @@ class RunningSites:
 
     @property
     def allowed_hosts(self) -> list[str]:
-        """The rules of the egress policy by which browsers find the websites here."""
+        """The rules of the egress policy that direct browsers to this server."""
         return self.web.allowed_hosts(self.address)
 
 
@@ -212,11 +212,11 @@ async def serving(config: SitesConfig, web: OfflineWeb | None = None) -> AsyncIt
     """Serve the offline web in this process until the block ends.
 
     Args:
-        config: where and how.
-        web: its websites, if they are there already; else they are made from ``config.seed``.
+        config: settings of the server.
+        web: its websites; ``None`` makes them from ``config``.
 
     Raises:
-        SitesError: the address is taken, or the server does not come up.
+        SitesError: the address cannot be listened on.
     """
     web = web or OfflineWeb(config.seed, per_family=config.per_family, collection=config.collection)
     token = config.token.get_secret_value() if config.token else secrets.token_urlsafe(24)
@@ -255,7 +255,7 @@ async def serving(config: SitesConfig, web: OfflineWeb | None = None) -> AsyncIt
 
 
 class _Server(uvicorn.Server):
-    """A uvicorn that says when it is ready and leaves signals to the command that runs it."""
+    """A uvicorn server with an event for its start, which does not handle signals."""
 
     def __init__(self, config: uvicorn.Config) -> None:
         super().__init__(config)
@@ -263,10 +263,10 @@ class _Server(uvicorn.Server):
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Capture none."""
+        """Do not capture signals; the command that runs the server handles them."""
         yield
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Start, and say so."""
+        """Start, and set :attr:`ready`."""
         await super().startup(sockets)
         self.ready.set()

@@ -1,4 +1,4 @@
-"""Illustrations as SVG, drawn from a name: the same name gives the same picture."""
+"""Illustrations as SVG, generated from a name: the same name gives the same picture."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def _dish(rng: random.Random) -> str:
 
 
 def _face(rng: random.Random) -> str:
-    """A portrait, far from photographic."""
+    """A simple portrait."""
     skin = _color(rng.uniform(0.05, 0.1), rng.uniform(0.3, 0.6), rng.uniform(0.4, 0.82))
     hair = _color(rng.uniform(0.03, 0.12), 0.5, rng.uniform(0.12, 0.5))
     shirt = _color(rng.random(), 0.5, 0.5)
@@ -124,7 +124,7 @@ def draw(kind: str, name: str, look: Look) -> str:
 
     Args:
         kind: ``thing``, ``scene``, ``dish``, ``face`` or ``pattern``; anything else gives ``pattern``.
-        name: decides what is drawn.
-        look: of the website; its colours tint the name's stream.
+        name: seed of the picture.
+        look: of the website; its primary colour is part of the seed.
     """
     return _KINDS.get(kind, _pattern)(stream("art", kind, name, look.primary))

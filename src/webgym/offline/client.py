@@ -1,4 +1,4 @@
-"""Asking a running offline web what its servers hold."""
+"""A client of the administration API of a running offline web."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from webgym.offline.app import VISITOR_COOKIE
 from webgym.offline.website import TOP_LEVEL_DOMAIN
 
 ANSWER_SECONDS = 30.0
-"""How long the administration may take to answer."""
+"""Longest time for a response of the administration API."""
 
 
 class SitesClient:
-    """A client of the administration of a served offline web.
+    """A client of the administration API of a running offline web.
 
     Args:
-        url: base URL of the administration.
-        token: of the administration.
+        url: base URL of the administration API.
+        token: its token.
     """
 
     def __init__(self, url: str, token: str) -> None:
@@ -28,45 +28,47 @@ class SitesClient:
         self._http = httpx.AsyncClient(base_url=url, headers=headers, timeout=ANSWER_SECONDS, trust_env=False)
 
     def visitor_cookie(self, visitor: str) -> tuple[str, str, str]:
-        """Name, value and domain of the cookie that makes a browser this visitor."""
+        """Name, value and domain of the cookie that identifies a browser as this visitor."""
         return VISITOR_COOKIE, visitor, f".{TOP_LEVEL_DOMAIN}"
 
     async def state(self, visitor: str, host: str) -> dict[str, Any] | None:
-        """What a website's server holds for a visitor; ``None`` if it does not know the visitor.
+        """The state of a website for a visitor; ``None`` if it has no such visitor.
 
         Raises:
-            SitesError: the offline web does not answer as it should.
+            SitesError: the offline web does not respond, or responds with an error.
         """
-        answer = await self._get(f"/visitors/{visitor}/{host}")
-        if answer.status_code == httpx.codes.NOT_FOUND:
+        response = await self._get(f"/visitors/{visitor}/{host}")
+        if response.status_code == httpx.codes.NOT_FOUND:
             return None
-        found: dict[str, Any] = self._json(answer)
-        return found
+        state: dict[str, Any] = self._json(response)
+        return state
 
     async def websites(self) -> list[dict[str, str]]:
         """The websites: ``host``, ``brand``, ``family`` and ``split`` of each.
 
         Raises:
-            SitesError: the offline web does not answer as it should.
+            SitesError: the offline web does not respond, or responds with an error.
         """
-        found: list[dict[str, str]] = self._json(await self._get("/websites"))
-        return found
+        websites: list[dict[str, str]] = self._json(await self._get("/websites"))
+        return websites
 
     async def _get(self, path: str) -> httpx.Response:
         try:
             return await self._http.get(path)
         except httpx.HTTPError as error:
             raise SitesError(
-                f"the offline web at {self.url} does not answer: {type(error).__name__}",
+                f"the offline web at {self.url} does not respond: {type(error).__name__}",
                 hint="start it with webgym sites serve",
             ) from error
 
-    def _json(self, answer: httpx.Response) -> Any:
-        if answer.status_code == httpx.codes.UNAUTHORIZED:
-            raise SitesError("the offline web refused the token", hint="give the token it was started with")
-        if answer.status_code != httpx.codes.OK:
-            raise SitesError(f"the offline web at {self.url} answered {answer.status_code}")
-        return answer.json()
+    def _json(self, response: httpx.Response) -> Any:
+        if response.status_code == httpx.codes.UNAUTHORIZED:
+            raise SitesError(
+                "the offline web refused the token", hint="give the token that it was started with"
+            )
+        if response.status_code != httpx.codes.OK:
+            raise SitesError(f"the offline web at {self.url} responded with status {response.status_code}")
+        return response.json()
 
     async def __aenter__(self) -> Self:
         return self

@@ -15,37 +15,38 @@ CollectionName: TypeAlias = Literal["large", "small", "cross"]
 
 
 class SitesConfig(Settings):
-    """How the offline web is served."""
+    """Settings of the server of the offline web."""
 
     seed: int = DEFAULT_SEED
-    """Of every website."""
+    """Seed of all websites."""
 
     collection: CollectionName = "large"
-    """Which websites: ``large``, as on the real web, or ``small``, pages of a few large signs."""
+    """Which websites: ``large``, as on the real web, or ``small``, with pages of a few large signs."""
 
     per_family: int | None = Field(default=None, ge=1)
-    """Websites in every family; ``None`` for the collection's own number (50 large and cross, 72 small)."""
+    """Websites per family; ``None`` for the collection's default (50 for large and cross, 72 for small)."""
 
     host: str = "127.0.0.1"
-    """Address to listen on; loopback unless asked otherwise."""
+    """Address to listen on."""
 
     port: int = Field(default=0, ge=0, le=65535)
     """Port to listen on; 0 takes a free one."""
 
     latency: float = Field(default=1.0, ge=0, le=100)
-    """Scale of the simulated latency; 0 turns it off."""
+    """Factor of the simulated latency; 0 turns it off."""
 
     latency_sigma: float = Field(default=SIGMA, ge=0, le=3)
-    """Spread of its logarithm."""
+    """Spread of the simulated latency: standard deviation of its logarithm."""
 
     slow_seconds: float = Field(default=4.0, ge=0)
-    """What every page of a slow website takes."""
+    """Additional time for every page of a slow website."""
 
     token: SecretStr | None = None
-    """For the administration; random if not given."""
+    """Token of the administration API; random if not given."""
 
     keep_alive_seconds: int = Field(default=75, gt=0)
-    """Idle connections are kept for longer than clients keep them, so that none closes as it is used."""
+    """How long idle connections are kept; longer than clients keep them, so that none closes when it is
+    used."""
 
     start_seconds: float = Field(default=30.0, gt=0)
-    """How long the server may take to start."""
+    """Longest time for the start of the server."""

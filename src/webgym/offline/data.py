@@ -1,4 +1,4 @@
-"""Words and specifications are data: TOML files beside the family, decoded into typed structs."""
+"""Loads words and specifications from TOML files next to the code, decoded into typed structs."""
 
 from __future__ import annotations
 
@@ -16,41 +16,41 @@ T = TypeVar("T")
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A table of a file: values by key."""
+    """Base of structs for TOML tables; unknown keys are errors."""
 
 
 class Row(Table, frozen=True, array_like=True):
-    """An array of a file: values in the order of the fields."""
+    """Base of structs for TOML arrays, with values in the order of the fields."""
 
 
 def load(package: str, file: str, shape: type[T]) -> T:
-    """The contents of a TOML file of a package.
+    """Load a TOML file of a package.
 
     Args:
-        package: dotted name of the package that the file lies in.
-        file: its name.
-        shape: the struct that it must fit; unknown keys are refused where the struct forbids them.
+        package: dotted name of the package that contains the file.
+        file: name of the file.
+        shape: the type of its contents.
 
     Raises:
-        SitesError: the file does not fit; the message names file and key.
+        SitesError: the contents do not match the type; the message has the file and the key.
     """
     return _decoded(resources.files(package).joinpath(file).read_bytes(), f"{package}/{file}", shape)
 
 
 def load_beside(module: str, file: str, shape: type[T]) -> T:
-    """The contents of a TOML file that lies beside a module, in a package or not.
+    """Load a TOML file in the folder of a module, which need not be in a package.
 
     Raises:
-        SitesError: there is no such file, or it does not fit.
+        SitesError: there is no such file, or its contents do not match the type.
     """
     path = Path(inspect.getfile(sys.modules[module])).with_name(file)
     if not path.is_file():
-        raise SitesError(f"there is no {path}", hint=f"write the specification of {module} into it")
+        raise SitesError(f"there is no file {path}", hint=f"it has to contain the specification of {module}")
     return _decoded(path.read_bytes(), str(path), shape)
 
 
 def _decoded(raw: bytes, name: str, shape: type[T]) -> T:
     try:
         return msgspec.toml.decode(raw, type=shape)
-    except msgspec.DecodeError as error:  # also what does not fit, with the key as "$.key"
+    except msgspec.DecodeError as error:  # also for values of a wrong type, with the key as "$.key"
         raise SitesError(f"{name}: {error}", hint="correct the file") from error

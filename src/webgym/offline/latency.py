@@ -1,4 +1,4 @@
-"""How long the offline web's servers take: a heavy-tailed distribution, seeded."""
+"""Simulated latency of the offline web: a seeded, heavy-tailed distribution."""
 
 from __future__ import annotations
 
@@ -8,16 +8,20 @@ from webgym.offline.seeds import stream
 
 MEDIAN_SECONDS = 0.04
 SIGMA = 0.9
-"""Spread of the log-normal distribution: about one request in a hundred takes eight medians or more."""
+"""Sigma of the log-normal distribution: about one request in a hundred takes at least eight medians."""
 LONGEST_SECONDS = 2.5
 
 
 def seconds(seed: int, host: str, path: str, nth: int, scale: float, *, sigma: float = SIGMA) -> float:
-    """The latency of the ``nth`` request for ``path`` on ``host``.
+    """The latency of the ``nth`` request for ``path`` on ``host``, seconds.
 
     Args:
-        scale: factor on every latency; 0 for none.
-        sigma: spread of the logarithm.
+        seed: of the offline web.
+        host: of the website.
+        path: of the request.
+        nth: number of the request for this path, from 1.
+        scale: factor of the latency; 0 for none.
+        sigma: standard deviation of its logarithm.
     """
     if scale <= 0:
         return 0.0

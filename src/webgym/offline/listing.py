@@ -1,4 +1,4 @@
-"""Lists of things: pages of results, in the order and number that a visitor asked for."""
+"""Pagination of lists."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class Paged(Generic[T]):
 
     Attributes:
         items: on this page.
-        total: in the whole list.
+        total: number of items in the whole list.
         number: of this page, from 1.
-        count: of pages.
+        count: number of pages.
     """
 
     items: Sequence[T]
@@ -29,8 +29,8 @@ class Paged(Generic[T]):
 
 
 def paged(items: Sequence[T], visit: Visit, size: int) -> Paged[T]:
-    """The page that the visit's ``page`` parameter asks for; one out of range gives the nearest."""
+    """The page of the visit's ``page`` parameter, limited to the existing pages."""
     count = max(1, -(-len(items) // size))
-    asked = visit.query.get("page", "1")
-    number = min(max(int(asked), 1), count) if asked.isdecimal() and len(asked) < 6 else 1
+    requested = visit.query.get("page", "1")
+    number = min(max(int(requested), 1), count) if requested.isdecimal() and len(requested) < 6 else 1
     return Paged(items[(number - 1) * size : number * size], len(items), number, count)

@@ -1,4 +1,4 @@
-"""How a website looks: palette, fonts, and the layout choices that its pages follow."""
+"""The look of a website: palette, fonts and layout."""
 
 from __future__ import annotations
 
@@ -43,15 +43,15 @@ FONTS: tuple[tuple[str, str], ...] = (
 
 @dataclass(frozen=True)
 class Look:
-    """A website's looks; templates read it, and ``site.css`` reads :attr:`variables` and :attr:`classes`.
+    """The look of a website, used by templates; ``site.css`` uses :attr:`variables` and :attr:`classes`.
 
     Attributes:
-        navigation: main menu along the top, or down the left side.
-        sticky: whether the header stays when the page scrolls.
-        listing: results as cards, as rows, or as a table.
-        filters: beside the results, or above them.
+        navigation: main menu at the top, or at the left side.
+        sticky: whether the header stays visible when the page scrolls.
+        listing: results as a grid of cards, as rows, or as a table.
+        filters: to the left of the results, or above them.
         pager: numbered pages, previous/next, or one "load more" button.
-        detail: a detail page's sections as tabs, as accordions, or one below the other.
+        detail: sections of a detail page as tabs, as accordions, or one below the other.
         consent: the cookie banner: a bar at the bottom, a box in the middle, or none.
         hero: whether the front page starts with a large banner.
     """
@@ -99,7 +99,7 @@ class Look:
 
 
 def look(seed: int) -> Look:
-    """The look that belongs to a seed."""
+    """The look of the website with this seed."""
     rng = stream(seed, "look")
     primary, on_primary, accent, page, surface = pick(PALETTES, seed, "palette")
     heading_font, text_font = pick(FONTS, seed, "fonts")

@@ -36,10 +36,10 @@ TOWN_SECOND = (
 
 
 def stems(*names: object) -> list[str]:
-    """All stems for brands ("Fernhill"), each once, in an order that belongs to ``names``."""
-    made = [first + second for first in FIRST for second in SECOND]
-    stream("stems", *names).shuffle(made)
-    return made
+    """All stems of brand names ("Fernhill") in a random order, seeded by ``names``."""
+    combined = [first + second for first in FIRST for second in SECOND]
+    stream("stems", *names).shuffle(combined)
+    return combined
 
 
 def person(rng: random.Random) -> str:
@@ -49,13 +49,13 @@ def person(rng: random.Random) -> str:
 
 def people(rng: random.Random, count: int) -> list[str]:
     """``count`` different full names."""
-    found: dict[str, None] = {}
-    while len(found) < count:
-        found[person(rng)] = None
-    return list(found)
+    drawn: dict[str, None] = {}
+    while len(drawn) < count:
+        drawn[person(rng)] = None
+    return list(drawn)
 
 
 def towns(rng: random.Random, count: int) -> list[str]:
     """``count`` different names of towns."""
-    made = [first + second for first in TOWN_FIRST for second in TOWN_SECOND]
-    return rng.sample(made, count)
+    combined = [first + second for first in TOWN_FIRST for second in TOWN_SECOND]
+    return rng.sample(combined, count)

@@ -1,9 +1,8 @@
-"""What a task of the offline web is made of.
+"""The parts of which tasks of the offline web are composed.
 
-A task is a list of parts. A part is one thing to ask for: its clause in the instruction, its facts (one
-fact group), the moves that solve it and the sentence that answers it. A task and everything that can
-be decomposed from it (paper Algorithm 1) are therefore compositions of the same parts, and no model
-is needed to write them.
+A task is a list of parts. A part is a subtask: its clause in the instruction, its facts (one fact group), the
+moves that solve it and the sentence that answers it. A task and all tasks derived from it by decomposition
+(paper Algorithm 1) are compositions of the same parts, so no model is needed to write them.
 """
 
 from __future__ import annotations
@@ -32,14 +31,15 @@ Expected: TypeAlias = Literal["success", "blocked", "environment_error", "judge_
 
 @dataclass(frozen=True)
 class Fact:
-    """One thing that a trajectory must show.
+    """A fact that a trajectory must show.
 
     Attributes:
-        text: the fact, as a rubric says it. It never gives the answer away.
-        evidence: views that confirm it, any one of them.
-        state: what the server must hold.
-        answer: alternatives of which the answer must contain one; empty if the fact is not asked for.
-        wrong: what a right answer does not contain: the other candidates.
+        text: its text in the rubric, which never reveals the answer.
+        evidence: views that confirm it; one of them is enough.
+        state: required state of the server.
+        answer: alternatives of which the answer must contain one; empty if the answer need not contain the
+            fact.
+        wrong: other candidates, which a right answer does not contain.
     """
 
     text: str
@@ -51,15 +51,16 @@ class Fact:
 
 @dataclass(frozen=True)
 class Part:
-    """One thing to ask for.
+    """A subtask.
 
     Attributes:
         ask: an imperative clause without a full stop: ``"find the cheapest kettle and give its price"``.
             It must make sense alone and after other parts.
         description: of the fact group.
         facts: at least one.
-        moves: from the website's front page until all evidence was seen and all state is reached.
-        says: the sentence that answers it; empty if nothing is asked.
+        moves: the solution, from the website's front page until all evidence is seen and all state is
+            reached.
+        says: the sentence that answers it; empty if no answer is needed.
     """
 
     ask: str
@@ -75,8 +76,8 @@ class Assignment:
 
     Attributes:
         name: unique on its website, part of the task's id.
-        parts: in the order in which they are asked for.
-        expects: how a faultless attempt ends.
+        parts: in the order of the instruction.
+        expects: how a correct attempt ends.
     """
 
     name: str
@@ -86,15 +87,15 @@ class Assignment:
 
 @dataclass(frozen=True)
 class Wording:
-    """How a collection's tasks are written out.
+    """The wording of a collection's tasks.
 
     Attributes:
         source: of the tasks, and the first part of their ids.
-        instruct: from the website's brand and the parts' clauses to the instruction.
-        answer: from what the parts say to the answer.
-        keeps_count: whether the parts are told apart by number: the solution says when each is done, a
-            memory key that is empty or begins with a space is led by the part's number, and the answer's
-            values stand in the parts' order.
+        instruct: composes the instruction from the website's brand and the clauses of the parts.
+        answer: composes the answer from the answers of the parts.
+        keeps_count: whether parts are numbered: the solution marks when each is done, memory keys that are
+            empty or begin with a space get the part's number as a prefix, and the answer's values are in the
+            order of the parts.
     """
 
     source: str
@@ -117,16 +118,16 @@ SENTENCES = Wording("offline", _sentences, lambda says: " ".join(says) or "Done.
 
 @dataclass(frozen=True)
 class Place:
-    """The website a task is about, as far as a task needs to know it.
+    """The properties of a website that tasks contain.
 
     Attributes:
         label: first part of its hostname; part of the task's id.
-        brand: how the instruction calls it.
-        host: evidence counts on it alone.
+        brand: its name in instructions.
+        host: its hostname; evidence counts only there.
         start: URL of the front page.
         domain, subdomain: of the Mind2Web-2 taxonomy.
-        split: of all its tasks: a website is never in both.
-        wording: how its tasks are written out.
+        split: of all its tasks.
+        wording: of its tasks.
     """
 
     label: str
@@ -140,7 +141,7 @@ class Place:
 
 
 def write(place: Place, assignment: Assignment) -> list[Task]:
-    """The assignment as a task, followed by the tasks that are decomposed from it."""
+    """The task of an assignment, followed by the tasks derived from it by decomposition."""
     rubric = Rubric(
         tuple(
             FactGroup(number, part.description, tuple(fact.text for fact in part.facts))
@@ -158,7 +159,7 @@ def _compose(place: Place, assignment: Assignment, rubric: Rubric) -> Task:
     is_whole = len(parts) == len(assignment.parts)
     answer = _answer(chosen, in_order=wording.keeps_count)
     says = wording.answer([part.says for part in chosen if part.says])
-    held = _held(chosen)
+    merged = _merged_checks(chosen)
     return Task(
         id=root if is_whole else f"{root}/{'+'.join(str(number) for number, _ in parts)}",
         instruction=wording.instruct(place.brand, [part.ask for part in chosen]),
@@ -177,7 +178,7 @@ def _compose(place: Place, assignment: Assignment, rubric: Rubric) -> Task:
                     group=number,
                     index=index,
                     evidence=fact.evidence,
-                    state=tuple(held.get(check.key, check) for check in fact.state),
+                    state=tuple(merged.get(check.key, check) for check in fact.state),
                 )
                 for number, part in parts
                 for index, fact in enumerate(part.facts)
@@ -207,18 +208,18 @@ def _belongs_to_part(move: Move) -> TypeGuard[Remember]:
     return isinstance(move, Remember) and move.key[:1] in ("", " ")
 
 
-def _held(parts: Sequence[Part]) -> dict[tuple[str, ...], StateCheck]:
-    """Collections that several parts add to, such as a cart, must hold what they add together."""
+def _merged_checks(parts: Sequence[Part]) -> dict[tuple[str, ...], StateCheck]:
+    """Merge the checks of collections that several parts add to, such as a cart."""
     checks = [check for part in parts for fact in part.facts for check in fact.state]
-    held: dict[tuple[str, ...], dict[str, Any]] = {}
+    merged: dict[tuple[str, ...], dict[str, Any]] = {}
     for check in checks:
         if isinstance(check.value, dict):
-            held.setdefault(check.key, {}).update(check.value)
-    return {key: StateCheck(key, value) for key, value in held.items()}
+            merged.setdefault(check.key, {}).update(check.value)
+    return {key: StateCheck(key, value) for key, value in merged.items()}
 
 
 def _expected(whole: Expected, parts: Sequence[Part]) -> Expected:
-    # Where a server loses what visitors did, only a task that asks the server for it cannot be judged.
+    # If a server loses its state, only tasks with state checks cannot be judged.
     if whole == "judge_error" and not any(fact.state for part in parts for fact in part.facts):
         return "success"
     return whole
@@ -226,25 +227,25 @@ def _expected(whole: Expected, parts: Sequence[Part]) -> Expected:
 
 def _answer(parts: Sequence[Part], *, in_order: bool = False) -> AnswerTruth:
     facts = [fact for part in parts for fact in part.facts]
-    asked = [fact.answer for fact in facts if fact.answer]
-    required = tuple(asked if in_order else dict.fromkeys(asked))
-    said = {option.casefold() for options in required for option in options}
-    # What is wrong for one part may be right, or part of what is right, for another.
+    answers = [fact.answer for fact in facts if fact.answer]
+    required = tuple(answers if in_order else dict.fromkeys(answers))
+    accepted = {option.casefold() for options in required for option in options}
+    # A wrong value of one part may be right, or part of a right value, for another.
     wrong = dict.fromkeys(w for fact in facts for w in fact.wrong)
-    if in_order:  # as a whole word of what is right only: 1 is wrong where 12 is right
-        padded = [f" {option} " for option in said]
+    if in_order:  # compare whole words: 1 is wrong where 12 is right
+        padded = [f" {option} " for option in accepted]
         forbidden = tuple(w for w in wrong if not any(f" {w.casefold()} " in option for option in padded))
-    else:  # a part may also name, beside its answer, what is wrong for another
-        said |= {part.says.casefold() for part in parts}
-        forbidden = tuple(w for w in wrong if not any(w.casefold() in each for each in said))
+    else:  # the answer of a part may contain a value that is wrong for another
+        accepted |= {part.says.casefold() for part in parts}
+        forbidden = tuple(w for w in wrong if not any(w.casefold() in text for text in accepted))
     return AnswerTruth(required, forbidden, in_order=in_order and bool(required))
 
 
 def exactly(path: str) -> str:
-    """Pattern of a page's address, whatever its query."""
+    """Regular expression for the address of a page, with any query."""
     return re.escape(path) + r"(?:\?|$)"
 
 
 def shown(path: str, *texts: str) -> Evidence:
-    """Evidence: these texts, together, at an address that matches ``path``."""
+    """Evidence: these texts together on a page whose path matches the regular expression ``path``."""
     return Evidence(texts, path)

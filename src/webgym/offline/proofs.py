@@ -1,8 +1,8 @@
-"""Evidence that an agent could bring about by typing, instead of finding it.
+"""Finds evidence that an agent could produce by typing instead of finding it.
 
-A website proves something only in its own words. Two rules keep it so: no pattern of evidence consists of
-what the solution types, and no page repeats what a visitor typed, outside of the field itself, before the
-website has accepted it.
+Evidence must be the website's own words. Two rules ensure this: no evidence consists only of text that the
+solution types, and no page repeats what a visitor typed, outside of the field itself, before the website has
+accepted it.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from webgym.core.truth import Fill
 from webgym.offline.website import Response, Visit, Website
 
 _TYPED = "zqxvword"
-"""Stands on no page of its own."""
+"""A text that does not occur on any page."""
 
 _TEXT_FIELDS = frozenset({"text", "search", "email", "password", "number", "tel", "url"})
 _PAGES_OF_A_KIND = 2
 
 
 def typed_proofs(task: Task) -> Iterator[str]:
-    """A line for every pattern of evidence that the words which the solution types would satisfy."""
+    """A message for every evidence that consists of text that the solution types."""
     assert task.truth is not None
     typed = [fold(move.text) for move in task.truth.moves if isinstance(move, Fill)]
     for fact in task.truth.facts:
@@ -36,10 +36,10 @@ def typed_proofs(task: Task) -> Iterator[str]:
 
 
 def repeating_pages(site: Website) -> Iterator[str]:
-    """A line for every form after which the website repeats what was typed into it.
+    """A message for every form whose response repeats what was typed into it.
 
-    Looks at some pages of every kind. A form that is accepted may be answered with what the website holds
-    from then on: that is a page of its own.
+    Some pages of every kind are checked. A form that is accepted may redirect to a page with the submitted
+    values.
     """
     forms: set[tuple[str, str, tuple[str, ...]]] = set()
     for page in _some_pages(site):
@@ -49,14 +49,14 @@ def repeating_pages(site: Website) -> Iterator[str]:
                 continue
             forms.add(shape)
             typed = dict.fromkeys(form.texts, _TYPED)
-            answers = [_send(site, form, fields) for fields in ({**form.values, **typed}, typed)]
-            if any(_TYPED in _Page(form.action, answer).text.casefold() for answer in answers):
+            responses = [_send(site, form, fields) for fields in ({**form.values, **typed}, typed)]
+            if any(_TYPED in _Page(form.action, response).text.casefold() for response in responses):
                 fields = ", ".join(sorted(form.texts))
                 yield f"{site.host}: {form.action} repeats what is typed into {fields}"
 
 
 def _kind(url: str) -> str:
-    """What addresses of the same kind of page share: ``/p/12?page=2`` becomes ``/p/*``."""
+    """The kind of page of an address: ``/p/12?page=2`` becomes ``/p/*``."""
     _, first, *others = urlsplit(url).path.split("/")
     return f"/{first}" + "/*" * bool(others) + (f"/{others[-1]}" if len(others) > 1 else "")
 
@@ -64,7 +64,7 @@ def _kind(url: str) -> str:
 def _some_pages(site: Website) -> Iterator[_Page]:
     queue, kinds = ["/"], Counter({"/": 1})
     for url in queue:
-        page = _Page(url, _ask(site, url))
+        page = _Page(url, _request(site, url))
         yield page
         for link in page.links:
             kind = _kind(link)
@@ -73,24 +73,24 @@ def _some_pages(site: Website) -> Iterator[_Page]:
                 queue.append(link)
 
 
-def _ask(site: Website, url: str, posted: dict[str, str] | None = None) -> Response:
-    """What the website answers to a new visitor; to a form that is asked for, where it leads to."""
+def _request(site: Website, url: str, posted: dict[str, str] | None = None) -> Response:
+    """The response to a new visitor; redirects of GET requests are followed."""
     parts = urlsplit(url)
     query = dict(parse_qsl(parts.query, keep_blank_values=True))
     lists = {key: [value] for key, value in {**query, **(posted or {})}.items()}
     method = "GET" if posted is None else "POST"
-    answer = site.handle(Visit(method, unquote(parts.path), query, lists, posted or {}, {}))
-    return _ask(site, answer.location) if answer.location is not None and posted is None else answer
+    response = site.handle(Visit(method, unquote(parts.path), query, lists, posted or {}, {}))
+    return _request(site, response.location) if response.location is not None and posted is None else response
 
 
 def _send(site: Website, form: _Form, fields: dict[str, str]) -> Response:
     if form.method == "post":
-        return _ask(site, form.action, fields)
-    return _ask(site, f"{urlsplit(form.action).path}?{urlencode(fields)}")
+        return _request(site, form.action, fields)
+    return _request(site, f"{urlsplit(form.action).path}?{urlencode(fields)}")
 
 
 class _Form:
-    """A form: where it goes, its fields, and those that take any text."""
+    """A form: its action and method, default values, and names of text fields."""
 
     def __init__(self, action: str, method: str) -> None:
         self.action = action
@@ -100,9 +100,9 @@ class _Form:
 
 
 class _Page(HTMLParser):
-    """Links, forms and text of an answer; what stands in a field is no text."""
+    """Links, forms and text of a response, without the values of fields."""
 
-    def __init__(self, url: str, answer: Response) -> None:
+    def __init__(self, url: str, response: Response) -> None:
         super().__init__()
         self.links: list[str] = []
         self.forms: list[_Form] = []
@@ -110,32 +110,34 @@ class _Page(HTMLParser):
         self._url = url
         self._silent = 0
         self._select = ""
-        if answer.media_type.startswith("text/html"):
-            self.feed(answer.body.decode())
+        if response.media_type.startswith("text/html"):
+            self.feed(response.body.decode())
         self.text = " ".join(self._parts)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        given = {name: value or "" for name, value in attrs}
+        attributes = {name: value or "" for name, value in attrs}
         if tag in ("script", "style", "title", "textarea"):
             self._silent += 1
-        if tag == "a" and given.get("href", "").startswith("/"):
-            self.links.append(given["href"])
+        if tag == "a" and attributes.get("href", "").startswith("/"):
+            self.links.append(attributes["href"])
         if tag == "form":
-            action = urljoin(self._url, given.get("action", "") or self._url)
-            self.forms.append(_Form(action, given.get("method", "get").lower()))
+            action = urljoin(self._url, attributes.get("action", "") or self._url)
+            self.forms.append(_Form(action, attributes.get("method", "get").lower()))
         if self.forms:
-            self._field(tag, given)
+            self._field(tag, attributes)
 
-    def _field(self, tag: str, given: dict[str, str]) -> None:
-        form, name = self.forms[-1], given.get("name", "")
-        if tag == "textarea" or (tag == "input" and given.get("type", "text") in _TEXT_FIELDS):
+    def _field(self, tag: str, attributes: dict[str, str]) -> None:
+        form, name = self.forms[-1], attributes.get("name", "")
+        if tag == "textarea" or (tag == "input" and attributes.get("type", "text") in _TEXT_FIELDS):
             form.texts.add(name)
-        elif tag == "input" and (given.get("type") not in ("checkbox", "radio") or "checked" in given):
-            form.values[name] = given.get("value", "")
+        elif tag == "input" and (
+            attributes.get("type") not in ("checkbox", "radio") or "checked" in attributes
+        ):
+            form.values[name] = attributes.get("value", "")
         elif tag == "select":
             self._select = name
         elif tag == "option" and self._select and not form.values.get(self._select):
-            form.values[self._select] = given.get("value", "")
+            form.values[self._select] = attributes.get("value", "")
 
     def handle_endtag(self, tag: str) -> None:
         if tag in ("script", "style", "title", "textarea"):

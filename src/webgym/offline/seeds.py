@@ -1,4 +1,4 @@
-"""Seeded randomness: the same names give the same numbers, on any machine, in any order of asking."""
+"""Seeded randomness: the same names give the same numbers on any machine, in any order of calls."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ T = TypeVar("T")
 
 
 def number(*names: object) -> int:
-    """A 64-bit number that depends on nothing but ``names``."""
+    """A 64-bit number that depends only on ``names``."""
     text = "\x1f".join(str(name) for name in names)
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")
 
 
 def stream(*names: object) -> random.Random:
-    """An independent stream of randomness for ``names``.
+    """An independent random generator for ``names``.
 
-    Every use has its own stream, so that a new feature of a website does not change the old ones.
+    Every use has its own generator, so a new feature of a website does not change existing ones.
     """
     return random.Random(number(*names))
 

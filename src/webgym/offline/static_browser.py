@@ -1,8 +1,8 @@
-"""A browser for pages without scripts: links and buttons at known places, played without a Chromium.
+"""A browser without Chromium for static pages, whose links and buttons have known positions.
 
-It gives the same observations and takes the same actions as a browser slot, for websites whose pages are
-placed by ``left`` and ``top`` alone, as the small websites' are. It draws nothing: two pages look the same
-to it if their HTML is the same.
+It has the same observations and actions as a browser slot, for websites whose elements are positioned by
+``left`` and ``top``, such as the small websites. It renders nothing: pages with equal HTML count as equal
+screenshots.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _REDIRECTS = 5
 
 
 class Control(NamedTuple):
-    """Something that can be clicked."""
+    """An element that can be clicked: role, accessible name, box in CSS pixels, and target."""
 
     role: str
     name: str
@@ -34,12 +34,12 @@ class Control(NamedTuple):
 
 
 class Page(NamedTuple):
-    """What stands on a page.
+    """The contents of a page.
 
     Attributes:
-        controls: what can be clicked.
-        text: one line per piece.
-        signs: everything that is shown, with its left upper corner, CSS pixels.
+        controls: elements that can be clicked.
+        text: visible text, one line per element.
+        signs: names of all visible signs, with their upper left corners, CSS pixels.
     """
 
     controls: tuple[Control, ...]
@@ -55,7 +55,7 @@ class StaticBrowser:
         viewport: width and height, CSS pixels.
 
     Attributes:
-        state: what the website remembers of this visitor.
+        state: the website's state for this visitor.
     """
 
     def __init__(self, site: Website, viewport: tuple[int, int]) -> None:
@@ -69,7 +69,7 @@ class StaticBrowser:
 
     @property
     def body(self) -> bytes:
-        """The HTML of the page that is shown."""
+        """The HTML of the current page."""
         return self._response.body
 
     def open(self, url: str, *, post: bool = False) -> None:
@@ -88,7 +88,7 @@ class StaticBrowser:
         self._history.append(self._url)
 
     def act(self, action: BrowserAction) -> None:
-        """Carry an action out. What a page without scripts does not react to changes nothing."""
+        """Carry out an action. Actions without effect on a static page are ignored."""
         if isinstance(action, GoBack) and len(self._history) > 1:
             self._history.pop()
             self.open(self._history.pop())
@@ -114,7 +114,7 @@ class StaticBrowser:
         return next(inside, None)
 
     def observe(self) -> Observation:
-        """What is to be seen now."""
+        """The observation of the current page."""
         controls, text, _ = read_page(self._response.body)
         elements = tuple(
             Element(
@@ -140,7 +140,7 @@ class StaticBrowser:
 
 @lru_cache(maxsize=4096)
 def read_page(body: bytes) -> Page:
-    """What stands on a page of a small website."""
+    """Parse a page of a small website."""
     reader = _Reader()
     reader.feed(body.decode())
     return Page(tuple(reader.controls), "\n".join(reader.lines), tuple(reader.signs))
@@ -157,22 +157,22 @@ class _Reader(HTMLParser):
         self._place: tuple[int, int] | None = None
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        given = {name: value or "" for name, value in attrs}
+        attributes = {name: value or "" for name, value in attrs}
         self._silent = tag in ("style", "title")
         if tag == "form":
-            self._action = given["action"]
-        if (found := _PLACE.search(given.get("style", ""))) is not None:
-            place = int(found[1]), int(found[2])
-            self._place = None if "aria-label" in given else place
-            if "aria-label" in given:
-                self.signs.append((given["aria-label"], place))
+            self._action = attributes["action"]
+        if (position := _PLACE.search(attributes.get("style", ""))) is not None:
+            place = int(position[1]), int(position[2])
+            self._place = None if "aria-label" in attributes else place
+            if "aria-label" in attributes:
+                self.signs.append((attributes["aria-label"], place))
         if tag in ("a", "button"):
-            assert found is not None, given
+            assert position is not None, attributes
             is_link = tag == "a"
-            href = given["href"] if is_link else self._action
+            href = attributes["href"] if is_link else self._action
             role = "link" if is_link else "button"
             box = (*place, _SIDE, _SIDE)
-            self.controls.append(Control(role, given["aria-label"], box, href, not is_link))
+            self.controls.append(Control(role, attributes["aria-label"], box, href, not is_link))
 
     def handle_endtag(self, tag: str) -> None:
         del tag

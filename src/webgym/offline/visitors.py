@@ -1,4 +1,4 @@
-"""What the offline web remembers of its visitors, bounded in number."""
+"""The state of the offline web's visitors, limited in number."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ from collections import OrderedDict
 from typing import Any
 
 REMEMBERED = 50_000
-"""Visitor states kept at most; the longest unused goes first. A state is about 1 kB."""
+"""Most visitor states that are kept; the least recently used are dropped first. A state is about 1 kB."""
 
 
 class Visitors:
-    """State per visitor and website.
+    """Stores the state per visitor and website.
 
-    A visitor is the value of one cookie. The collector chooses it, one per attempt, so that it can ask
-    for the state afterwards; a browser that comes without one is given a random one.
+    A visitor is identified by a cookie. The collector sets it for each attempt, so that it can request the
+    state afterwards; a browser without it gets a random one.
     """
 
     def __init__(self) -> None:
         self._states: OrderedDict[tuple[str, str], dict[str, Any]] = OrderedDict()
 
     def state(self, visitor: str, host: str) -> dict[str, Any]:
-        """The state, new if there was none; the caller may change it in place."""
+        """The state, created if there is none; the caller may modify it."""
         key = (visitor, host)
         state = self._states.setdefault(key, {})
         self._states.move_to_end(key)
@@ -29,5 +29,5 @@ class Visitors:
         return state
 
     def known(self, visitor: str, host: str) -> dict[str, Any] | None:
-        """The state of a visitor who was here, or ``None``."""
+        """The state of a visitor, or ``None`` if there is none."""
         return self._states.get((visitor, host))

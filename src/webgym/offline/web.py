@@ -19,22 +19,22 @@ from webgym.offline.seeds import number, stream
 from webgym.offline.website import TOP_LEVEL_DOMAIN, Behaviour, Split, Website
 
 _OTHERS = 2
-"""Websites of other families that a website has cross-site tasks with."""
+"""Number of websites of other families with which a website has cross-site tasks."""
 MISBEHAVING: tuple[Behaviour, ...] = ("blocks", "down", "slow", "nags", "forgets")
 
 
 @dataclass(frozen=True)
 class Collection:
-    """A set of families whose websites are made, served and split together.
+    """A set of families of websites that are generated, served and split together.
 
     Attributes:
         families: the kinds of websites.
-        per_family: well-behaved websites in every family, unless asked otherwise.
-        test_share: of them are for testing.
-        misbehaving: one more website for each of these, all for testing.
-        viewport: the size, CSS pixels, that its pages are made for.
-        wording: how its tasks are written out.
-        is_cross_site: whether each of its tasks is about two websites, instead of one.
+        per_family: default number of well-behaved websites per family.
+        test_share: share of them that is for testing.
+        misbehaving: behaviours for each of which there is one more website, for testing.
+        viewport: width and height that its pages are designed for, CSS pixels.
+        wording: of its tasks.
+        is_cross_site: whether its tasks are about two websites each.
     """
 
     families: tuple[type[Website], ...]
@@ -59,17 +59,17 @@ def collection_name(name: str) -> CollectionName:
     """The collection of this name.
 
     Raises:
-        ConfigError: there is none.
+        ConfigError: there is no such collection.
     """
-    found = next((known for known in COLLECTIONS if known == name), None)
-    if found is None:
+    match = next((known for known in COLLECTIONS if known == name), None)
+    if match is None:
         raise ConfigError(f"there is no collection {name!r}", hint=f"give {', '.join(COLLECTIONS)}")
-    return found
+    return match
 
 
 @dataclass(frozen=True)
 class Spec:
-    """A website that may not have been built yet."""
+    """The parameters from which a website is built."""
 
     family: type[Website]
     seed: int
@@ -82,14 +82,14 @@ class Spec:
 class OfflineWeb:
     """The offline web of one seed.
 
-    Websites are built when first asked for. The same seed gives the same websites, pages and tasks.
+    Websites are built on demand. The same seed gives the same websites, pages and tasks.
 
     Args:
-        seed: of everything.
-        per_family: well-behaved websites in every family; ``None`` for the collection's own number.
+        seed: of all websites.
+        per_family: number of well-behaved websites per family; ``None`` for the collection's default.
         collection: ``"large"``, pages as on real websites; ``"small"``, pages of a few large signs; or
             ``"cross"``, large websites with tasks about two of them.
-        families: other families than the collection's.
+        families: used instead of the collection's.
     """
 
     def __init__(
@@ -110,16 +110,16 @@ class OfflineWeb:
     @cached_property
     def specs(self) -> dict[str, Spec]:
         """All websites by hostname."""
-        # Each family has its own names, so that a new family does not rename the others' websites.
+        # Each family has its own names, so that a new family does not rename websites of others.
         families = self.collection.families
         stems = {family: names.stems(self.seed, family.family) for family in families}
-        found: dict[str, Spec] = {}
+        specs_by_host: dict[str, Spec] = {}
 
         def add(family: type[Website], index: int, split: Split, behaviour: Behaviour) -> None:
             seed = number(self.seed, family.family, index)
             brand, label = family.christen(stems[family][index], seed)
             spec = Spec(family, seed, brand, label, split, behaviour)
-            found[family.host_of(label)] = spec
+            specs_by_host[family.host_of(label)] = spec
 
         for family in families:
             held_out = round(self.per_family * self.collection.test_share)
@@ -130,13 +130,13 @@ class OfflineWeb:
                 add(family, index, "test" if index in test else "train", "good")
         for nth, behaviour in enumerate(self.collection.misbehaving):
             add(families[nth % len(families)], self.per_family + nth, "test", behaviour)
-        return found
+        return specs_by_host
 
     def website(self, host: str) -> Website | None:
-        """The website with this hostname, if there is one.
+        """The website with this hostname; ``None`` if there is none.
 
         Args:
-            host: its name, such as ``silverfield-small-desk.webgym.test``; made when it is first asked for.
+            host: such as ``silverfield-small-desk.webgym.test``.
         """
         spec = self.specs.get(host)
         if spec is None:
@@ -153,20 +153,20 @@ class OfflineWeb:
         return self._built[host]
 
     def tasks(self, split: Split | None = None) -> Iterator[Task]:
-        """All tasks, those derived by decomposition behind the task they come from.
+        """All tasks; those derived by decomposition follow their parent.
 
         Args:
-            split: ``train`` or ``test``; both if not given.
+            split: ``train`` or ``test``; ``None`` for both.
         """
         for host, spec in self.specs.items():
             if split in (None, spec.split):
                 yield from self.tasks_of(host)
 
     def tasks_of(self, host: str) -> Iterator[Task]:
-        """The tasks that begin on one website.
+        """The tasks that start on one website.
 
         Args:
-            host: the website's name.
+            host: its hostname.
 
         Raises:
             KeyError: there is no such website.
@@ -194,11 +194,12 @@ class OfflineWeb:
             yield from write(replace(place, brand=brands, host=other.host), assignment)
 
     def _partners(self, host: str) -> tuple[SpecifiedWebsite | None, list[SpecifiedWebsite]]:
-        """A website of the same family, if there is one, and some of others. All are of the same split."""
+        """Another website of the same family, or ``None``, and some of other families, all of the same
+        split."""
         spec = self.specs[host]
-        peers = [each for each, other in self.specs.items() if other.split == spec.split]
-        family = [each for each in peers if self.specs[each].family is spec.family]
-        others = [each for each in peers if each not in family]
+        peers = [peer for peer, other in self.specs.items() if other.split == spec.split]
+        family = [peer for peer in peers if self.specs[peer].family is spec.family]
+        others = [peer for peer in peers if peer not in family]
         twin = family[(family.index(host) + 1) % len(family)]
         chosen = stream(self.seed, "partners", host).sample(others, min(_OTHERS, len(others)))
         return (None if twin == host else self._specified(twin)), [*map(self._specified, chosen)]
@@ -209,12 +210,12 @@ class OfflineWeb:
         return site
 
     def allowed_hosts(self, address: str) -> list[str]:
-        """Rules of the egress policy that lead browsers to the server at ``address`` (``host:port``).
+        """The rules of the egress policy that direct browsers to the server of the offline web.
 
-        A website that is down has a name that does not resolve.
+        The hostname of a website that is down does not resolve.
 
         Args:
-            address: where the offline web is served, without a scheme.
+            address: ``host:port`` of the server.
         """
         down = [f"{host}=nowhere" for host, spec in self.specs.items() if spec.behaviour == "down"]
         return [*down, f"*.{TOP_LEVEL_DOMAIN}={address}"]

@@ -1,7 +1,7 @@
-"""What every website of the offline web is: an address, a look, pages, and a state per visitor.
+"""The base class of websites of the offline web: hostname, look, pages, and a state per visitor.
 
-A website is a pure function of (seed, visitor's state, request): it never asks the clock or the
-operating system for anything, so that the same seed gives the same bytes.
+A website is a pure function of (seed, visitor's state, request): it does not use the clock or the operating
+system, so the same seed gives the same bytes.
 """
 
 from __future__ import annotations
@@ -26,32 +26,33 @@ from webgym.offline.seeds import pick
 Split: TypeAlias = Literal["train", "test"]
 
 State: TypeAlias = dict[str, Any]
-"""What a website remembers of a visitor: JSON values only."""
+"""The state of a website for a visitor: JSON values only."""
 
 TODAY = date(2026, 5, 11)
-"""The day it is on the offline web (a Monday). Pages never ask the clock."""
+"""The current date on the offline web (a Monday), independent of the clock."""
 
 TOP_LEVEL_DOMAIN = "webgym.test"
 
 Behaviour: TypeAlias = Literal["good", "blocks", "down", "slow", "nags", "forgets"]
-"""What a website does to its visitors.
+"""The behaviour of a website.
 
-``blocks``: a bot challenge that stays; ``down``: its name does not resolve; ``slow``: every page takes
-seconds; ``nags``: popups and dialogs; ``forgets``: its server loses what visitors did.
+``good``: works; ``blocks``: a bot challenge that cannot be passed; ``down``: its hostname does not resolve;
+``slow``: every page takes seconds; ``nags``: popups and dialogs; ``forgets``: its server loses the visitors'
+state.
 """
 
 
 @dataclass(frozen=True)
 class Visit:
-    """One request, as a page function sees it.
+    """A request, as passed to page functions.
 
     Attributes:
         method: ``GET`` or ``POST``.
         path: decoded path.
-        query: query parameters; of a repeated key the last value counts.
+        query: query parameters; the last value of a repeated key.
         lists: all values of every query parameter or form field, in order.
         form: form fields; empty for ``GET``.
-        state: what this website remembers of this visitor; pages change it in place.
+        state: the website's state for this visitor, which pages may modify.
     """
 
     method: str
@@ -70,7 +71,7 @@ class Visit:
 
 @dataclass(frozen=True)
 class Response:
-    """What a page function answers."""
+    """The response of a page function."""
 
     body: bytes
     status: int = 200
@@ -79,17 +80,18 @@ class Response:
 
 
 def redirect(to: str) -> Response:
-    """See other: what a form answers after it was accepted."""
+    """A redirect with status 303, the response to an accepted form."""
     return Response(b"", status=303, location=to)
 
 
 def json_response(value: object, status: int = 200) -> Response:
-    """A JSON document, for pages that load parts of themselves later."""
+    """A JSON response, for scripts of pages."""
     return Response(json.dumps(value).encode(), status, "application/json")
 
 
 _LONG_NUMBER: Final = re.compile(r"\d{100}")
-"""No page asks for such a number, and Python does not make one of thousands of digits."""
+"""Requests with such numbers are refused: no page needs them, and Python does not parse thousands of
+digits."""
 
 PageFunction: TypeAlias = Callable[..., Response]
 F = TypeVar("F", bound=PageFunction)
@@ -98,8 +100,8 @@ F = TypeVar("F", bound=PageFunction)
 def page(pattern: str, *, method: str = "GET") -> Callable[[F], F]:
     """Mark a method of a website as the page at ``pattern``.
 
-    ``{name}`` takes one path segment and passes it on. ``~name`` is this website's own word for it
-    (see :attr:`Website.paths`), so that addresses differ from website to website.
+    ``{name}`` matches one path segment, which is passed as an argument. ``~name`` stands for the website's
+    own word (see :attr:`Website.paths`), so that addresses differ between websites.
     """
 
     def mark(function: F) -> F:
@@ -111,7 +113,7 @@ def page(pattern: str, *, method: str = "GET") -> Callable[[F], F]:
 
 @dataclass(frozen=True)
 class Route:
-    """One pattern and the method that answers it."""
+    """An HTTP method, a pattern of paths, and the name of the page function."""
 
     method: str
     pattern: str
@@ -132,7 +134,7 @@ def _templates() -> jinja2.Environment:
     return environment
 
 
-@lru_cache(maxsize=1 << 16)  # lists are filtered by it
+@lru_cache(maxsize=1 << 16)  # called for every item when lists are filtered
 def slug(text: str) -> str:
     """``text`` as a part of an address: ``"Blue Mug, 0.3 l"`` becomes ``"blue-mug-0-3-l"``."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
@@ -140,20 +142,20 @@ def slug(text: str) -> str:
 
 @dataclass
 class Website:
-    """Base of all families.
+    """Base class of all families.
 
-    A family overrides :meth:`build` (fills its catalogue from ``self.seed``), :meth:`menu`,
-    :meth:`report` and :meth:`assignments`, and marks its pages with :func:`page`.
+    A family overrides :meth:`build` (generates its contents from ``self.seed``), :meth:`menu`, :meth:`report`
+    and :meth:`assignments`, and marks its pages with :func:`page`.
 
     Attributes:
-        seed: of this website; everything in it follows.
+        seed: determines everything about the website.
         brand: its name, shown in the header.
         label: first part of its hostname.
         look: palette, fonts and layout.
-        behaviour: what it does to its visitors.
+        behaviour: whether and how it misbehaves.
         split: of its tasks.
         domain, subdomain: of the Mind2Web-2 taxonomy; set by :meth:`build`.
-        tagline: under the brand; set by :meth:`build`.
+        tagline: slogan; set by :meth:`build`.
     """
 
     family: ClassVar[str]
@@ -161,7 +163,7 @@ class Website:
     """Second words of brands."""
     routes: ClassVar[tuple[Route, ...]] = ()
     words: ClassVar[Mapping[str, tuple[str, ...]]] = {}
-    """For every ``~name`` in a pattern, the words of which a website takes one."""
+    """For every ``~name`` in a pattern, the words of which each website uses one."""
 
     seed: int
     brand: str
@@ -176,20 +178,20 @@ class Website:
     """This website's word for every ``~name``."""
 
     def __init_subclass__(cls) -> None:
-        found = [
+        routes = [
             Route(method, pattern, name)
             for name in dir(cls)
             for method, pattern in getattr(getattr(cls, name), "routes", ())
             if callable(getattr(cls, name))
         ]
         # Patterns with fewer placeholders are more specific and are tried first.
-        cls.routes = tuple(sorted(found, key=lambda route: (route.pattern.count("{"), route.pattern)))
+        cls.routes = tuple(sorted(routes, key=lambda route: (route.pattern.count("{"), route.pattern)))
 
     def __post_init__(self) -> None:
         self.paths = {name: pick(options, self.seed, "path", name) for name, options in self.words.items()}
         self.build()
 
-    # --- what a family says about itself -----------------------------------------------------------
+    # --- overridden by families -----------------------------------------------------------
 
     @classmethod
     def christen(cls, stem: str, seed: int) -> tuple[str, str]:
@@ -203,7 +205,7 @@ class Website:
         return f"{label}.{TOP_LEVEL_DOMAIN}"
 
     def build(self) -> None:
-        """Fill the catalogue, and set domain, subdomain and tagline."""
+        """Generate the contents, and set domain, subdomain and tagline."""
         raise NotImplementedError
 
     def menu(self) -> list[tuple[str, str]]:
@@ -211,7 +213,7 @@ class Website:
         return []
 
     def report(self, state: State) -> dict[str, Any]:
-        """What the server holds for a visitor, in the form that a :class:`StateCheck` looks into."""
+        """The state for a visitor, in the structure that :class:`StateCheck` refers to."""
         del state
         return {}
 
@@ -220,7 +222,7 @@ class Website:
         return ()
 
     def expected_assignments(self) -> Iterable[Assignment]:
-        """The tasks, with how a faultless attempt ends on a website that behaves like this one."""
+        """The tasks, with the expected end of a correct attempt on a website with this behaviour."""
         ends: dict[Behaviour, Expected] = {
             "blocks": "blocked",
             "down": "environment_error",
@@ -232,7 +234,7 @@ class Website:
                 continue
             yield replace(assignment, expects=ends.get(self.behaviour, "success"))
 
-    # --- what every website does -------------------------------------------------------------------
+    # --- common to all websites -------------------------------------------------------------------
 
     @property
     def host(self) -> str:
@@ -260,9 +262,9 @@ class Website:
         return [(route.method, regex(route.pattern), route.function) for route in self.routes]
 
     def handle(self, visit: Visit) -> Response:
-        """Answer one request."""
-        said = (visit.path, *visit.query.values(), *visit.form.values(), *chain(*visit.lists.values()))
-        if any(map(_LONG_NUMBER.search, said)):
+        """The response to a request."""
+        values = (visit.path, *visit.query.values(), *visit.form.values(), *chain(*visit.lists.values()))
+        if any(map(_LONG_NUMBER.search, values)):
             return self.missing(visit, 400)
         if self.behaviour == "blocks":
             return self.render("challenge.html", visit, status=403)
@@ -280,11 +282,11 @@ class Website:
         return self.missing(visit)
 
     def missing(self, visit: Visit, status: int = 404) -> Response:
-        """The page that says there is no such page."""
+        """The error page for an address without a page."""
         return self.render("missing.html", visit, status=status)
 
     def render(self, template: str, visit: Visit, *, status: int = 200, **values: object) -> Response:
-        """A page from a template; ``site``, ``visit`` and ``look`` are at hand in it."""
+        """Render a template; ``site``, ``visit``, ``look``, ``today`` and ``url`` are defined in it."""
         text = (
             _templates()
             .get_template(template)
@@ -292,21 +294,21 @@ class Website:
         )
         return Response(text.encode(), status)
 
-    # --- pages that every website has ----------------------------------------------------------------
+    # --- pages of all websites ----------------------------------------------------------------
 
     @page("/picture/{kind}/{name}")
     def picture(self, visit: Visit, kind: str, name: str) -> Response:
-        """An illustration; ``name`` decides what it looks like."""
+        """An illustration, seeded by ``name``."""
         del visit
         drawn = art.draw(kind, name.removesuffix(".svg"), self.look)
         return Response(drawn.encode(), media_type="image/svg+xml")
 
     @page("/consent", method="POST")
     def consent(self, visit: Visit) -> Response:
-        """The cookie banner's answer; the page removes the banner by itself."""
+        """Store the choice of the cookie banner, which is removed by the page's script."""
         visit.state["consent"] = visit.form.get("choice", "necessary")
         return Response(b"", status=204)
 
     def picture_url(self, kind: str, name: str) -> str:
-        """Address of an illustration."""
+        """The address of an illustration."""
         return f"/picture/{kind}/{quote(name, safe='')}.svg"

@@ -1,6 +1,7 @@
-"""Inline SVG. Lengths along the axis are percent, so that a chart fits any width and its text keeps its size.
+"""Charts as inline SVG. Horizontal lengths are percentages, so a chart fits any width and its text keeps its
+size.
 
-Colours come from the style sheet: ``var(--<outcome>)`` is the one colour of an outcome everywhere.
+Colours are variables of the style sheet: ``var(--<outcome>)`` is the colour of an outcome.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ def _svg(height: int, label: str, body: Markup, css: str = "") -> Markup:
 
 
 def outcome_bar(outcomes: Mapping[str, int]) -> Markup:
-    """One bar of all outcomes, side by side."""
+    """A stacked horizontal bar of the outcomes."""
     total = sum(outcomes.values())
     left, parts = 0.0, Markup()
     part = Markup(
@@ -34,15 +35,15 @@ def outcome_bar(outcomes: Mapping[str, int]) -> Markup:
     for name, count in outcomes.items():
         if count:
             share = 100 * count / total
-            shown = (outcome_name(name), count, percent(count / total))
-            parts += part.format(left, share, name, *shown)
+            title = (outcome_name(name), count, percent(count / total))
+            parts += part.format(left, share, name, *title)
             left += share
-    told = ", ".join(f"{outcome_name(name)} {count}" for name, count in outcomes.items())
-    return _svg(28, f"Outcomes: {told}", parts, "outcome-bar")
+    counts = ", ".join(f"{outcome_name(name)} {count}" for name, count in outcomes.items())
+    return _svg(28, f"Outcomes: {counts}", parts, "outcome-bar")
 
 
 def rate_bar(rate: float | None, interval: Interval | None) -> Markup:
-    """A share as a bar from 0 to 100 %, with its interval as a whisker."""
+    """A rate as a bar from 0 to 100 %, with its interval as an error bar."""
     parts = Markup('<rect class="track" y="5" width="100%" height="10" rx="3"/>')
     if rate is None or interval is None:
         return _svg(20, "nothing rewarded", parts)
@@ -58,7 +59,7 @@ def rate_bar(rate: float | None, interval: Interval | None) -> Markup:
 
 
 def _decades(values: Sequence[float]) -> tuple[float, float]:
-    """The smallest stretch of whole decades that holds the values."""
+    """The smallest range of whole decades that contains the values."""
     low = max((d for d in _DECADES if d <= min(values)), default=_DECADES[0])
     high = min((d for d in _DECADES if d >= max(values)), default=_DECADES[-1])
     return (low, high) if high > low else (low, low * 10)
@@ -68,26 +69,29 @@ class LogAxis:
     """A logarithmic axis of milliseconds over whole decades.
 
     Args:
-        shown: everything that will be drawn on it.
+        shown: all quantiles that will be drawn on it.
     """
 
     def __init__(self, shown: Sequence[Quantiles]) -> None:
-        ends = [
-            value for one in shown for value in (one["p50"], one["p95"]) if value is not None and value > 0
+        values = [
+            value
+            for quantiles in shown
+            for value in (quantiles["p50"], quantiles["p95"])
+            if value is not None and value > 0
         ]
-        self.low, self.high = _decades(ends or [1.0])
+        self.low, self.high = _decades(values or [1.0])
 
     def place(self, value: float) -> float:
-        """Where a value lies, percent."""
+        """Position of a value, percent of the width."""
         share = math.log(max(value, self.low) / self.low) / math.log(self.high / self.low)
         return 100 * min(1.0, share)
 
     def ticks(self) -> list[tuple[float, str]]:
-        """Places of the decades, percent, and what to write there."""
+        """Positions of the decades, percent of the width, and their labels."""
         return [(self.place(d), milliseconds(d)) for d in _DECADES if self.low <= d <= self.high]
 
     def span(self, quantiles: Quantiles) -> Markup:
-        """From the median (full dot) to the 95th percentile (ring)."""
+        """A line from the median (dot) to the 95th percentile (ring)."""
         grid = Markup('<line class="grid" x1="{0:.2f}%" x2="{0:.2f}%" y1="0" y2="20"/>')
         parts = Markup().join(grid.format(place) for place, _ in self.ticks())
         p50, p95 = quantiles["p50"], quantiles["p95"]
@@ -103,15 +107,15 @@ class LogAxis:
 
 
 _COLUMNS = 48
-"""Columns of a histogram at most; beyond it, one stands for several lengths."""
+"""Most columns of a histogram; with more lengths, a column covers several."""
 _HEIGHT = 64
 
 
 class Histogram:
-    """How many steps attempts took, stacked by outcome; several share one axis.
+    """Histograms of the number of steps of attempts, stacked by outcome, with a common axis.
 
     Args:
-        counts: per row of the chart, how many attempts took so many steps and ended so.
+        counts: for each histogram, by name, number of attempts by (steps, outcome).
     """
 
     def __init__(self, counts: Mapping[str, Mapping[tuple[int, str], int]]) -> None:
@@ -121,7 +125,7 @@ class Histogram:
         self._columns = self.longest // self._bin + 1
 
     def ticks(self) -> list[tuple[float, str]]:
-        """Places, percent, and numbers of steps, about five."""
+        """About five positions, percent of the width, and their labels (numbers of steps)."""
         raw = max(1, self.longest) / 5
         scale = 10 ** math.floor(math.log10(raw))
         every = max(1, int(next(m * scale for m in (1, 2, 5, 10) if m * scale >= raw)))
@@ -131,7 +135,7 @@ class Histogram:
         ]
 
     def row(self, name: str) -> Markup:
-        """The chart of one row."""
+        """The histogram with this name."""
         columns: dict[int, dict[str, int]] = {}
         for (steps, outcome), count in self._counts[name].items():
             column = columns.setdefault(steps // self._bin, {})
@@ -159,7 +163,7 @@ class Histogram:
 
 
 def count_bar(count: int, most: int, name: str) -> Markup:
-    """A number as a bar, as long as its share of the largest one beside it."""
+    """A number as a bar, relative to the largest number in the same table (``most``)."""
     bar = Markup('<rect class="track" y="5" width="100%" height="10" rx="3"/>')
     bar += Markup('<rect class="count" y="5" width="{:.2f}%" height="10" rx="3"/>').format(
         100 * count / max(1, most)
@@ -168,10 +172,10 @@ def count_bar(count: int, most: int, name: str) -> Markup:
 
 
 def fact_columns(columns: Sequence[tuple[str, str, int]]) -> Markup:
-    """Columns side by side.
+    """A column chart of tasks by number of facts.
 
     Args:
-        columns: of each, what to write below, its level, how many.
+        columns: label, level and number of tasks of each column.
     """
     most = max((count for _, _, count in columns), default=0) or 1
     width = 100 / max(1, len(columns))
@@ -181,9 +185,9 @@ def fact_columns(columns: Sequence[tuple[str, str, int]]) -> Markup:
         "<title>{} facts: {}</title></rect>"
         '<text x="{:.3f}%" y="{}">{}</text>'
     )
-    for place, (facts, level, count) in enumerate(columns):
+    for index, (facts, level, count) in enumerate(columns):
         height = max(1.0, count / most * (_HEIGHT - 4)) if count else 0.0
-        left = place * width
+        left = index * width
         box = (level, left + width * 0.1, _HEIGHT - 1 - height, width * 0.8, height)
         parts += part.format(*box, facts, count, left + width / 2, _HEIGHT + 15, facts)
     return _svg(_HEIGHT + 20, "Tasks by number of facts", parts)

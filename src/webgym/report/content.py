@@ -1,7 +1,7 @@
-"""Trajectories as data for the pages: a row of the table, and a page each.
+"""Trajectories as data for the pages: rows of the table, and the content of each trajectory's own page.
 
-What comes from outside (page titles, replies, answers) is passed on as it is. It is made safe where it
-enters a page: as inert JSON in the file, as text nodes in the document.
+Untrusted text (page titles, replies, answers) is passed on unchanged. It is made safe where it enters a page:
+as inert JSON in the file, as text nodes in the document.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ from webgym.rollout.summary import environment_milliseconds
 from webgym.rollout.verdicts import Judged
 
 _SNIPPET = 200
-"""Characters of an answer that the table can be searched for."""
+"""Characters of an answer that the table's search covers."""
 
 
 class Row(TypedDict):
-    """A line of the table of trajectories."""
+    """A row of the table of trajectories."""
 
     id: str
     outcome: str
@@ -59,7 +59,7 @@ class Row(TypedDict):
 
 
 def site_of(website: str) -> str:
-    """The host of a website's address, as people read it; what is no address, as it is."""
+    """The host of a website without ``www.``; a text that is not an address is returned unchanged."""
     try:
         host = urlsplit(website if "://" in website else f"//{website}").hostname
     except ValueError:
@@ -68,7 +68,7 @@ def site_of(website: str) -> str:
 
 
 def row(trajectory: Trajectory, task: Task | None) -> Row:
-    """A trajectory in one line."""
+    """The row of a trajectory; ``task`` is ``None`` if the run does not contain it."""
     episode = trajectory.episode
     failure = episode.failure or trajectory.judge_failure
     return {
@@ -89,12 +89,12 @@ def row(trajectory: Trajectory, task: Task | None) -> Row:
 
 
 def page(trajectory: Trajectory, task: Task | None, others: Sequence[Judged] = ()) -> dict[str, Any]:
-    """A trajectory with everything that its own page shows. Boxes and points are percent of the picture.
+    """The content of a trajectory's page. Boxes and points are percentages of the screenshot's size.
 
     Args:
-        trajectory: as it was collected.
-        task: ``None`` if the run does not hold it.
-        others: what other judges said of it afterwards.
+        trajectory: the trajectory.
+        task: its task; ``None`` if the run does not contain it.
+        others: later verdicts of other judges.
     """
     episode, verdict = trajectory.episode, trajectory.verdict
     waited = [*environment_milliseconds(episode.steps), None]
@@ -115,18 +115,18 @@ def page(trajectory: Trajectory, task: Task | None, others: Sequence[Judged] = (
         "others": [_other(judged, task) for judged in others],
         "answer": episode.answer,
         "steps": [_step(step, wait) for step, wait in zip(episode.steps, waited, strict=False)],
-        "final": _look(episode.final) if episode.final else None,
+        "final": _observation(episode.final) if episode.final else None,
     }
 
 
-def blind(shown: dict[str, Any]) -> dict[str, Any]:
-    """A page's content without anything that judges said or that follows from it."""
+def blind(content: dict[str, Any]) -> dict[str, Any]:
+    """The content of a page without verdicts and everything that reveals them, for unbiased labelling."""
     groups = [
         {**group, "facts": [{"text": fact["text"], "passed": None} for fact in group["facts"]]}
-        for group in shown["groups"]
+        for group in content["groups"]
     ]
     hidden: dict[str, Any] = {"outcome": None, "verdict": None, "judgeFailure": None, "judgeSeconds": 0}
-    return {**shown, **hidden, "groups": groups, "others": [], "blind": True}
+    return {**content, **hidden, "groups": groups, "others": [], "blind": True}
 
 
 def _task(task: Task | None, task_id: str) -> dict[str, Any]:
@@ -146,15 +146,15 @@ def _task(task: Task | None, task_id: str) -> dict[str, Any]:
 
 
 def _groups(task: Task | None, verdict: Verdict | None) -> list[dict[str, Any]]:
-    found = {(fact.group, fact.index): fact for fact in verdict.facts} if verdict else {}
+    by_fact = {(fact.group, fact.index): fact for fact in verdict.facts} if verdict else {}
     if task is None:
-        facts = [{"text": fact.fact, **_judgement(fact.judgement)} for fact in found.values()]
+        facts = [{"text": fact.fact, **_judgement(fact.judgement)} for fact in by_fact.values()]
         return [{"description": "", "facts": facts}] if facts else []
     groups: dict[int, dict[str, Any]] = {}
     for group, index, text in task.rubric.facts():
-        shown = groups.setdefault(group.id, {"description": group.description, "facts": []})
-        fact = found.get((group.id, index))
-        shown["facts"].append({"text": text, **(_judgement(fact.judgement) if fact else {"passed": None})})
+        content = groups.setdefault(group.id, {"description": group.description, "facts": []})
+        fact = by_fact.get((group.id, index))
+        content["facts"].append({"text": text, **(_judgement(fact.judgement) if fact else {"passed": None})})
     return list(groups.values())
 
 
@@ -184,7 +184,7 @@ def _cost(cost: Cost | None) -> dict[str, float] | None:
 
 
 def _other(judged: Judged, task: Task | None) -> dict[str, Any]:
-    """Another judge's part of the page, under the names that the collector's own has."""
+    """The verdict of another judge, with the same keys as that of the run's own."""
     return {
         "judge": judged.judge,
         "outcome": judged.outcome.value,
@@ -199,7 +199,7 @@ def _failure(failure: Failure | None) -> dict[str, str] | None:
     return {"code": failure.code, "message": failure.message} if failure else None
 
 
-def _look(observation: Observation) -> dict[str, Any]:
+def _observation(observation: Observation) -> dict[str, Any]:
     width, height = observation.viewport
     return {
         "shot": observation.screenshot,
@@ -214,10 +214,11 @@ def _look(observation: Observation) -> dict[str, Any]:
 
 
 def _step(step: Step, waited: float | None) -> dict[str, Any]:
-    """One turn. ``waited`` is the time from the reply to the next look, milliseconds; None if unknown."""
+    """One step. ``waited`` is the time from the reply to the next observation, milliseconds; ``None`` if
+    unknown."""
     reply = step.reply
     return {
-        **_look(step.observation),
+        **_observation(step.observation),
         "at": round(step.at, 2),
         "reply": reply.text,
         "finish": reply.finish_reason,
@@ -226,40 +227,40 @@ def _step(step: Step, waited: float | None) -> dict[str, Any]:
         "waited": None if waited is None else round(waited, 1),
         "changed": step.changed,
         "error": step.parse_error,
-        "memory": _mended(step.revision),
+        "memory": _memory_corrections(step.revision),
         "action": _action(step.action, step.observation) if step.action else None,
     }
 
 
-def _mended(revision: Revision | None) -> str:
-    """What a reply did to its memory that the append-only rule did not let stand."""
+def _memory_corrections(revision: Revision | None) -> str:
+    """The changes of a reply to the memory that were not applied as written, as text."""
     if revision is None:
         return ""
     parts = {
-        "left out, kept": revision.dropped,
+        "omitted, kept": revision.dropped,
         "changed, both values kept": revision.rewritten,
-        "no room, not taken in": revision.refused,
+        "no room, not added": revision.refused,
     }
-    return "; ".join(f"{what}: {', '.join(keys)}" for what, keys in parts.items() if keys)
+    return "; ".join(f"{correction}: {', '.join(keys)}" for correction, keys in parts.items() if keys)
 
 
-def _action(action: Action, seen: Observation) -> dict[str, Any]:
+def _action(action: Action, observation: Observation) -> dict[str, Any]:
     match action:
         case LeftClick(target, modifiers):
-            return {"name": "click", "keys": "+".join(modifiers), **_place(target, seen)}
+            return {"name": "click", "keys": "+".join(modifiers), **_place(target, observation)}
         case DoubleClick(target) | RightClick(target) | Hover(target):
-            return {"name": name_of(action), **_place(target, seen)}
+            return {"name": name_of(action), **_place(target, observation)}
         case Drag(start, target, path):
-            passed = {"path": [_point(point) for point in path]} if path else {}
-            return {"name": "drag", "from": _place(start, seen), **passed, **_place(target, seen)}
+            via = {"path": [_point(point) for point in path]} if path else {}
+            return {"name": "drag", "from": _place(start, observation), **via, **_place(target, observation)}
         case Type(target, text):
-            return {"name": "type", "text": text, **_place(target, seen)}
+            return {"name": "type", "text": text, **_place(target, observation)}
         case Press(keys):
             return {"name": "press", "keys": "+".join(keys)}
         case Upload(target, files):
-            return {"name": "upload", "text": ", ".join(files), **_place(target, seen)}
+            return {"name": "upload", "text": ", ".join(files), **_place(target, observation)}
         case Scroll(direction, target):
-            place = {} if target is None else _place(target, seen)
+            place = {} if target is None else _place(target, observation)
             return {"name": "scroll", "direction": direction, **place}
         case Wait(seconds):
             return {"name": "wait", "seconds": seconds}
@@ -275,38 +276,40 @@ def _point(coordinate: tuple[float, float]) -> list[float]:
     return [round(value * 100 / GRID, 3) for value in coordinate]
 
 
-def _place(target: Target, seen: Observation) -> dict[str, Any]:
-    """Where an action lands on the picture, and on what."""
+def _place(target: Target, observation: Observation) -> dict[str, Any]:
+    """The target of an action on the screenshot: point, box or mark, and the element's name and role."""
     place: dict[str, Any] = {}
     if target.coordinate is not None:
         place["point"] = _point(target.coordinate)
-        element = _element_at(target.coordinate, seen)
+        element = _element_at(target.coordinate, observation)
     else:
         place["mark"] = target.element
-        element = next((one for one in seen.elements or () if one.number == target.element), None)
+        element = next(
+            (known for known in observation.elements or () if known.number == target.element), None
+        )
         if element is not None:
-            place["box"] = _percent(element, seen)
+            place["box"] = _percent(element, observation)
     if element is not None:
         place["on"] = element.name
         place["role"] = element.role
     return place
 
 
-def _percent(element: Element, seen: Observation) -> list[float]:
-    width, height = seen.viewport
+def _percent(element: Element, observation: Observation) -> list[float]:
+    width, height = observation.viewport
     x, y, w, h = element.box
     return [
         round(value, 3) for value in (x * 100 / width, y * 100 / height, w * 100 / width, h * 100 / height)
     ]
 
 
-def _element_at(coordinate: tuple[float, float], seen: Observation) -> Element | None:
-    """The smallest element under a grid point, if the elements were recorded."""
-    x, y = (value * size / GRID for value, size in zip(coordinate, seen.viewport, strict=True))
+def _element_at(coordinate: tuple[float, float], observation: Observation) -> Element | None:
+    """The smallest element at a point of the action grid; ``None`` if there is none or none were recorded."""
+    x, y = (value * size / GRID for value, size in zip(coordinate, observation.viewport, strict=True))
 
     def is_hit(element: Element) -> bool:
         left, top, width, height = element.box
         return left <= x <= left + width and top <= y <= top + height
 
-    hit = [element for element in seen.elements or () if is_hit(element)]
+    hit = [element for element in observation.elements or () if is_hit(element)]
     return min(hit, key=lambda element: element.box[2] * element.box[3], default=None)

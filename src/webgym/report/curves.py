@@ -1,7 +1,7 @@
-"""Curves over the course of a training, as inline SVG and HTML.
+"""Curves of a training, as inline SVG and HTML.
 
-Lines lie in a picture of 100 by 100 that is stretched to its place, their strokes and all text are not: so a
-curve fits any width. Colours are the style sheet's, ``--line-<name>``.
+Lines are drawn in a coordinate system of 100 by 100 that is stretched to the available width, without
+stretching strokes and text. Colours are variables of the style sheet, ``--line-<name>``.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ class Point(NamedTuple):
     """A measurement.
 
     Attributes:
-        x: trajectories collected, or an iteration.
-        y: what was measured.
-        interval: its 95 % interval, if it is a share.
+        x: number of trajectories collected, or an iteration.
+        y: the value.
+        interval: its 95 % interval, if it is a rate.
     """
 
     x: float
@@ -57,9 +57,9 @@ class Line(NamedTuple):
     """A curve.
 
     Attributes:
-        name: for people; in lower case and with dashes for spaces it names the colour too.
-        points: what was measured.
-        smoothing: weight of the newest point in the moving average that is drawn; 1 draws the points.
+        name: in the legend; in lower case, with dashes for spaces, also the name of the colour.
+        points: the measurements.
+        smoothing: weight of the newest point in the moving average that is drawn; 1 means no smoothing.
     """
 
     name: str
@@ -69,21 +69,21 @@ class Line(NamedTuple):
     @property
     def smooth(self) -> list[Point]:
         """The exponential moving average: ``e[0] = y[0]``, ``e[n] = s y[n] + (1 - s) e[n - 1]``."""
-        found: list[Point] = []
+        averages: list[Point] = []
         for point in self.points:
-            before = found[-1].y if found else point.y
+            before = averages[-1].y if averages else point.y
             y = self.smoothing * point.y + (1 - self.smoothing) * before
-            found.append(Point(point.x, y))
-        return found
+            averages.append(Point(point.x, y))
+        return averages
 
     @property
     def colour(self) -> str:
-        """Its colour, for a style attribute."""
+        """Its colour, as a CSS value."""
         return f"var(--line-{self.name.lower().replace(' ', '-')}, var(--accent))"
 
 
 def nice_ticks(low: float, high: float) -> list[float]:
-    """About five round numbers, from ``low`` at most to ``high`` at least."""
+    """About five evenly spaced round numbers that cover the range from ``low`` to ``high``."""
     if high <= low:
         high = low + 1
     raw = (high - low) / _TICKS
@@ -94,13 +94,13 @@ def nice_ticks(low: float, high: float) -> list[float]:
 
 
 class Curves:
-    """Lines over one axis.
+    """A line chart.
 
     Args:
-        label: what is shown, for those who do not see it.
+        label: text alternative of the chart.
         lines: in the order of the legend; those without points are left out.
-        write: how a value is written.
-        whole: values from 0 to at most 1, so that shares of all charts are read alike.
+        write: formats a value.
+        whole: limit the ticks to at most 1, for rates.
     """
 
     def __init__(
@@ -123,14 +123,14 @@ class Curves:
 
     @property
     def x_ticks(self) -> list[tuple[float, str]]:
-        """Places, percent, and what to write there."""
+        """Positions of the ticks from the left, percent of the width, and their labels."""
         low, high = self._span
         inside = [tick for tick in nice_ticks(low, high) if low <= tick <= high]
         return [(self._place_x(tick), f"{tick:,.0f}") for tick in inside if tick == int(tick)]
 
     @property
     def y_ticks(self) -> list[tuple[float, str]]:
-        """Places from above, percent, and what to write there."""
+        """Positions of the ticks from the top, percent of the height, and their labels."""
         return [(self._place_y(tick), self.write(tick)) for tick in self._y]
 
     @property
@@ -146,7 +146,7 @@ class Curves:
         return 100 - 100 * (y - self._y[0]) / (self._y[-1] - self._y[0])
 
     def svg(self) -> Markup:
-        """The picture."""
+        """The chart as SVG."""
         parts = Markup().join(_GRID.format(place) for place, _ in self.y_ticks)
         lines = Markup()
         for line in self.lines:
@@ -154,38 +154,38 @@ class Curves:
             lines += _LINE.format(path, line.colour)
         parts += _STRETCHED.format(lines)
         for number, line in enumerate(self.lines):
-            shift = 4.0 * (number - (len(self.lines) - 1) / 2)  # intervals beside each other, not on top
+            shift = 4.0 * (number - (len(self.lines) - 1) / 2)  # so that intervals do not overlap
             for point in line.points:
                 parts += self._dot(line, point, shift if point.interval else 0.0)
-        told = "; ".join(f"{line.name} {self.write(line.smooth[-1].y)}" for line in self.lines)
-        return _PLOT.format(f"{self.label}, last: {told}", parts)
+        last = "; ".join(f"{line.name} {self.write(line.smooth[-1].y)}" for line in self.lines)
+        return _PLOT.format(f"{self.label}, last: {last}", parts)
 
     def _dot(self, line: Line, point: Point, shift: float) -> Markup:
-        x, y, parts, said = self._place_x(point.x), self._place_y(point.y), Markup(), ""
+        x, y, parts, interval_text = self._place_x(point.x), self._place_y(point.y), Markup(), ""
         if point.interval is not None:
             low, high = point.interval
-            said = f" ({self.write(low)} to {self.write(high)})"
+            interval_text = f" ({self.write(low)} to {self.write(high)})"
             parts += _WHISKER.format(x, self._place_y(high), self._place_y(low), line.colour)
-        title = f"{line.name}, {point.x:,.0f}: {self.write(point.y)}{said}"
-        is_drawn = line.smoothing == 1.0  # else its moving average is
+        title = f"{line.name}, {point.x:,.0f}: {self.write(point.y)}{interval_text}"
+        is_drawn = line.smoothing == 1.0  # otherwise its moving average is drawn
         parts += _DOT.format("" if is_drawn else " faint", x, y, 3.5 if is_drawn else 2.5, line.colour, title)
         return _SHIFTED.format(shift, parts)
 
 
 def phase_bars(rows: Sequence[tuple[str, dict[str, float]]], write: Callable[[float], str]) -> Markup:
-    """Bars of parts side by side, one per row, as long as their share of the longest row.
+    """Rows of a table with a stacked bar each, all in the scale of the longest.
 
     Args:
-        rows: name and parts, which have the same names everywhere.
-        write: how a value is written.
+        rows: name, and values by name of the part.
+        write: formats a value.
     """
     longest = max((sum(parts.values()) for _, parts in rows), default=0.0) or 1.0
-    drawn = Markup()
+    table_rows = Markup()
     for name, parts in rows:
         left, bar = 0.0, Markup()
         for phase, value in parts.items():
             width = 100 * value / longest
             bar += _PHASE.format(left, width, phase, name, phase, write(value))
             left += width
-        drawn += _PHASES.format(name, bar, write(sum(parts.values())))
-    return drawn
+        table_rows += _PHASES.format(name, bar, write(sum(parts.values())))
+    return table_rows

@@ -14,14 +14,14 @@ _OUTCOMES = {
 }
 
 _MEANINGS = {
-    "success": "answered, and the judge found everything",
-    "failure": "answered, and the judge found something missing or wrong",
+    "success": "answered, and the judge accepted it",
+    "failure": "answered, and the judge rejected it",
     "truncated": "the step budget was spent without an answer",
-    "blocked": "the website kept the agent out",
+    "blocked": "the website blocked the agent",
     "environment_error": "the browser, the server or the website failed",
     "policy_error": "the policy or its endpoint failed",
-    "judge_error": "no verdict could be had",
-    "cancelled": "the run was stopped first",
+    "judge_error": "the judge gave no verdict",
+    "cancelled": "the run was stopped before it ended",
 }
 
 
@@ -31,22 +31,22 @@ def outcome_name(outcome: str) -> str:
 
 
 def outcome_meaning(outcome: str) -> str:
-    """What an outcome says, in a few words."""
+    """The meaning of an outcome, in a few words."""
     return _MEANINGS[outcome]
 
 
 def percent(share: float | None) -> str:
-    """A share; a dash for none."""
+    """A share as a percentage; a dash for ``None``."""
     return "–" if share is None else f"{share * 100:.1f}%"
 
 
 def points(difference: float | None) -> str:
-    """A difference of shares, in percentage points; a dash for none."""
+    """A difference of shares in percentage points; a dash for ``None``."""
     return "–" if difference is None else f"{difference * 100:+.1f} points".replace("-", "−")
 
 
 def milliseconds(value: float | None) -> str:
-    """A short time with its unit; a dash for none."""
+    """A time in milliseconds or seconds, with its unit; a dash for ``None``."""
     if value is None:
         return "–"
     if value < 10:
@@ -58,7 +58,7 @@ def milliseconds(value: float | None) -> str:
 
 
 def duration(seconds: float) -> str:
-    """A long time with its units."""
+    """A time in seconds, minutes and hours, with its units."""
     if seconds < 60:
         return f"{seconds:.1f} s"
     minutes, rest = divmod(round(seconds), 60)
@@ -67,5 +67,5 @@ def duration(seconds: float) -> str:
 
 
 def number(value: float) -> str:
-    """With thin spaces between thousands; one digit after the point below a hundred, unless whole."""
+    """A number with thin spaces between thousands; with one decimal if it is below 100 and not an integer."""
     return f"{value:,.0f}".replace(",", " ") if value >= 100 or value == int(value) else f"{value:.1f}"

@@ -1,8 +1,8 @@
 """The page where people label trajectories: the only part of the viewer that writes.
 
-A label is taken only from our own page: the request names this very server as its origin, comes as JSON and
-carries a token that stands in the page and nowhere else. Another website can neither read the token nor make
-a browser send such a request.
+A label is accepted only from the labelling page itself: the request's origin is this server, its body is
+JSON, and it has a token that only the page contains. Another website can neither read the token nor make a
+browser send such a request.
 """
 
 from __future__ import annotations
@@ -14,25 +14,25 @@ from typing import Any, Final, Protocol
 
 import msgspec
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import Response
 from starlette.routing import Route
 
 from webgym.core.errors import UsageError
 from webgym.report.config import ViewConfig
 from webgym.report.content import blind, page
 from webgym.report.live_run import LiveRun
-from webgym.report.serving import SAFE, json_reply, page_reply
+from webgym.report.serving import error_reply, json_reply, page_reply
 from webgym.report.template import Document, inert, outcome_words
 from webgym.rollout.labels import HumanLabel, Label, LabelStore, labels_path, sample_to_label
 
 TOKEN_HEADER: Final = "X-WebGym-Token"  # noqa: S105 - a header's name
 _LARGEST: Final = 65_536
-"""Bytes of a request."""
+"""Most bytes of a request's body."""
 _SCRIPTS: Final = ("dom.js", "theme.js", "source.js", "stage.js", "trajectory.js", "label.js")
 
 
-class _Put(msgspec.Struct, frozen=True):
-    """What the page sends."""
+class _SentLabel(msgspec.Struct, frozen=True):
+    """A label as the page sends it."""
 
     id: str
     annotator: str
@@ -44,17 +44,17 @@ class Read(Protocol):
     """Runs a blocking call that reads the run, one at a time."""
 
     async def __call__(self, call: Callable[..., Any], *args: Any) -> Any:
-        """What the call returns."""
+        """Run the call and return its result."""
         ...
 
 
 class Labelling:
-    """The answers of the labelling page.
+    """The request handlers of the labelling page.
 
     Args:
-        run: the run; touched through ``read`` alone.
+        run: the run; accessed only through ``read``.
         read: runs blocking calls.
-        config: which file, and which attempts.
+        config: the file of the labels, and the choice of the attempts.
     """
 
     def __init__(self, run: LiveRun, read: Read, config: ViewConfig) -> None:
@@ -67,7 +67,7 @@ class Labelling:
         self._writing = asyncio.Lock()
 
     def routes(self) -> list[Route]:
-        """Where it answers."""
+        """The routes of these handlers."""
         return [
             Route("/label", self.document),
             Route("/api/labels", self.labels, methods=["GET"]),
@@ -81,7 +81,7 @@ class Labelling:
         return page_reply(text, self._page.policy)
 
     async def labels(self, request: Request) -> Response:
-        """What is to be labelled, and what this person has said so far."""
+        """The attempts to label, and this annotator's labels so far."""
         return json_reply(await self._read(self._labels, request.query_params.get("annotator", "")))
 
     def _labels(self, annotator: str) -> dict[str, Any]:
@@ -89,63 +89,66 @@ class Labelling:
         queue = sample_to_label(reader, self._config.label_count, self._config.label_seed)
         levels = {task_id: task.level for task_id, task in reader.tasks.items()}
         return {
-            "queue": [{"id": one, "level": levels.get(reader.attempts[one].task_id, "")} for one in queue],
+            "queue": [
+                {"id": attempt, "level": levels.get(reader.attempts[attempt].task_id, "")}
+                for attempt in queue
+            ],
             "labels": {
-                one.attempt_id: {"label": one.label, "note": one.note}
-                for one in self._book().labels()
-                if one.annotator == annotator
+                label.attempt_id: {"label": label.label, "note": label.note}
+                for label in self._store().labels()
+                if label.annotator == annotator
             },
         }
 
     async def trajectory(self, request: Request) -> Response:
-        """Everything about one attempt; what judges said of it only to those who have labelled it."""
-        asked = request.query_params
+        """The content of one attempt's page; with verdicts only if this annotator has labelled it."""
+        params = request.query_params
         try:
-            shown = await self._read(self._trajectory, asked.get("id", ""), asked.get("annotator", ""))
+            content = await self._read(self._trajectory, params.get("id", ""), params.get("annotator", ""))
         except KeyError:
-            return _refused("no such trajectory", 404)
-        return json_reply(shown)
+            return error_reply("no such trajectory", 404)
+        return json_reply(content)
 
     def _trajectory(self, attempt_id: str, annotator: str) -> dict[str, Any]:
         trajectory = self._run.trajectory(attempt_id)
         task = self._run.reader.tasks.get(trajectory.episode.task_id)
-        shown = page(trajectory, task, self._run.verdicts.of(attempt_id))
-        said = {(one.attempt_id, one.annotator) for one in self._book().labels()}
-        return shown if (attempt_id, annotator) in said else blind(shown)
+        content = page(trajectory, task, self._run.verdicts.of(attempt_id))
+        labelled = {(label.attempt_id, label.annotator) for label in self._store().labels()}
+        return content if (attempt_id, annotator) in labelled else blind(content)
 
     async def put(self, request: Request) -> Response:
-        """Write down a label; it is on disk when this answers."""
-        if (why := self._foreign(request)) is not None:
-            return _refused(why, 403)
+        """Save a label; it is on disk when the reply is sent."""
+        if (problem := self._origin_problem(request)) is not None:
+            return error_reply(problem, 403)
         try:
-            said = msgspec.json.decode(await _body(request), type=_Put)
+            sent = msgspec.json.decode(await _body(request), type=_SentLabel)
         except (ValueError, ClientDisconnect) as error:
-            return _refused(f"no label: {error}", 400)
-        annotator = " ".join(said.annotator.split())
+            return error_reply(f"invalid label: {error}", 400)
+        annotator = " ".join(sent.annotator.split())
         if not annotator:
-            return _refused("who labels?", 400)
+            return error_reply("the name of the annotator is missing", 400)
         try:
-            task_id = await self._read(lambda: self._run.entry(said.id).task_id)
+            task_id = await self._read(lambda: self._run.entry(sent.id).task_id)
         except KeyError:
-            return _refused("no such trajectory", 404)
-        note = " ".join(said.note.split())
-        label = HumanLabel(said.label, said.id, task_id, annotator, note)
+            return error_reply("no such trajectory", 404)
+        note = " ".join(sent.note.split())
+        label = HumanLabel(sent.label, sent.id, task_id, annotator, note)
         async with self._writing:
-            # A page that is closed meanwhile does not stop the writing half-way.
-            await asyncio.shield(asyncio.to_thread(lambda: self._book().put(label)))
-        return json_reply({"saved": said.id})
+            # Shielded, so that closing the page does not interrupt the writing.
+            await asyncio.shield(asyncio.to_thread(lambda: self._store().put(label)))
+        return json_reply({"saved": sent.id})
 
-    def _foreign(self, request: Request) -> str | None:
-        """Why a request is not our page's; ``None`` if it is."""
+    def _origin_problem(self, request: Request) -> str | None:
+        """Why a request does not come from the labelling page; ``None`` if it does."""
         if request.headers.get("origin") != f"http://{request.headers.get('host')}":
-            return "labels are taken from this server's own page alone"
+            return "labels are accepted only from this server's own page"
         if request.headers.get("content-type", "").partition(";")[0].strip() != "application/json":
-            return "labels are taken as JSON alone"
+            return "labels are accepted only as JSON"
         if not secrets.compare_digest(request.headers.get(TOKEN_HEADER, "").encode(), self._token.encode()):
-            return "the page is of an earlier start of the viewer: load it again"
+            return "the viewer was restarted: reload the page"
         return None
 
-    def _book(self) -> LabelStore:
+    def _store(self) -> LabelStore:
         return LabelStore(self._config.labels or labels_path(self._run.reader.path))
 
 
@@ -163,11 +166,7 @@ async def _body(request: Request) -> bytes:
     return body
 
 
-def _refused(why: str, status: int) -> Response:
-    return PlainTextResponse(why, status_code=status, headers=SAFE)
-
-
 async def unusable(_: Request, error: Exception) -> Response:
-    """The answer where the file of labels cannot be used."""
+    """The reply if the file of labels cannot be used."""
     assert isinstance(error, UsageError)
-    return _refused(str(error), 409)
+    return error_reply(str(error), 409)

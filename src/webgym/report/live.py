@@ -1,8 +1,7 @@
-"""The pages of a run over HTTP: full-size pictures, and what is new while the run goes on.
+"""The viewer of a run over HTTP, with full-size screenshots, updated while the run goes on.
 
-For the person at this machine: it listens on loopback, answers only to loopback names (so that no
-website can reach it by a name of its own), and serves nothing but the run. It changes nothing either, but for
-people's labels (:mod:`webgym.report.labelling`).
+It is for the user of this machine: it listens on loopback, accepts only loopback host names, and serves only
+the run. It writes nothing but labels (:mod:`webgym.report.labelling`).
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from typing import Any
 from markupsafe import Markup
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import FileResponse, PlainTextResponse, Response
+from starlette.responses import FileResponse, Response
 from starlette.routing import Route
 
 from webgym.core.errors import StoreError, UsageError
@@ -25,7 +24,16 @@ from webgym.report.labelling import Labelling, unusable
 from webgym.report.live_run import LiveRun
 from webgym.report.monitor import Monitoring
 from webgym.report.run_index import TrajectoryQuery
-from webgym.report.serving import ONLY_LOCAL_NAMES, SAFE, json_reply, page_reply, serve
+from webgym.report.serving import (
+    BAD_RANGE,
+    ONLY_LOCAL_NAMES,
+    SAFE,
+    error_reply,
+    json_reply,
+    page_reply,
+    row_range,
+    serve,
+)
 from webgym.report.template import Page
 
 _FOREVER = {"Cache-Control": "private, max-age=31536000, immutable"}
@@ -35,7 +43,7 @@ _MOST_ROWS = 20_000
 
 
 class _Pages:
-    """The answers. One lock: a run is read by one thread at a time."""
+    """The request handlers. A lock ensures that only one thread reads the run at a time."""
 
     def __init__(self, run: LiveRun, config: ViewConfig) -> None:
         self._run = run
@@ -43,7 +51,7 @@ class _Pages:
         self._lock = asyncio.Lock()
 
     async def read(self, call: Callable[..., Any], *args: Any) -> Any:
-        """What a blocking call that reads the run returns."""
+        """Run a blocking call that reads the run, and return its result."""
         async with self._lock:
             return await asyncio.to_thread(call, *args)
 
@@ -55,48 +63,47 @@ class _Pages:
     def _document(self) -> str:
         self._run.refresh()
         overview = Markup(self._run.overview())  # noqa: S704 - rendered with autoescape
-        return self._page.head(overview, self._list(), whole=self._run.is_whole) + self._page.tail()
+        return self._page.head(overview, self._list_state(), whole=self._run.is_whole) + self._page.tail()
 
-    def _list(self) -> dict[str, Any]:
+    def _list_state(self) -> dict[str, Any]:
         return {"count": len(self._run.index), "options": self._run.index.options()}
 
     async def rows(self, request: Request) -> Response:
-        """Trajectories that fit, as rows, and how many there are."""
-        asked = request.query_params
-        after, count = asked.get("after", "0"), asked.get("count", "1")
-        if not (after.isdecimal() and count.isdecimal() and len(after + count) < 18):
-            return PlainTextResponse("after and count: whole numbers", status_code=400, headers=SAFE)
-        texts = {name: asked.get(name, "") for name in TrajectoryQuery._fields if name != "down"}
-        wanted = TrajectoryQuery(**texts, down="down" in asked)
-        return json_reply(await self.read(self._rows, wanted, int(after), min(int(count), _MOST_ROWS)))
+        """Matching trajectories, as rows, and their total number."""
+        params = request.query_params
+        if (rows := row_range(params, _MOST_ROWS)) is None:
+            return error_reply(BAD_RANGE, 400)
+        texts = {name: params.get(name, "") for name in TrajectoryQuery._fields if name != "down"}
+        query = TrajectoryQuery(**texts, down="down" in params)
+        return json_reply(await self.read(self._rows, query, *rows))
 
-    def _rows(self, wanted: TrajectoryQuery, after: int, count: int) -> dict[str, Any]:
+    def _rows(self, query: TrajectoryQuery, after: int, count: int) -> dict[str, Any]:
         if not len(self._run.index):
             self._run.refresh()
-        total, rows = self._run.index.find(wanted, after, count)
+        total, rows = self._run.index.find(query, after, count)
         return {"total": total, "rows": rows}
 
     async def news(self, request: Request) -> Response:
-        """How many trajectories there are, whether the run is over, and the figures if anything is new."""
+        """The number of trajectories, whether the run is finished, and the figures if anything changed."""
         known = request.query_params.get("known", "")
         if not (known.isdecimal() and len(known) < 10):
-            return PlainTextResponse("known: how many rows are known", status_code=400, headers=SAFE)
-        knew_whole = request.query_params.get("whole") == "true"
-        return json_reply(await self.read(self._news, int(known), knew_whole))
+            return error_reply("known must be a number of rows", 400)
+        was_finished = request.query_params.get("whole") == "true"
+        return json_reply(await self.read(self._news, int(known), was_finished))
 
-    def _news(self, known: int, knew_whole: bool) -> dict[str, Any]:
+    def _news(self, known: int, was_finished: bool) -> dict[str, Any]:
         self._run.refresh()
         whole = self._run.is_whole
-        is_new = known != len(self._run.index) or whole != knew_whole
-        return {**self._list(), "whole": whole, "overview": self._run.overview() if is_new else ""}
+        is_new = known != len(self._run.index) or whole != was_finished
+        return {**self._list_state(), "whole": whole, "overview": self._run.overview() if is_new else ""}
 
     async def trajectory(self, request: Request) -> Response:
-        """Everything about one attempt."""
+        """The content of one attempt's page."""
         try:
-            shown = await self.read(self._trajectory, request.query_params.get("id", ""))
+            content = await self.read(self._trajectory, request.query_params.get("id", ""))
         except KeyError:
-            return PlainTextResponse("no such trajectory", status_code=404, headers=SAFE)
-        return json_reply(shown)
+            return error_reply("no such trajectory", 404)
+        return json_reply(content)
 
     def _trajectory(self, attempt_id: str) -> dict[str, Any]:
         trajectory = self._run.trajectory(attempt_id)
@@ -104,25 +111,25 @@ class _Pages:
         return page(trajectory, task, self._run.verdicts.of(attempt_id))
 
     async def picture(self, request: Request) -> Response:
-        """A screenshot as it was taken."""
+        """A screenshot in full size."""
         try:
             path = self._run.reader.image_path(request.path_params["name"])
         except StoreError:
             path = None
         if path is None or not await asyncio.to_thread(path.is_file):
-            return PlainTextResponse("no such picture", status_code=404, headers=SAFE)
+            return error_reply("no such screenshot", 404)
         return FileResponse(path, media_type="image/png", headers={**SAFE, **_FOREVER})
 
 
 async def _store_failed(_: Request, error: Exception) -> Response:
-    return PlainTextResponse(str(error), status_code=500, headers=SAFE)
+    return error_reply(str(error), 500)
 
 
 def view_app(run_path: Path, config: ViewConfig | None = None) -> Starlette:
     """The application that serves a run.
 
     Raises:
-        RunFolderError: the folder is no run.
+        RunFolderError: the folder is not a run.
     """
     return _app(LiveRun(run_path), config or ViewConfig(), asyncio.Event())
 
@@ -154,12 +161,12 @@ async def serve_view(
 
     Args:
         run_path: the run folder.
-        config: which port, and how often pages ask.
-        ready: is told the address as soon as it can be opened.
-        reading: is told, before that, how many records of a file were read for the index.
+        config: port and polling intervals.
+        ready: called with the address once it accepts connections.
+        reading: called before that, with the number of records of a file that were read for the index.
 
     Raises:
-        RunFolderError: the folder is no run.
+        RunFolderError: the folder is not a run.
         ConfigError: the port cannot be listened on.
     """
     closing = asyncio.Event()
@@ -168,4 +175,4 @@ async def serve_view(
         await asyncio.to_thread(run.refresh, reading)
         await serve(_app(run, config, closing), config.port, ready, closing)
     finally:
-        run.index.stop()  # a thread that reads would keep the process from ending
+        run.index.stop()  # a thread that is still reading would keep the process alive

@@ -1,4 +1,4 @@
-"""A run that may still be written, as the pages read it: what is new is taken in on request."""
+"""A run that may still be written, as the viewer reads it: new trajectories are read on request."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _OVERVIEW = "overview"
 
 
 class LiveRun:
-    """A run as far as it has come. Blocks: call it from a thread, one call at a time.
+    """A run in its current state. Blocking: call it from a thread, one call at a time.
 
     Raises:
-        RunFolderError: the folder is no run.
+        RunFolderError: the folder is not a run.
     """
 
     def __init__(self, path: Path) -> None:
@@ -33,42 +33,42 @@ class LiveRun:
         self._overview: Overview | None = None
         self._version = ""
 
-    def refresh(self, told: Callable[[int], object] = lambda _: None) -> None:
-        """Take in what was written since; ``told`` is how many records of a file were read."""
-        self.index.refresh(told)
+    def refresh(self, progress: Callable[[int], object] = lambda _: None) -> None:
+        """Read what was written since; ``progress`` is called with the number of records read of a file."""
+        self.index.refresh(progress)
 
     @property
     def is_whole(self) -> bool:
-        """Whether nothing more is to come."""
+        """Whether the run is finished."""
         return is_whole(self.reader, len(self.index))
 
     @property
     def skipped(self) -> list[CorruptLine]:
-        """What cannot be trusted."""
+        """The corrupt lines, which are left out."""
         return [line for line in self.reader.skipped if line.file == TASKS] + self.index.corrupt
 
     def overview(self) -> str:
-        """The figures of all trajectories; of a run that has not changed, those that the index keeps."""
-        known, stamp = self.index.kept(_OVERVIEW, _Kept), self._stamp()
-        if known is None or known.stamp != stamp:
+        """The figures of all trajectories, as HTML; cached in the index while the run does not change."""
+        cached, stamp = self.index.cached(_OVERVIEW, _CachedFigures), self._stamp()
+        if cached is None or cached.stamp != stamp:
             if self._overview is None or self._version != self.index.version:
                 self._overview, self._version = Overview(self.reader), self.index.version
             for digest in self.index.digests(self._overview.count):
                 self._overview.add(digest)
-            known = _Kept(stamp, self._overview.figures())
-            self.index.keep(_OVERVIEW, known)
-        return str(overview_html(self.reader, known.figures, self.skipped))
+            cached = _CachedFigures(stamp, self._overview.figures())
+            self.index.cache(_OVERVIEW, cached)
+        return str(overview_html(self.reader, cached.figures, self.skipped))
 
     def _stamp(self) -> str:
-        """Of all that the figures are made from."""
-        made_from = [len(self.index), self.index.version, self.reader.summary, self.reader.config]
-        return hashlib.sha256(repr(made_from).encode()).hexdigest()
+        """A digest of everything that the figures depend on."""
+        inputs = [len(self.index), self.index.version, self.reader.summary, self.reader.config]
+        return hashlib.sha256(repr(inputs).encode()).hexdigest()
 
     def entry(self, attempt_id: str) -> Entry:
-        """Where a trajectory lies; one that is not known may have been written since.
+        """The position of a trajectory's record. An unknown one is searched for in new records.
 
         Raises:
-            KeyError: there is none of this id.
+            KeyError: there is no trajectory with this id.
         """
         try:
             return self.index.entry(attempt_id)
@@ -80,7 +80,7 @@ class LiveRun:
         """One trajectory.
 
         Raises:
-            KeyError: there is none of this id.
+            KeyError: there is no trajectory with this id.
             StoreCorrupt: its record changed since it was indexed.
         """
         entry = self.entry(attempt_id)
@@ -88,6 +88,6 @@ class LiveRun:
             return read_at(self.reader.path / TRAJECTORIES / entry.shard, entry)
 
 
-class _Kept(msgspec.Struct):
+class _CachedFigures(msgspec.Struct):
     stamp: str
     figures: Figures

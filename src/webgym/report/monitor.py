@@ -1,7 +1,7 @@
-"""The page of a run's monitor: what its collector is doing at this moment, by server-sent events.
+"""The monitor page of a run: what its collector is doing now, by server-sent events.
 
-It reads ``live.json`` (:mod:`webgym.rollout.feed`) and the last lines of ``metrics.jsonl``, and never the
-trajectories: it costs the same whether there are ten or a hundred thousand.
+It reads ``live.json`` (:mod:`webgym.rollout.feed`) and the last lines of ``metrics.jsonl``, but no
+trajectories, so its cost does not depend on their number.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from webgym.rollout.progress import STATES
 
 _SCRIPTS: Final = ("dom.js", "theme.js", "monitor.js")
 _HISTORY_BYTES: Final = 200_000
-"""Of the end of ``metrics.jsonl``: about 600 lines, 50 minutes."""
-_STILL_HERE_AFTER: Final = 30
-"""Looks without news after which a comment is sent, so that a page that is gone is noticed."""
+"""Bytes at the end of ``metrics.jsonl`` that are read: about 600 lines, 50 minutes."""
+_KEEP_ALIVE_AFTER: Final = 30
+"""Checks without news after which a comment is sent, so that a closed page is noticed."""
 
 
 class Monitoring:
-    """The answers of the monitor's page.
+    """The request handlers of the monitor page.
 
     Args:
         run: the run folder.
-        config: how often it looks.
-        closing: is set when the server is to end; streams end then, too.
+        config: the interval of the checks.
+        closing: is set when the server shuts down; streams then end.
     """
 
     def __init__(self, run: Path, config: ViewConfig, closing: asyncio.Event) -> None:
@@ -49,7 +49,7 @@ class Monitoring:
         self._page = Document(run.resolve().name, _SCRIPTS, settings, live=True)
 
     def routes(self) -> list[Route]:
-        """Where it answers."""
+        """The routes of these handlers."""
         return [Route("/monitor", self.document), Route("/api/monitor", self.events)]
 
     async def document(self, _: Request) -> Response:
@@ -66,27 +66,27 @@ class Monitoring:
         before: object = ()
         unchanged = 0
         while not self._closing.is_set():
-            told = await asyncio.to_thread(self._read)
-            feed = told["feed"] or {}
-            now = (feed.get("at"), feed.get("is_stale"), told["error"])
+            message = await asyncio.to_thread(self._read)
+            feed = message["feed"] or {}
+            now = (feed.get("at"), feed.get("is_stale"), message["error"])
             unchanged = unchanged + 1 if now == before else 0
             if now != before:
-                yield _event("feed", told)
-            elif unchanged % _STILL_HERE_AFTER == 0:
+                yield _event("feed", message)
+            elif unchanged % _KEEP_ALIVE_AFTER == 0:
                 yield b": still here\n\n"
             before = now
-            await _either(self._closing, self._seconds)
+            await _wait(self._closing, self._seconds)
 
     def _read(self) -> dict[str, Any]:
-        """The feed, ``None`` if no collector is at work, and what is wrong with it."""
+        """The feed, ``None`` if no collector is running, and the error if it cannot be read."""
         try:
             return {"feed": read_feed(self._run), "error": ""}
         except StoreCorrupt as error:
             return {"feed": None, "error": str(error)}
 
 
-async def _either(event: asyncio.Event, seconds: float) -> None:
-    """Until the event, or for so long."""
+async def _wait(event: asyncio.Event, seconds: float) -> None:
+    """Wait for the event, for at most ``seconds`` seconds."""
     try:
         async with asyncio.timeout(seconds):
             await event.wait()
@@ -95,7 +95,8 @@ async def _either(event: asyncio.Event, seconds: float) -> None:
 
 
 def read_history(run: Path) -> list[dict[str, Any]]:
-    """The end of ``metrics.jsonl``, oldest first; lines that are half written or no figures are left out."""
+    """Time and steps per second of the last lines of ``metrics.jsonl``, oldest first; broken lines are left
+    out."""
     path = run / METRICS
     if not path.is_file():
         return []
@@ -108,7 +109,7 @@ def read_history(run: Path) -> list[dict[str, Any]]:
             row = msgspec.json.decode(line, type=dict[str, Any])
             history.append({"at": float(row["at"]), "steps_per_second": float(row["steps_per_second"])})
         except (ValueError, KeyError, TypeError):
-            continue  # the first is cut, the last may be under way
+            continue  # the first line may be cut off, the last incomplete
     return history
 
 

@@ -18,19 +18,19 @@ from webgym.rollout.store import RunReader
 from webgym.rollout.summary import Digest, Summary, Tally
 
 _ORDER = ("navigate", "execute", "settle", "screenshot", "metadata", "policy", "judge")
-"""Operations in the order of a turn; others follow by name."""
+"""Operations in the order of a step; others follow by name."""
 
 
-def _place(operation: str) -> tuple[int, str]:
+def _operation_order(operation: str) -> tuple[int, str]:
     return (_ORDER.index(operation) if operation in _ORDER else len(_ORDER), operation)
 
 
 class Figures(msgspec.Struct):
-    """What the section shows.
+    """The figures of a run.
 
     Attributes:
-        summary: as ``summary.json``.
-        lengths: by level, how many attempts of so many steps ended so.
+        summary: as in ``summary.json``.
+        lengths: (steps, outcome, number of attempts), by level.
     """
 
     summary: Summary
@@ -38,10 +38,10 @@ class Figures(msgspec.Struct):
 
 
 class Overview:
-    """Counts trajectories as they come and shows what was counted.
+    """Computes the figures of a run from its trajectories.
 
     Args:
-        reader: of the run; its tasks, settings and summary are read, not its trajectories.
+        reader: of the run; its tasks, settings and summary are read, but not its trajectories.
     """
 
     def __init__(self, reader: RunReader) -> None:
@@ -59,15 +59,16 @@ class Overview:
             self._lengths[task.level][digest.steps, digest.outcome.value] += 1
 
     def figures(self) -> Figures:
-        """What was counted. What no trajectory tells is the collector's own where it has told it."""
-        told = self._reader.summary or {}
+        """The figures so far. What trajectories do not contain is taken from the collector's summary, if
+        there is one."""
+        collected = self._reader.summary or {}
         config = self._reader.config
         summary = self._tally.summary(
-            seed=told.get("seed", config.get("seed")),
-            policy=told.get("policy") or None,
-            judge=told.get("judge") or None,
-            wall_seconds=told.get("wall_seconds") if is_whole(self._reader, self.count) else None,
-            elsewhere=told.get("elsewhere"),
+            seed=collected.get("seed", config.get("seed")),
+            policy=collected.get("policy") or None,
+            judge=collected.get("judge") or None,
+            wall_seconds=collected.get("wall_seconds") if is_whole(self._reader, self.count) else None,
+            elsewhere=collected.get("elsewhere"),
         )
         lengths = {
             level: [(*key, n) for key, n in counted.items()] for level, counted in self._lengths.items()
@@ -76,17 +77,17 @@ class Overview:
 
 
 def is_whole(reader: RunReader, count: int) -> bool:
-    """Whether the collector has summed up so many trajectories, so that nothing more is to come."""
+    """Whether the run is finished: the collector's summary has this number of attempts."""
     return bool((reader.summary or {}).get("attempts") == count)
 
 
 def overview_html(reader: RunReader, figures: Figures, skipped: Sequence[CorruptLine]) -> Markup:
-    """The whole section.
+    """The figures of a run as HTML.
 
     Args:
         reader: of the run.
         figures: of all its trajectories.
-        skipped: records that cannot be trusted.
+        skipped: corrupt records, which were left out.
     """
     summary = figures.summary
     lengths: dict[str, Counter[tuple[int, str]]] = {
@@ -94,9 +95,11 @@ def overview_html(reader: RunReader, figures: Figures, skipped: Sequence[Corrupt
         for level in LEVELS
         if figures.lengths.get(level)
     }
-    operations = dict(sorted(summary["operation_milliseconds"].items(), key=lambda item: _place(item[0])))
+    operations = dict(
+        sorted(summary["operation_milliseconds"].items(), key=lambda item: _operation_order(item[0]))
+    )
     timings = {"step": summary["step_milliseconds"], **operations}
-    shown: dict[str, Any] = {
+    context: dict[str, Any] = {
         "summary": summary,
         "name": reader.path.resolve().name,
         "is_whole": is_whole(reader, summary["attempts"]),
@@ -109,7 +112,7 @@ def overview_html(reader: RunReader, figures: Figures, skipped: Sequence[Corrupt
         "timings": timings,
         "axis": LogAxis(list(timings.values())),
     }
-    return Markup(ENVIRONMENT.get_template("overview.html.j2").render(shown))  # noqa: S704 - autoescaped
+    return Markup(ENVIRONMENT.get_template("overview.html.j2").render(context))  # noqa: S704 - autoescaped
 
 
 def _moment(unix: float | None) -> datetime | None:

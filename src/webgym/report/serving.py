@@ -1,4 +1,4 @@
-"""Pages for the person at this machine: on loopback, under loopback names, and nothing else."""
+"""Serving pages to the user of this machine only: on loopback, and under loopback host names."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ import uvicorn
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
-from starlette.responses import HTMLResponse, Response
+from starlette.responses import HTMLResponse, PlainTextResponse, Response
 
 from webgym.core.errors import ConfigError
 
 LOOPBACK: Final = "127.0.0.1"
-"""The only address served: what is shown holds hidden truth. From elsewhere, come through a tunnel."""
+"""The only address that is served, because the pages contain hidden truths. Use a tunnel from elsewhere."""
 SAFE: Final[Mapping[str, str]] = {
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
@@ -25,25 +25,44 @@ SAFE: Final[Mapping[str, str]] = {
     "X-Frame-Options": "DENY",
 }
 _NO_FRAME: Final = "frame-ancestors 'none'"
-"""In a frame of another site, a click of a person's could be made to hit a button. Not in the documents' own
-policy: browsers heed it as a header alone, and complain about it elsewhere."""
+"""Protects against clickjacking by another website's frame. Browsers accept it only as a header, so it is not
+in the documents' own policy."""
 ONLY_LOCAL_NAMES: Final = Middleware(TrustedHostMiddleware, allowed_hosts=[LOOPBACK, "localhost"])
-"""So that no website can reach the pages by a name of its own."""
+"""Protects against DNS rebinding: a website cannot reach the pages under its own host name."""
 
 
 def page_reply(text: str, policy: str) -> Response:
-    """A document with its policy."""
+    """A reply with an HTML document and its Content-Security-Policy."""
     headers = {**SAFE, "Content-Security-Policy": f"{policy}; {_NO_FRAME}"}
     return HTMLResponse(text, headers=headers)
 
 
 def json_reply(value: Any) -> Response:
-    """Anything that msgspec encodes, as an answer."""
+    """A JSON reply with any value that msgspec can encode."""
     return Response(msgspec.json.encode(value), media_type="application/json", headers=SAFE)
 
 
+def error_reply(text: str, status: int) -> Response:
+    """A plain-text reply with an error message and an HTTP status."""
+    return PlainTextResponse(text, status_code=status, headers=SAFE)
+
+
+def row_range(params: Mapping[str, str], most: int) -> tuple[int, int] | None:
+    """The parameters ``after`` and ``count`` of a request for rows, ``count`` limited to ``most``.
+
+    ``None`` if they are not whole numbers; :data:`BAD_RANGE` is the reply.
+    """
+    after, count = params.get("after", "0"), params.get("count", "1")
+    if not (after.isdecimal() and count.isdecimal() and len(after + count) < 18):
+        return None
+    return int(after), min(int(count), most)
+
+
+BAD_RANGE: Final = "after and count must be whole numbers"
+
+
 class _Server(uvicorn.Server):
-    """Lets streams without an end know that the server is to end: it would wait for them."""
+    """Sets ``closing`` when it shuts down, so that endless streams end; it would wait for them otherwise."""
 
     def __init__(self, config: uvicorn.Config, closing: asyncio.Event) -> None:
         super().__init__(config)
@@ -60,10 +79,10 @@ async def serve(
     """Serve an application until cancelled or interrupted.
 
     Args:
-        app: to serve.
+        app: the application.
         port: to listen on; 0 takes a free one.
-        ready: is told the address as soon as it can be opened.
-        closing: is set when streams are to end.
+        ready: called with the address once it accepts connections.
+        closing: is set when streams have to end.
 
     Raises:
         ConfigError: the port cannot be listened on.
@@ -84,7 +103,7 @@ async def serve(
         try:
             await server.serve(sockets=[listener])
         except asyncio.CancelledError:
-            # uvicorn leaves the loop watching a socket whose number the next one will have.
+            # Otherwise the event loop keeps watching the closed socket's number, which the next socket gets.
             if server.started:
                 server.force_exit = True
                 await server.shutdown(sockets=[listener])

@@ -1,6 +1,6 @@
-"""A task set as data for its pages: figures, a row of the list per task, and a page each.
+"""A task set as data for its pages: figures, rows of the list, and the content of each task's own page.
 
-What comes from outside is passed on as it is; it is made safe where it enters a page.
+Untrusted text is passed on unchanged; it is made safe where it enters a page.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from webgym.tasks.files import TaskFile
 from webgym.tasks.index import FACETS, TaskIndex, website_key
 
 _CHOICES = 300
-"""Values of a filter to offer at most, the most frequent first; a search by text finds the others."""
+"""Most values of a filter, the most frequent first; others are found by text search."""
 _COLUMNS = 24
-"""Numbers of facts with a column of their own; the last one stands for all above, too."""
+"""Most columns of the chart of numbers of facts; the last one includes all larger numbers."""
 _PUBLISHED = "published"
-"""Where a task keeps the line of the published set that it was read from: of no interest to a reader."""
+"""Key of the line of the published set that a task was read from, which is not shown."""
 
 
 class TaskRow(TypedDict):
-    """A line of the list of tasks."""
+    """A row of the list of tasks."""
 
     id: str
     task: str
@@ -42,7 +42,7 @@ class TaskRow(TypedDict):
 
 
 def task_row(task: Task) -> TaskRow:
-    """A task in one line."""
+    """The row of a task."""
     return {
         "id": task.id,
         "task": task.instruction,
@@ -58,7 +58,7 @@ def task_row(task: Task) -> TaskRow:
 
 
 def task_page(task: Task, index: TaskIndex) -> dict[str, Any]:
-    """A task with everything that its own page shows, and its family."""
+    """The content of a task's page, with its family."""
     extra = {name: value for name, value in task.extra.items() if name != _PUBLISHED}
     return {
         **task_row(task),
@@ -88,34 +88,34 @@ def _relative(task: Task | None) -> dict[str, Any] | None:
 
 
 def choices(index: TaskIndex) -> dict[str, list[tuple[str, int]]]:
-    """What every filter offers: values and how many tasks have them; levels in their order."""
+    """The values of every filter with their numbers of tasks; levels in their order."""
     offered = {facet: list(index.counts(facet).items())[:_CHOICES] for facet in FACETS}
     offered["level"].sort(key=lambda item: LEVELS.index(item[0]))
     return offered
 
 
 def subdomains(index: TaskIndex) -> dict[str, list[str]]:
-    """The subdomains that stand under each domain."""
-    found: dict[str, dict[str, None]] = {}
+    """The subdomains of each domain."""
+    by_domain: dict[str, dict[str, None]] = {}
     for task in index.tasks:
-        found.setdefault(task.domain, {})[task.subdomain] = None
-    return {domain: sorted(filter(None, named)) for domain, named in found.items()}
+        by_domain.setdefault(task.domain, {})[task.subdomain] = None
+    return {domain: sorted(filter(None, names)) for domain, names in by_domain.items()}
 
 
-def tasks_overview(name: str, found: TaskFile, index: TaskIndex, figures: Sequence[str]) -> Markup:
+def tasks_overview(name: str, contents: TaskFile, index: TaskIndex, figures: Sequence[str]) -> Markup:
     """The figures of a task set, as HTML.
 
     Args:
         name: of the set.
-        found: what was read.
+        contents: what was read.
         index: of its tasks.
-        figures: names of pictures that lie beside it.
+        figures: file names of its figures.
     """
     sizes = Counter(task.difficulty for task in index.tasks)
     domains: dict[str, Counter[str]] = {}
     for task in index.tasks:
         domains.setdefault(task.domain, Counter())[task.subdomain] += 1
-    shown: dict[str, Any] = {
+    context: dict[str, Any] = {
         "name": name,
         "total": len(index.tasks),
         "websites": index.websites,
@@ -126,15 +126,15 @@ def tasks_overview(name: str, found: TaskFile, index: TaskIndex, figures: Sequen
         "sources": index.counts("source"),
         "flags": index.counts("flag"),
         "facts": _histogram(sizes),
-        "broken": found.broken,
-        "set_aside": len(found.set_aside),
+        "broken": contents.broken,
+        "set_aside": len(contents.set_aside),
         "figures": figures,
     }
-    return Markup(ENVIRONMENT.get_template("tasks_overview.html.j2").render(shown))  # noqa: S704 - autoescaped
+    return Markup(ENVIRONMENT.get_template("tasks_overview.html.j2").render(context))  # noqa: S704 - autoescaped
 
 
 def _histogram(sizes: Counter[int]) -> list[tuple[str, str, int]]:
-    """Number of facts, its level, how many tasks; without gaps from 1."""
+    """Number of facts, its level, and number of tasks, for every number of facts from 1."""
     last = min(max(sizes), _COLUMNS)
     above = sum(count for size, count in sizes.items() if size > last)
     columns: list[tuple[str, str, int]] = [
@@ -146,13 +146,13 @@ def _histogram(sizes: Counter[int]) -> list[tuple[str, str, int]]:
 
 
 def figures_of(path: Path) -> dict[str, Path]:
-    """Pictures that were drawn of a set, by name: those of its folder, or in ``figures/`` there."""
+    """The figures drawn of a set, by file name: in its folder, or in ``figures/`` there."""
     folder = path if path.is_dir() else path.parent
-    places = [folder / "figures", *([folder] if path.is_dir() else [])]
-    found: dict[str, Path] = {}
-    for ending in (".svg", ".png"):  # of two forms of one figure, the sharper
-        for place in places:
-            for file in sorted(place.glob(f"*{ending}")):
-                if file.stem not in {known.rpartition(".")[0] for known in found}:
-                    found[file.name] = file
-    return dict(sorted(found.items()))
+    folders = [folder / "figures", *([folder] if path.is_dir() else [])]
+    figures: dict[str, Path] = {}
+    for ending in (".svg", ".png"):  # SVG is preferred
+        for directory in folders:
+            for file in sorted(directory.glob(f"*{ending}")):
+                if file.stem not in {known.rpartition(".")[0] for known in figures}:
+                    figures[file.name] = file
+    return dict(sorted(figures.items()))

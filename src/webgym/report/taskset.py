@@ -1,7 +1,7 @@
-"""The pages of a task set over HTTP: its figures, a list to search, and every task with its family.
+"""The viewer of a task set over HTTP: its figures, a searchable list, and every task with its family.
 
-The set stays with the server, which finds and counts; a page holds a hundred rows at a time, so that 300,000
-tasks are as quick to look at as 300.
+The server searches and counts; a page has a hundred rows at a time, so 300,000 tasks are as fast to browse as
+300.
 """
 
 from __future__ import annotations
@@ -14,65 +14,74 @@ from typing import Any, Final
 
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import FileResponse, PlainTextResponse, Response
+from starlette.responses import FileResponse, Response
 from starlette.routing import Route
 
 from webgym.report.config import ViewConfig
-from webgym.report.serving import ONLY_LOCAL_NAMES, SAFE, json_reply, page_reply, serve
+from webgym.report.serving import (
+    BAD_RANGE,
+    ONLY_LOCAL_NAMES,
+    SAFE,
+    error_reply,
+    json_reply,
+    page_reply,
+    row_range,
+    serve,
+)
 from webgym.report.task_content import choices, figures_of, subdomains, task_page, task_row, tasks_overview
 from webgym.report.template import Document
 from webgym.tasks.formats import read_tasks
 from webgym.tasks.index import FACETS, TaskIndex, TaskQuery
 
 _SCRIPTS: Final = ("dom.js", "theme.js", "tasks.js")
-_ASKED: Final = (*FACETS, "website", "text")
-_MOST: Final = 500
-"""Rows in one answer."""
-_REMEMBERED: Final = 16
-"""Searches whose result is kept, for the next page of it."""
+_FILTERS: Final = (*FACETS, "website", "text")
+_MOST_ROWS: Final = 500
+"""Most rows in one reply."""
+_CACHED_SEARCHES: Final = 16
+"""Number of searches whose results are cached, for their next pages."""
 _PICTURE: Final = {**SAFE, "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'"}
-"""A drawing may bring its style, and nothing that runs."""
+"""An SVG may contain style, but no script."""
 
 
 class TaskSet:
-    """A task set as it was when it was read. Blocks: call it from a thread.
+    """A task set, read once. Blocking: call it from a thread.
 
     Raises:
         TaskFileError: there are no tasks.
     """
 
     def __init__(self, path: Path, page_size: int) -> None:
-        found = read_tasks(path)
-        self.index = TaskIndex(found.tasks)
+        contents = read_tasks(path)
+        self.index = TaskIndex(contents.tasks)
         self.figures = figures_of(path)
-        self.find = lru_cache(_REMEMBERED)(self.index.find)
+        self.find = lru_cache(_CACHED_SEARCHES)(self.index.find)
         name = path.resolve().name
-        offered = choices(self.index)
+        filter_values = choices(self.index)
         settings = {
             "outcomes": {},
             "page": page_size,
-            "choices": offered,
+            "choices": filter_values,
             "subdomains": subdomains(self.index),
         }
         document = Document(name, _SCRIPTS, settings, live=True)
-        overview = tasks_overview(name, found, self.index, list(self.figures))
+        overview = tasks_overview(name, contents, self.index, list(self.figures))
         self.policy = document.policy
         self.html = document.render("tasks.html.j2", overview=overview) + document.tail()
 
-    def rows(self, wanted: TaskQuery, after: int, count: int) -> dict[str, Any]:
-        """So many of the tasks that fit, after the first so many."""
-        places = self.find(wanted)
+    def rows(self, query: TaskQuery, after: int, count: int) -> dict[str, Any]:
+        """The number of matching tasks, and ``count`` of their rows after the first ``after``."""
+        places = self.find(query)
         chosen = places[after : after + count]
         return {"total": len(places), "rows": [task_row(self.index.tasks[place]) for place in chosen]}
 
     def task(self, task_id: str) -> dict[str, Any] | None:
-        """Everything about one task."""
+        """The content of one task's page; ``None`` if there is none with this id."""
         task = self.index.get(task_id)
         return None if task is None else task_page(task, self.index)
 
 
 class _Pages:
-    """The answers."""
+    """The request handlers."""
 
     def __init__(self, tasks: TaskSet) -> None:
         self._tasks = tasks
@@ -82,27 +91,25 @@ class _Pages:
         return page_reply(self._tasks.html, self._tasks.policy)
 
     async def rows(self, request: Request) -> Response:
-        """Tasks that fit, as rows."""
-        asked = request.query_params
-        after, count = asked.get("after", "0"), asked.get("count", "1")
-        if not (after.isdecimal() and count.isdecimal() and len(after + count) < 18):
-            return PlainTextResponse("after and count: whole numbers", status_code=400, headers=SAFE)
-        wanted = TaskQuery(**{name: asked.get(name, "") for name in _ASKED})
-        rows = await asyncio.to_thread(self._tasks.rows, wanted, int(after), min(int(count), _MOST))
-        return json_reply(rows)
+        """Matching tasks, as rows, and their total number."""
+        params = request.query_params
+        if (rows := row_range(params, _MOST_ROWS)) is None:
+            return error_reply(BAD_RANGE, 400)
+        query = TaskQuery(**{name: params.get(name, "") for name in _FILTERS})
+        return json_reply(await asyncio.to_thread(self._tasks.rows, query, *rows))
 
     async def task(self, request: Request) -> Response:
-        """One task."""
-        shown = await asyncio.to_thread(self._tasks.task, request.query_params.get("id", ""))
-        if shown is None:
-            return PlainTextResponse("no such task", status_code=404, headers=SAFE)
-        return json_reply(shown)
+        """The content of one task's page."""
+        content = await asyncio.to_thread(self._tasks.task, request.query_params.get("id", ""))
+        if content is None:
+            return error_reply("no such task", 404)
+        return json_reply(content)
 
     async def figure(self, request: Request) -> Response:
-        """A picture that lies beside the set."""
+        """A figure of the set."""
         path = self._tasks.figures.get(request.path_params["name"])
         if path is None or not await asyncio.to_thread(path.is_file):
-            return PlainTextResponse("no such figure", status_code=404, headers=SAFE)
+            return error_reply("no such figure", 404)
         return FileResponse(path, headers=_PICTURE)
 
 
@@ -129,8 +136,8 @@ async def serve_tasks(path: Path, config: ViewConfig, ready: Callable[[str], Non
 
     Args:
         path: a task file of any format, or a folder of them.
-        config: which port, and how many rows a page has.
-        ready: is told the address as soon as it can be opened.
+        config: port, and rows per page.
+        ready: called with the address once it accepts connections.
 
     Raises:
         TaskFileError: there are no tasks.

@@ -1,7 +1,7 @@
-"""The HTML document of every page, with its style and script inside it.
+"""The HTML documents of all pages, with inline style and script.
 
-A Content-Security-Policy lets only our own script run, by its hash, and nothing be loaded from outside:
-what a hostile page or reply may hold stays text even if we should fail to treat it as such.
+A Content-Security-Policy allows only the page's own script, by its hash, and no external resources: even if
+escaping failed somewhere, hostile text from a page or a reply would not be executed.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from webgym.report import charts, formatting
 
 _SCRIPTS = ("dom.js", "theme.js", "source.js", "table.js", "stage.js", "trajectory.js", "main.js")
 CHUNK = 25
-"""Trajectories that are packed together: more are smaller, and slower to look into."""
+"""Number of trajectories that are compressed together: more take less space, but longer to open."""
 _UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
 
 
@@ -44,11 +44,11 @@ ENVIRONMENT = _environment()
 
 
 def inert(value: Any) -> Markup:
-    """JSON that may stand inside a ``<script type="application/json">``: it cannot end the element."""
+    """JSON for a ``<script type="application/json">``, escaped so that it cannot end the element."""
     text = msgspec.json.encode(value).decode()
     for character, escape in _UNSAFE.items():
         text = text.replace(character, escape)
-    return Markup(text)  # noqa: S704 - no character that means anything to HTML is left
+    return Markup(text)  # noqa: S704 - no special characters of HTML are left
 
 
 def outcome_words() -> dict[str, list[str]]:
@@ -68,13 +68,13 @@ def _hash(text: str) -> str:
 
 
 class Document:
-    """What every page has around it: style, script, and the policy that lets nothing else in.
+    """An HTML document with style, script, and a Content-Security-Policy that allows nothing else.
 
     Args:
         title: of the document.
-        scripts: of ``static/``, in order; one scope for all of them.
-        settings: what the script finds as ``settings``.
-        live: whether it may ask the server that it comes from.
+        scripts: file names in ``static/``, in order; they share one scope.
+        settings: the value of ``settings`` in the scripts.
+        live: whether scripts may send requests to the server of the document.
     """
 
     def __init__(self, title: str, scripts: Sequence[str], settings: Any, *, live: bool) -> None:
@@ -102,7 +102,7 @@ class Document:
         }
 
     def render(self, template: str, **shown: Any) -> str:
-        """The document from a template that extends ``base.html.j2``, but for its end."""
+        """Render a template that extends ``base.html.j2``: the document without its end."""
         return ENVIRONMENT.get_template(template).render(self._shown, **shown)
 
     @staticmethod
@@ -112,12 +112,12 @@ class Document:
 
 
 class Page(Document):
-    """The parts of a run's document, in order, so that they can be written as they are made.
+    """The parts of a run's document, in order, so that they can be written one by one.
 
     Args:
         title: of the document.
-        live: whether a server stands behind it; else everything is in the file.
-        refresh_seconds: how often a live page asks for what is new.
+        live: whether it is served; otherwise the file contains all data.
+        refresh_seconds: polling interval of a served page.
     """
 
     def __init__(self, title: str, *, live: bool, refresh_seconds: float = 0.0) -> None:
@@ -126,29 +126,30 @@ class Page(Document):
         self._live = live
 
     def head(self, overview: Markup, rows: Any, *, whole: bool = True, picture: str = "") -> str:
-        """Everything up to the data: shown at once, while the rest is still being read.
+        """Everything up to the data, which browsers display while they read the rest.
 
         Args:
-            overview: the figures.
-            rows: of the table; of a live page, how many there are and the values of the filters.
-            whole: whether nothing more is to come.
-            picture: one of those that lie beside the file, by which the page finds out whether it was moved.
+            overview: the figures as HTML.
+            rows: of the table; for a served page, their number and the values of the filters.
+            whole: whether the run is finished.
+            picture: name of a screenshot in the run folder, by which the page detects that it was moved.
         """
         shown = {"overview": overview, "rows": inert(rows), "live": self._live, "whole": whole}
         return self.render("page.html.j2", picture=picture, **shown)
 
     @staticmethod
     def data(element_id: str, value: Any) -> str:
-        """A piece of inert data."""
+        """A script element with JSON data."""
         return f'<script type="application/json" id="{element_id}">{inert(value)}</script>\n'
 
     @staticmethod
     def chunk(number: int, values: list[Any]) -> str:
-        """Trajectories, packed: a sixth of their size, and unpacked when one of them is looked at."""
+        """A script element with compressed trajectories, a sixth of their size; they are unpacked on
+        demand."""
         packed = base64.b64encode(zlib.compress(msgspec.json.encode(values))).decode()
         return f'<script type="text/plain" id="c-{number}">{packed}</script>\n'
 
     @staticmethod
     def picture(name: str, data: str) -> str:
-        """An embedded picture, by the name of its screenshot."""
+        """A script element with an embedded screenshot."""
         return f'<script type="text/plain" id="p-{name}">{data}</script>\n'

@@ -1,4 +1,4 @@
-"""Screenshots made small enough to travel inside the report."""
+"""Screenshots scaled down for embedding in the report."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from webgym.rollout.files import image_path, write_whole
 
 _CACHE = ".thumbnails"
 _METHOD = 2
-"""WebP effort: against 4, the default, a fifth less time for 2 % more bytes."""
+"""WebP effort: compared with 4, the default, a fifth less time for 2 % more bytes."""
 _AHEAD = 4
-"""Pictures in work or waiting per thread, so that what is made beyond the budget stays little."""
+"""Pictures in progress or waiting per thread; small, so that few are made in excess of the budget."""
 
 _BROKEN = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)
-"""What is raised for bytes that are no whole picture, or for none."""
+"""Exceptions raised for incomplete or invalid image files."""
 
 
 class Thumbnail(NamedTuple):
-    """A small picture.
+    """A scaled-down screenshot.
 
     Attributes:
-        name: of the screenshot it was made from.
+        name: of the screenshot.
         data: ``image/webp;base64,...``, a data URL without its scheme.
     """
 
@@ -50,17 +50,17 @@ def _shrink(data: bytes, config: ReportConfig) -> bytes:
 
 
 def _make(run: Path, name: str, config: ReportConfig) -> Thumbnail | None:
-    """The small picture, kept in the run folder so that the next report is quick.
+    """The thumbnail of a screenshot, cached in the run folder for the next report.
 
-    None for a picture that is missing or broken: the page says so in its place.
+    ``None`` if the screenshot is missing or broken; the page then shows a message instead.
     """
-    whole = image_path(run, name)
+    source = image_path(run, name)
     cached = run / _CACHE / f"{config.image_width}-{config.image_quality}" / name[:2] / f"{name}.webp"
     try:
         data = cached.read_bytes()
     except FileNotFoundError:
         try:
-            data = _shrink(whole.read_bytes(), config)
+            data = _shrink(source.read_bytes(), config)
         except _BROKEN:
             return None
         cached.parent.mkdir(parents=True, exist_ok=True)
@@ -69,15 +69,15 @@ def _make(run: Path, name: str, config: ReportConfig) -> Thumbnail | None:
 
 
 def thumbnails(run: Path, names: Iterable[str], config: ReportConfig) -> Iterator[Thumbnail]:
-    """Small pictures in the given order, until the budget is spent.
+    """Thumbnails of screenshots in the given order, until the budget is used up.
 
-    Threads, not processes: Pillow works outside the interpreter lock (measured on 2 cores: 1.95 times
-    one thread), and nothing has to be started or copied.
+    Made in threads rather than processes: Pillow releases the interpreter lock (measured on 2 cores: 1.95
+    times as fast as one thread), and nothing has to be started or copied.
 
     Raises:
         OSError: the disk is full.
     """
-    left = config.image_budget_bytes
+    remaining = config.image_budget_bytes
     queue = iter(names)
     with ThreadPoolExecutor(config.threads, thread_name_prefix="thumbnail") as pool:
         pending: deque[Future[Thumbnail | None]] = deque()
@@ -90,14 +90,14 @@ def thumbnails(run: Path, names: Iterable[str], config: ReportConfig) -> Iterato
             for _ in range(config.threads * _AHEAD):
                 submit()
             while pending:
-                made = pending.popleft().result()
+                thumbnail = pending.popleft().result()
                 submit()
-                if made is None:
+                if thumbnail is None:
                     continue
-                left -= len(made.data)
-                if left < 0:
+                remaining -= len(thumbnail.data)
+                if remaining < 0:
                     return
-                yield made
+                yield thumbnail
         finally:
             for future in pending:
                 future.cancel()

@@ -1,6 +1,6 @@
 """``report.html`` of a training: success over time, training data, tasks before and after.
 
-Reads ``metrics.jsonl`` and the run folders of the evaluations, and nothing of ``webgym.train``.
+It reads ``metrics.jsonl`` and the run folders of the evaluations, and does not import ``webgym.train``.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from webgym.rollout.store import RunReader
 
 _SCRIPTS: Final = ("dom.js", "theme.js", "stage.js", "training.js")
 _SMOOTHING: Final = 0.5
-"""Of the moving average (SYSTEM.md 5.1: EMA 0.5)."""
+"""Weight of the newest value in the moving average (SYSTEM.md 5.1: EMA 0.5)."""
 _GROUPS: Final = ("overall", *LEVELS)
 _RULES: Final = {
     "unrewarded": "attempts without a reward",
@@ -40,17 +40,17 @@ _RULES: Final = {
     "used_up": "steps used up",
     "stale": "steps of stale weights",
 }
-"""What the replay counts, in words."""
+"""Labels of the counts of the replay."""
 
 
 def _figure(*path: str) -> Callable[[Mapping[str, Any]], float | None]:
-    """Finds a figure in a row; ``None`` where the iteration has none."""
+    """Returns a function that finds a figure in a row of the metrics; ``None`` if it has none."""
 
     def find(row: Mapping[str, Any]) -> float | None:
-        found: Any = row
+        value: Any = row
         for key in path:
-            found = found.get(key) if found else None
-        return None if found is None else float(found)
+            value = value.get(key) if value else None
+        return None if value is None else float(value)
 
     return find
 
@@ -63,18 +63,18 @@ class Pair(NamedTuple):
 
     @property
     def rank(self) -> int:
-        """What is looked at first: what was learned, then what was lost, then what stayed."""
+        """Order of display: newly solved, no longer solved, solved both times, solved neither time."""
         won = (self.before.outcome is Outcome.SUCCESS, self.after.outcome is Outcome.SUCCESS)
         return [(False, True), (True, False), (True, True), (False, False)].index(won)
 
 
 def is_training(path: Path) -> bool:
-    """Whether a folder is a training rather than a run."""
+    """Whether a folder is a training, not a run."""
     return (path / ITERATIONS).is_dir() or (path / EVALUATIONS).is_dir()
 
 
 class Training:
-    """A training folder, to be looked at; it may still be going on.
+    """The contents of a training folder; the training may still be going on.
 
     Raises:
         RunFolderError: it is not a training, or its figures cannot be read.
@@ -88,8 +88,8 @@ class Training:
                 lines = (path / METRICS).read_bytes().splitlines() if (path / METRICS).exists() else []
                 self.rows: list[dict[str, Any]] = [json.loads(line) for line in lines]
                 self.evaluations: dict[int, dict[str, Any]] = {
-                    int(each.stem): json.loads(each.read_bytes())
-                    for each in sorted(path.glob(f"{EVALUATIONS}/*.json"))
+                    int(file.stem): json.loads(file.read_bytes())
+                    for file in sorted(path.glob(f"{EVALUATIONS}/*.json"))
                 }
         except (ValueError, yaml.YAMLError) as error:
             raise RunFolderError(f"{path} cannot be read: {' '.join(str(error).split())}") from error
@@ -99,28 +99,28 @@ class Training:
     def _line(
         self, name: str, value: Callable[[Mapping[str, Any]], float | None], smoothing: float = 1.0
     ) -> Line:
-        """A figure of every iteration, over the trajectories collected until its end."""
-        found = ((row["trajectories"], value(row)) for row in self.rows)
-        return Line(name, [Point(x, y) for x, y in found if y is not None], smoothing)
+        """A value of every iteration, over the number of trajectories collected until its end."""
+        pairs = ((row["trajectories"], value(row)) for row in self.rows)
+        return Line(name, [Point(x, y) for x, y in pairs if y is not None], smoothing)
 
     def _tested(self) -> list[Line]:
-        """Success of the evaluations, over the trajectories collected before each."""
+        """Success rates of the evaluations, over the number of trajectories collected before each."""
         collected = {0: 0} | {row["iteration"]: row["trajectories"] for row in self.rows}
         points: dict[str, list[Point]] = {group: [] for group in _GROUPS}
-        for number, found in self.evaluations.items():
+        for number, metrics in self.evaluations.items():
             for group in _GROUPS:
-                rate, interval = found["success_rate"][group], found["success_interval"][group]
+                rate, interval = metrics["success_rate"][group], metrics["success_interval"][group]
                 if rate is not None and number in collected:
                     points[group].append(Point(collected[number], rate, interval))
-        return [Line(group.capitalize(), found) for group, found in points.items()]
+        return [Line(group.capitalize(), series) for group, series in points.items()]
 
     def curves(self) -> dict[str, Curves]:
-        """All charts with lines, by title."""
+        """All line charts, by title."""
 
         share, number = formatting.percent, formatting.number
-        # Not every policy tells its tokens.
+        # Not every policy reports tokens.
         unit = "tokens" if any(row["collect"]["reply_tokens"] for row in self.rows) else "characters"
-        shown = {
+        charts = {
             "Success on unseen test tasks": Curves(
                 "Success on test tasks", self._tested(), share, whole=True
             ),
@@ -164,23 +164,23 @@ class Training:
                 lambda value: f"{value:.3g}",
             ),
         }
-        return {title: curves for title, curves in shown.items() if not curves.is_empty}
+        return {title: curves for title, curves in charts.items() if not curves.is_empty}
 
     def dropped(self) -> list[tuple[int, int, dict[str, int]]]:
-        """Per iteration: steps trained on, and what each rule left out."""
-        found = []
+        """For each iteration, the number of steps trained on, and the numbers left out by each rule."""
+        rows = []
         for row in self.rows:
             replay, update = row["replay"], row["update"]
             counts = {**replay["counts"], **replay}
-            told = {why: int(counts.get(name, 0)) for name, why in _RULES.items()}
-            found.append((row["iteration"], update.get("samples", 0), told | update.get("dropped", {})))
-        return found
+            left_out = {label: int(counts.get(name, 0)) for name, label in _RULES.items()}
+            rows.append((row["iteration"], update.get("samples", 0), left_out | update.get("dropped", {})))
+        return rows
 
     # --- before and after -----------------------------------------------------------------------------------
 
     @cached_property
     def compared(self) -> tuple[int, int] | None:
-        """The first evaluation and the last one; ``None`` if there are no two."""
+        """The numbers of the first and the last evaluation; ``None`` if there are fewer than two."""
         numbers = sorted(self.evaluations)
         return (numbers[0], numbers[-1]) if len(numbers) > 1 else None
 
@@ -189,7 +189,7 @@ class Training:
         return RunReader(self.path / EVALUATIONS / f"{number:04d}", skip_corrupt=True)
 
     def pairs(self) -> list[Pair]:
-        """Every judged sample of a task that both evaluations have, the most telling first."""
+        """The samples of tasks that were judged in both evaluations, in the order of :attr:`Pair.rank`."""
         if self.compared is None:
             return []
         before, after = (self._judged(number) for number in self.compared)
@@ -198,7 +198,7 @@ class Training:
 
     def _judged(self, number: int) -> dict[tuple[str, int], Entry]:
         entries = self.evaluation(number).attempts.values()
-        return {(each.task_id, each.sample): each for each in entries if each.outcome.is_rewarded}
+        return {(entry.task_id, entry.sample): entry for entry in entries if entry.outcome.is_rewarded}
 
 
 def write_training_report(
@@ -208,11 +208,11 @@ def write_training_report(
 
     Args:
         path: the training folder.
-        config: what the report may cost.
-        progress: is told how far it has come.
+        config: settings of the report.
+        progress: called with the progress.
 
     Returns:
-        Path of ``report.html`` in it.
+        Path of ``report.html`` in the folder.
 
     Raises:
         RunFolderError: the folder is not a training.
@@ -228,7 +228,7 @@ def _parts(training: Training, config: ReportConfig, progress: ReportProgress) -
     shown = pairs[: config.pairs]
     homes = [f"{EVALUATIONS}/{number:04d}" for number in training.compared or ()]
     document = Document(title, _SCRIPTS, {"outcomes": outcome_words(), "homes": homes}, live=False)
-    yield document.render("training.html.j2", **_told(training, title, pairs), pairs_shown=len(shown))
+    yield document.render("training.html.j2", **_context(training, title, pairs), pairs_shown=len(shown))
     names: list[dict[str, None]] = [{}, {}]
     if training.compared:
         readers = [training.evaluation(number) for number in training.compared]
@@ -236,7 +236,9 @@ def _parts(training: Training, config: ReportConfig, progress: ReportProgress) -
             sides = []
             for side, reader, entry in zip(names, readers, pair, strict=True):
                 trajectory = reader.trajectory(entry.attempt_id)
-                side |= dict.fromkeys(look.screenshot for look in trajectory.episode.observations)
+                side |= dict.fromkeys(
+                    observation.screenshot for observation in trajectory.episode.observations
+                )
                 sides.append(page(trajectory, reader.tasks.get(entry.task_id)))
             yield Page.data(f"pair-{number}", sides)
         for number, (reader, side) in enumerate(zip(readers, names, strict=True)):
@@ -248,8 +250,8 @@ def _parts(training: Training, config: ReportConfig, progress: ReportProgress) -
     yield document.tail()
 
 
-def _told(training: Training, title: str, pairs: Sequence[Pair]) -> dict[str, Any]:
-    """What the template shows."""
+def _context(training: Training, title: str, pairs: Sequence[Pair]) -> dict[str, Any]:
+    """The variables of the template."""
     rows, config = training.rows, training.config
     first, last = (training.evaluations[n] for n in training.compared) if training.compared else (None, None)
     phases = [(str(row["iteration"]), row["seconds"]) for row in rows]
@@ -266,13 +268,15 @@ def _told(training: Training, title: str, pairs: Sequence[Pair]) -> dict[str, An
         "last": last,
         "compared": training.compared,
         "rise": _rise(first, last),
-        "apart": _apart(first, last),
+        "apart": _do_not_overlap(first, last),
         "samples": sum(row["update"].get("samples", 0) for row in rows),
         "seconds": sum(sum(row["seconds"].values()) for row in rows),
         "curves": training.curves(),
         "dropped": training.dropped(),
         "rules": list(
-            dict.fromkeys(why for _, _, told in training.dropped() for why, n in told.items() if n)
+            dict.fromkeys(
+                label for _, _, left_out in training.dropped() for label, n in left_out.items() if n
+            )
         ),
         "phases": list(dict.fromkeys(phase for _, parts in phases for phase in parts)),
         "phase_bars": phase_bars(phases, formatting.duration),
@@ -288,10 +292,10 @@ def _rise(first: Mapping[str, Any] | None, last: Mapping[str, Any] | None) -> fl
     return None if before is None or after is None else after - before
 
 
-def _apart(first: Mapping[str, Any] | None, last: Mapping[str, Any] | None) -> bool:
-    """Whether the two intervals do not overlap."""
+def _do_not_overlap(first: Mapping[str, Any] | None, last: Mapping[str, Any] | None) -> bool:
+    """Whether the two success intervals do not overlap."""
     ends: list[Interval | None] = [
-        each["success_interval"]["overall"] if each else None for each in (first, last)
+        evaluation["success_interval"]["overall"] if evaluation else None for evaluation in (first, last)
     ]
     before, after = ends
     return before is not None and after is not None and (before[1] < after[0] or after[1] < before[0])

@@ -1,9 +1,7 @@
-"""``report.html``: one file that needs no network; its pictures lie beside it, or inside."""
+"""Writes ``report.html``: one file without network access; screenshots are in the run folder or embedded."""
 
 from __future__ import annotations
 
-import os
-import uuid
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Protocol
@@ -14,22 +12,22 @@ from webgym.report.content import page, row
 from webgym.report.overview import Overview, overview_html
 from webgym.report.template import CHUNK, Page
 from webgym.report.thumbnails import thumbnails
-from webgym.rollout.files import REPORT, TORN, disk_errors
+from webgym.rollout.files import REPORT, disk_errors, write_lines
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import digest_of
 from webgym.rollout.verdicts import VerdictReader
 
 
 class ReportProgress(Protocol):
-    """Is told how far the writing has come."""
+    """Called with the progress of writing a report."""
 
     def __call__(self, what: str, done: int, total: int) -> None:
-        """``done`` of ``total`` things of this kind (``"trajectories"``, ``"pictures"``) are written."""
+        """``done`` of ``total`` items of this kind (``"trajectories"``, ``"pictures"``) are written."""
         ...
 
 
 def quiet(what: str, done: int, total: int) -> None:
-    """For those who do not ask."""
+    """Ignores the progress."""
 
 
 def write_report(
@@ -37,19 +35,19 @@ def write_report(
 ) -> Path:
     """Write the report of a run, which may still be going on. Blocks.
 
-    Trajectories are read twice, one in memory at a time: for the figures and the table, then for their
-    pages. Corrupt records are left out and counted on the page.
+    Trajectories are read twice, one at a time: for the figures and the table, then for their pages. Corrupt
+    records are left out and counted on the page.
 
     Args:
         run_path: the run folder.
-        config: what the report may cost.
-        progress: is told how far it has come.
+        config: settings of the report.
+        progress: called with the progress.
 
     Returns:
         Path of ``report.html`` in the run folder.
 
     Raises:
-        RunFolderError: the folder is no run.
+        RunFolderError: the folder is not a run.
         StoreFull: there is no space.
     """
     reader = RunReader(run_path, skip_corrupt=True)
@@ -57,44 +55,36 @@ def write_report(
 
 
 def write_parts(target: Path, parts: Iterable[str]) -> Path:
-    """Write a document as its parts come, whole or not at all.
+    """Write the parts of a document to a file, atomically; the file's path.
 
     Raises:
         StoreFull: there is no space.
     """
-    torn = target.with_name(f".{target.name}.{uuid.uuid4().hex}{TORN}")
     with disk_errors("writing the report"):
-        try:
-            with torn.open("w", encoding="utf-8") as file:
-                for part in parts:
-                    file.write(part)
-                file.flush()
-                os.fsync(file.fileno())
-            torn.replace(target)
-        finally:
-            torn.unlink(missing_ok=True)
+        write_lines(target, (part.encode() for part in parts))
     return target
 
 
 def _parts(reader: RunReader, config: ReportConfig, progress: ReportProgress) -> Iterator[str]:
-    """The document, piece by piece: what is seen first stands first."""
+    """The parts of the document, the visible ones first."""
     tasks = reader.tasks
     overview = Overview(reader)
     rows, names = [], dict[str, None]()
     for trajectory in reader.trajectories():
         overview.add(digest_of(trajectory))
         rows.append(row(trajectory, tasks.get(trajectory.episode.task_id)))
-        names |= dict.fromkeys(_shown(trajectory))
+        names |= dict.fromkeys(_screenshots(trajectory))
     verdicts = VerdictReader(reader.path)
     document = Page(reader.path.resolve().name, live=False)
     figures = overview_html(reader, overview.figures(), reader.skipped)
     yield document.head(figures, rows, picture="" if config.embed else next(iter(names), ""))
     for first in range(0, len(rows), CHUNK):
         chunk = rows[first : first + CHUNK]
-        shown = ((reader.trajectory(told["id"]), verdicts.of(told["id"])) for told in chunk)
-        yield document.chunk(
-            first // CHUNK, [page(one, tasks.get(one.episode.task_id), others) for one, others in shown]
-        )
+        read = ((reader.trajectory(entry["id"]), verdicts.of(entry["id"])) for entry in chunk)
+        pages = [
+            page(trajectory, tasks.get(trajectory.episode.task_id), others) for trajectory, others in read
+        ]
+        yield document.chunk(first // CHUNK, pages)
         progress("trajectories", first + len(chunk), len(rows))
     if config.embed:
         for number, small in enumerate(thumbnails(reader.path, names, config)):
@@ -103,5 +93,5 @@ def _parts(reader: RunReader, config: ReportConfig, progress: ReportProgress) ->
     yield document.tail()
 
 
-def _shown(trajectory: Trajectory) -> list[str]:
+def _screenshots(trajectory: Trajectory) -> list[str]:
     return [observation.screenshot for observation in trajectory.episode.observations]

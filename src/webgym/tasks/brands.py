@@ -1,28 +1,27 @@
 """Websites that belong to one brand: ``amazon.com``, ``amazon.de`` and ``amazon.co.uk``.
 
-A registrable domain (:func:`webgym.core.websites.site_of`) tells one website from another; for what a policy
-may have trained on that is too fine. A brand's website looks and works alike in every country, so the split,
-the guard against leaks and whatever spreads tasks evenly over websites ask for the brand. Counts, duplicates
-and the blocklist go on asking for the website: ``amazon.de`` may block where ``amazon.com`` does not.
+Websites are usually compared by registrable domain (:func:`webgym.core.websites.site_of`). For keeping
+training and test apart that is too fine: a brand's website looks and works alike in every country. So the
+split, the check for leaks and the weights that spread draws over websites compare brands. Counts, duplicates
+and the blocklist compare websites: ``amazon.de`` may block an agent where ``amazon.com`` does not.
 
-**The rule.** Two registrable domains are one brand if they differ in nothing but an *open* suffix: a
+**The rule.** Two registrable domains are one brand if they differ only in an *open* suffix: a
 top-level domain (``.com``, ``.de``, ``.shop``), or a commercial second level of a country (``co.uk``,
-``com.br``, ``ne.jp``). Apart stay
+``com.br``, ``ne.jp``). Not merged are
 
 - institutions, whose labels repeat from country to country (``health.gov.uk`` and ``health.gov.au``,
-  ``cambridge.ac.uk`` and ``cambridge.edu``), with their top-level domains and every second level that is not
+  ``cambridge.ac.uk`` and ``cambridge.edu``): their top-level domains and every second level that is not
   commercial;
-- customers of a hosting service (``alice.github.io``), which the Public Suffix List names;
-- labels of up to three characters, which are scarce everywhere and belong to whoever came first
-  (``abc.com``, ``abc.net.au``, ``abc.es``), but for :data:`SHORT_BRANDS`;
-- labels that name a thing rather than a company (``news.com.au`` and ``news.de``): :data:`THINGS`.
+- customers of a hosting service (``alice.github.io``), as listed in the Public Suffix List;
+- labels of up to three characters, which different owners have in different countries
+  (``abc.com``, ``abc.net.au``, ``abc.es``), except :data:`SHORT_BRANDS`;
+- labels that are common words rather than a company's name (``news.com.au`` and ``news.de``): :data:`THINGS`.
 
-**What it gets wrong.** It merges strangers who share a longer name (``delta.com``, an airline, and
-``delta.nl``, a cable network); that takes a few websites out of training that need not go, and costs nothing
-else. It does not merge a brand whose names differ by more than the suffix (``tk-maxx.de`` and
-``tjmaxx.com``), nor short ones and words that the lists lack or hold wrongly (``target.com.au`` is another
-company's; ``time.com`` is not ``time.is``). Where in doubt it merges: a website too few in training is a
-smaller fault than a test website in it.
+**Errors.** It merges unrelated owners of the same longer name (``delta.com``, an airline, and ``delta.nl``, a
+cable network); that only removes a few websites from training without need. It does not merge a brand whose
+names differ by more than the suffix (``tk-maxx.de`` and ``tjmaxx.com``), nor short names and common words
+that the lists lack or have wrongly (``target.com.au`` is another company's; ``time.com`` is not ``time.is``).
+When in doubt it merges: a website missing from training does less harm than a test website in it.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ SHORT_BRANDS: Final = frozenset(
     "3m abb adp aon axa bbc bmw bp cnn dhl dsw epa ey gap ge h-m hm hp ibm ing jll kfc kia lg mac mtv"
     " nec o2 obi olx pwc qvc sap sas tcl tnt tui ubs ups uss vw wmf".split()
 )
-"""Labels of up to three characters that one company has in many countries. (Longer ones do no harm.)"""
+"""Labels of up to three characters that one company has in many countries. Longer ones need not be listed."""
 
 THINGS: Final = frozenset(
     """
@@ -66,11 +65,11 @@ THINGS: Final = frozenset(
     wedding weddings wiki wine wines women work world yoga
     """.split()
 )
-"""Labels that name a thing. Those that were seen to belong to strangers in several countries, such as
-``target``, ``express``, ``metro``, ``independent`` and ``domain``, and their like."""
+"""Labels that are common words, which have unrelated owners in several countries: ``target``, ``express``,
+``metro``, ``independent``, ``domain`` and the like."""
 
 SAME: Final = {
-    # Shorteners of a brand, and names it has changed or also has.
+    # URL shorteners of a brand, and its former or additional names.
     "a.co": "amazon.*",
     "amzn.com": "amazon.*",
     "amzn.to": "amazon.*",
@@ -82,26 +81,26 @@ SAME: Final = {
     "x.com": "twitter.*",
     "youtu.be": "youtube.*",
 }
-"""Websites of a brand that has another label."""
+"""Websites of a brand under another label, and that brand."""
 
 _INSTITUTIONS: Final = frozenset("arpa edu gov int mil museum".split())
 _COMMERCIAL: Final = frozenset(
     "biz co com firm gen in info ltd me ne net nom or org plc shop store web".split()
 )
-_SHORT: Final = 3
-_REMEMBERED: Final = 2**19
+_SHORT_LABEL_CHARS: Final = 3
+_CACHED_WEBSITES: Final = 2**19
 
 
-@lru_cache(_REMEMBERED)
+@lru_cache(_CACHED_WEBSITES)
 def brand_of(website: str) -> str:
-    """The brand that a bare host or a URL belongs to, as one name to compare by. Remembered.
+    """The brand that a bare host or a URL belongs to, as a name for comparison. Cached.
 
     Returns:
-        Such as ``amazon.*``; the website itself, as :func:`~webgym.core.websites.site_of` names it, where
-        nothing else can be of its brand.
+        A name such as ``amazon.*``; the registrable domain, as from :func:`~webgym.core.websites.site_of`,
+        where no other website can be of its brand.
 
     Raises:
-        ValueError: there is no host.
+        ValueError: the text has no host.
     """
     site = site_of(website)
     if site in SAME:
@@ -110,12 +109,12 @@ def brand_of(website: str) -> str:
     if suffix is None or suffix == site:
         return site
     label = site.removesuffix(f".{suffix}")
-    is_known = label in SHORT_BRANDS if len(label) <= _SHORT else label not in THINGS
+    is_known = label in SHORT_BRANDS if len(label) <= _SHORT_LABEL_CHARS else label not in THINGS
     return f"{label}.*" if "." not in label and is_known and _is_open(suffix) else site
 
 
 def brand_or_text(website: str) -> str:
-    """As :func:`brand_of`, for comparing: what does not name a website stands for itself."""
+    """As :func:`brand_of`, but a text that does not name a website is returned unchanged."""
     try:
         return brand_of(website)
     except ValueError:
@@ -123,12 +122,12 @@ def brand_or_text(website: str) -> str:
 
 
 def _is_open(suffix: str) -> bool:
-    """Whether anybody may have a name under it."""
+    """Whether anybody can register a name under this suffix."""
     second, _, top = suffix.rpartition(".")
     return second in _COMMERCIAL if second else top not in _INSTITUTIONS
 
 
 @cache
 def _suffixes() -> PublicSuffixList:
-    """What registries say; what stands under another suffix is a customer's."""
+    """The suffixes of registries only, without those of hosting services."""
     return PublicSuffixList(only_icann=True, accept_unknown=False)

@@ -1,8 +1,8 @@
-"""Easier tasks out of harder ones (paper Algorithm 1). No rollout and no model is needed for it.
+"""Derives easier tasks from harder ones (paper Algorithm 1), without rollouts and without a model.
 
-A task whose rubric has two groups or more, one of them large, gives one task for every proper subset of the
-groups that holds a large one. What it asks for is its subset; its instruction is still its parent's until it
-has been rewritten.
+A task whose rubric has at least two groups, one of them large, gives one derived task for every proper subset
+of the groups that contains a large one. The rubric of the derived task is that subset; its instruction is
+still its parent's until it has been rewritten.
 """
 
 from __future__ import annotations
@@ -20,32 +20,34 @@ from webgym.settings import Settings
 from webgym.tasks.published import DIFFICULTY_DIFFERS
 
 SYNTHETIC: Final = ("pae-webvoyager", "agentsynth-web")
-"""Sources that a model wrote. Deriving more from them fills the set with what looks alike (paper §3)."""
+"""Sources written by a model. Many tasks derived from them would fill the set with similar ones (paper
+§3)."""
 
 
-class Decomposing(Settings):
-    """How many tasks may come out of one."""
+class DecompositionLimits(Settings):
+    """Limits on the number of tasks derived from one task."""
 
     per_parent: int = Field(default=1_024, ge=0)
-    """The subsets of g groups are 2^g. Ten groups, more than any source's task has, stay below this."""
+    """Most tasks derived from one task. g groups have 2^g subsets; ten groups, more than tasks of the sources
+    have, stay below the default."""
     per_synthetic_parent: int = Field(default=1, ge=0)
-    """The same for a task of the sources in ``synthetic``."""
+    """Most tasks derived from one task of a source in ``synthetic``."""
     synthetic: tuple[str, ...] = SYNTHETIC
-    """Sources whose tasks a model made up."""
+    """Sources whose tasks were written by a model."""
 
     def at_most(self, task: Task) -> int:
-        """The number of tasks that this one may give."""
+        """Most tasks that may be derived from this one."""
         return self.per_synthetic_parent if task.source in self.synthetic else self.per_parent
 
 
 @dataclass(frozen=True, slots=True)
 class Capped:
-    """A task that would give more than it may.
+    """A task from which fewer tasks were derived than possible, because of a limit.
 
     Attributes:
         id: of the task.
-        possible: subsets that Algorithm 1 would take.
-        taken: how many were.
+        possible: number of tasks that Algorithm 1 derives.
+        taken: number of tasks that were derived.
     """
 
     id: str
@@ -55,47 +57,48 @@ class Capped:
 
 @dataclass(frozen=True, slots=True)
 class Decomposition:
-    """What a list of tasks gave: the derived tasks, and the parents whose number was capped."""
+    """The tasks derived from a list of tasks, and the parents that a limit applied to."""
 
     derived: list[Task]
     capped: list[Capped]
 
 
 def possible(rubric: Rubric) -> int:
-    """How many tasks can be derived from one with this rubric, without making them: 2^g - 2^s - 1.
+    """The number of tasks that can be derived from a task with this rubric: 2^g - 2^s - 1.
 
-    All subsets, less those of the s small groups alone, less the whole.
+    These are all subsets of its g groups, minus those of its s small groups only, minus the whole.
     """
     groups = len(rubric.groups)
     small = sum(not group.is_large for group in rubric.groups)
     return 0 if groups < 2 or small == groups else (1 << groups) - (1 << small) - 1
 
 
-def derive(task: Task, limits: Decomposing | None = None) -> list[Task]:
-    """The tasks that can be derived from this one, fewest groups first. None from a derived one.
+def derive(task: Task, limits: DecompositionLimits | None = None) -> list[Task]:
+    """The tasks derived from this one, those with the fewest groups first; empty for a derived task.
 
-    A derived task's id is ``<parent>+<group ids>``, ascending, so it is the same in whatever order the groups
-    come. It inherits website, domain, source, split and flags; not what is about the whole task: the answers,
-    the hidden truth, foreign columns, and the flag of a difficulty that is not the number of facts.
+    A derived task's id is ``<parent>+<group ids>``, ascending, so it does not depend on the order of the
+    groups. It inherits website, domain, source, split and flags, but nothing that concerns the whole task:
+    the answers, the hidden truth, extra columns, and the flag
+    :data:`~webgym.tasks.published.DIFFICULTY_DIFFERS`.
 
-    Where there are more than the limits allow, a choice of subsets is taken that depends on the task's id and
-    its groups' ids alone.
+    If there are more than the limits allow, a random selection of subsets is taken that depends only on the
+    ids of the task and its groups.
     """
     if task.parent_id is not None:
         return []
     count = possible(task.rubric)
-    at_most = (limits or _USUAL).at_most(task)
+    at_most = (limits or _DEFAULT_LIMITS).at_most(task)
     if not count or not at_most:
         return []
     groups = tuple(sorted(task.rubric.groups, key=lambda group: group.id))
     if count <= at_most:
         return [_derived(task, rubric) for rubric in Rubric(groups).decompositions()]
-    return [_derived(task, Rubric(chosen)) for chosen in _some(groups, at_most, task.id)]
+    return [_derived(task, Rubric(chosen)) for chosen in _sampled_subsets(groups, at_most, task.id)]
 
 
-def decompose(tasks: Iterable[Task], limits: Decomposing | None = None) -> Decomposition:
-    """:func:`derive` over many tasks, with a note of every parent that a limit held back."""
-    limits = limits or _USUAL
+def decompose(tasks: Iterable[Task], limits: DecompositionLimits | None = None) -> Decomposition:
+    """:func:`derive` for many tasks; also lists the parents that a limit applied to."""
+    limits = limits or _DEFAULT_LIMITS
     derived: list[Task] = []
     capped: list[Capped] = []
     for task in tasks:
@@ -108,7 +111,7 @@ def decompose(tasks: Iterable[Task], limits: Decomposing | None = None) -> Decom
     return Decomposition(derived, capped)
 
 
-_USUAL: Final = Decomposing()
+_DEFAULT_LIMITS: Final = DecompositionLimits()
 
 
 def _derived(task: Task, rubric: Rubric) -> Task:
@@ -125,8 +128,8 @@ def _derived(task: Task, rubric: Rubric) -> Task:
     )
 
 
-def _some(groups: tuple[FactGroup, ...], count: int, name: str) -> list[tuple[FactGroup, ...]]:
-    """That many of the subsets that may be taken, which are more, drawn evenly."""
+def _sampled_subsets(groups: tuple[FactGroup, ...], count: int, name: str) -> list[tuple[FactGroup, ...]]:
+    """``count`` of the subsets that Algorithm 1 takes, sampled uniformly; there must be more of them."""
     rng = random.Random(f"decompose/{name}/{[group.id for group in groups]}")
     whole = (1 << len(groups)) - 1
     large = sum(1 << index for index, group in enumerate(groups) if group.is_large)

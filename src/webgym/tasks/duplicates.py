@@ -1,17 +1,17 @@
 """Detects duplicate tasks, within a source and across sources (SOURCES.md, pitfall 5).
 
-Two tasks can only repeat each other on one website (:func:`webgym.core.websites.site_of`; where it is not
-known yet, that is one of its own). There, they are
+Only tasks on the same website (:func:`webgym.core.websites.site_of`) can be duplicates; all tasks whose
+website is not known yet count as on one website. Two tasks are
 
-* **the same** if nothing but case, punctuation, white space and Unicode's forms tells their texts apart;
-* **near** if, leaving out little words and the website's own name, their words and pairs of neighbouring
-  words overlap by :attr:`DuplicateLimits.similarity` (Jaccard), and both have the same numbers and the same
-  names in the same order. A number or a name that differs makes another task, however long the text around
-  it: a template filled twice is two tasks. "Paris to Rome" is not "Rome to Paris".
+* **the same** if their texts differ only in case, punctuation, white space and Unicode forms;
+* **near** if, without function words and the website's own name, their words and pairs of adjacent words have
+  a Jaccard similarity of at least :attr:`DuplicateLimits.similarity`, and both have the same numbers and the
+  same names in the same order. A different number or name makes a different task, however long the rest of
+  the text: a template filled twice gives two tasks, and "Paris to Rome" is not "Rome to Paris".
 
-Parents and what was derived from them are near by nature, so members of a family can only be *the same*.
-Near texts are found by prefix filtering (Bayardo et al., 2007): two that overlap so much must share one of
-their few rarest words or pairs. That is exact but for the bound on how many texts one is compared with.
+Parents and their derived tasks are similar by construction, so members of one family can only be *the same*.
+Near texts are found by prefix filtering (Bayardo et al., 2007): two texts of such similarity must share one
+of their few rarest words or pairs. The result is exact except for the limit on comparisons per text.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from webgym.core.websites import site_or_text
 from webgym.settings import Settings
 from webgym.tasks.decompose import SYNTHETIC
 from webgym.tasks.families import roots_of
-from webgym.tasks.files import collector_paused
+from webgym.tasks.files import gc_paused
 from webgym.tasks.sources.base import SourceTask
-from webgym.tasks.texts import LITTLE, fold, joined, names, number, template
+from webgym.tasks.texts import FUNCTION_WORDS, fold, joined, names, number, template
 
 AnyTask = TypeVar("AnyTask", Task, SourceTask)
 Why: TypeAlias = Literal["same", "near", "parent", "template", "website"]
@@ -41,13 +41,14 @@ _Finding: TypeAlias = tuple[str, Why]
 
 
 class DuplicateLimits(Settings):
-    """What repeats what, which one stays, and how much a synthetic source may bring."""
+    """What counts as a duplicate, which task is kept, and limits on synthetic sources."""
 
     similarity: float = Field(default=0.85, ge=0.5, le=1.0)
-    """Overlap of words and pairs of words from which two tasks are near. At the usual value an added word
-    needs a dozen others around it, an exchanged one about twenty."""
+    """Jaccard similarity of words and pairs of words from which two tasks are near. At the default, texts
+    that differ by one added word are near from about a dozen words on, by one replaced word from about
+    twenty."""
     compared: int = Field(default=100, ge=1)
-    """Texts that one is compared with, at most, the ones that share its rarest words first."""
+    """Most texts that a text is compared with; those that share its rarest words come first."""
     sources: tuple[str, ...] = (
         "online-mind2web",
         "mind2web-2",
@@ -61,17 +62,19 @@ class DuplicateLimits(Settings):
         "agentsynth-web",
         "pae-webvoyager",
     )
-    """Whose task stays when two repeat each other: people's before models', then the smaller benchmark's.
-    A source that is not named comes before them all. Within a source the smaller id stays."""
+    """Order of the sources: of two duplicates, the task of the earlier source is kept. The default puts human
+    sources before synthetic ones, and smaller before larger. Sources that are not listed come first. Within a
+    source the smaller id is kept."""
     synthetic: tuple[str, ...] = SYNTHETIC
-    """The sources that the following limits are for, counted without derived tasks. Which of their tasks come
-    first is drawn."""
+    """Sources that the following limits apply to; derived tasks do not count. Their tasks are considered in a
+    random order."""
     per_template: int = Field(default=20, ge=1)
-    """Tasks of a website whose texts differ in nothing but numbers."""
+    """Most tasks of a website whose texts differ only in numbers."""
     per_website: int = Field(default=12_000, ge=1)
-    """Tasks of a website. PAE-WebVoyager has 128,499 on 13, about 9,900 each (paper Table 1)."""
+    """Most tasks of a website. PAE-WebVoyager has 128,499 on 13 websites, about 9,900 each (paper Table
+    1)."""
     seed: int = 0
-    """Of the draw."""
+    """Seed of that random order."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,9 +83,9 @@ class DuplicateTask:
 
     Attributes:
         id, source: of the task.
-        of: id of the kept task that it repeats or whose template it fills; of its parent where that was
-            dropped; empty where its website has too many.
-        why: "same" text, "near" text, dropped "parent", too many of a "template" or on a "website".
+        of: id of the kept task that it duplicates, or of the first task of its template, or of its removed
+            parent; empty if its website has too many tasks.
+        why: "same" text, "near" text, removed "parent", too many tasks of a "template" or on a "website".
     """
 
     id: str
@@ -93,48 +96,49 @@ class DuplicateTask:
 
 @dataclass(frozen=True, slots=True)
 class Deduplicated(Generic[AnyTask]):
-    """The tasks that stay and those that do not, both in the order in which they came."""
+    """The kept and the removed tasks, both in their original order."""
 
     kept: list[AnyTask]
     dropped: list[DuplicateTask]
 
 
-@collector_paused()  # millions of small things, and no cycle among them
+@gc_paused()  # allocates millions of small objects without reference cycles
 def drop_duplicates(tasks: Sequence[AnyTask], limits: DuplicateLimits | None = None) -> Deduplicated[AnyTask]:
-    """Keep one task of those that repeat each other, and cap the synthetic sources.
+    """Keep one task of each set of duplicates, and apply the limits on synthetic sources.
 
-    Tasks of a source go before derived ones, so a derived task never takes the place of a source's. With a
-    parent go its children. Which tasks stay depends on the set of tasks, not on their order.
+    Original tasks are considered before derived ones, so a derived task never replaces an original one. The
+    derived tasks of a removed task are removed, too. The result does not depend on the order of the tasks.
 
     Args:
         tasks: with unique ids.
+        limits: what counts as a duplicate; ``None`` for the defaults.
     """
     limits = limits or DuplicateLimits()
     parents = {task.id: task.parent_id for task in tasks if isinstance(task, Task) and task.parent_id}
     roots = roots_of(task for task in tasks if isinstance(task, Task))
     texts = [_Text(task, roots.get(task.id, task.id)) for task in tasks]
-    pile, caps = _Pile(texts, limits), _Caps(limits)
-    found: dict[str, DuplicateTask] = {}
+    kept_texts, caps = _KeptTexts(texts, limits), _SyntheticLimits(limits)
+    removed: dict[str, DuplicateTask] = {}
     for index in sorted(range(len(tasks)), key=_order(tasks, parents, limits)):
         task, text = tasks[index], texts[index]
         parent = parents.get(task.id)
-        finding: _Finding | None = (parent, "parent") if parent is not None and parent in found else None
+        finding: _Finding | None = (parent, "parent") if parent is not None and parent in removed else None
         if finding is None:
-            finding = pile.repeated(text)
+            finding = kept_texts.repeated(text)
         if finding is None and parent is None and task.source in limits.synthetic:
             finding = caps.exceeded(text)
         if finding is None:
-            pile.keep(text)
+            kept_texts.keep(text)
         else:
-            found[task.id] = DuplicateTask(task.id, task.source, *finding)
-    kept = [task for task in tasks if task.id not in found]
-    return Deduplicated(kept, [found[task.id] for task in tasks if task.id in found])
+            removed[task.id] = DuplicateTask(task.id, task.source, *finding)
+    kept = [task for task in tasks if task.id not in removed]
+    return Deduplicated(kept, [removed[task.id] for task in tasks if task.id in removed])
 
 
 def _order(
     tasks: Sequence[Task | SourceTask], parents: Mapping[str, str], limits: DuplicateLimits
 ) -> Callable[[int], tuple[int, int, bytes, str]]:
-    """Generation, source, draw, id."""
+    """The sort key of a task: generation, rank of the source, random order, id."""
     ranks = {source: rank for rank, source in enumerate(limits.sources)}
 
     def key(index: int) -> tuple[int, int, bytes, str]:
@@ -148,20 +152,20 @@ def _order(
 
 
 def _generation(id: str, parents: Mapping[str, str]) -> int:
-    """How many ancestors a task has; a ring of them is gone round once."""
+    """The number of ancestors of a task; in a cycle, each is counted once."""
     seen: set[str] = set()
-    at = id
-    while at in parents and at not in seen:
-        seen.add(at)
-        at = parents[at]
+    ancestor = id
+    while ancestor in parents and ancestor not in seen:
+        seen.add(ancestor)
+        ancestor = parents[ancestor]
     return len(seen)
 
 
-_NOTHING: Final = array("Q")
+_NO_SHINGLES: Final = array("Q")
 
 
 class _Text:
-    """One task's text, taken apart as far as it was asked for."""
+    """A task's text and its features, some of which are computed on demand."""
 
     __slots__ = ("_bag", "_names", "block", "family", "folded", "id", "key", "raw", "shingles", "site")
 
@@ -171,53 +175,54 @@ class _Text:
         self.site = "" if task.website is None else site_or_text(task.website)
         self.key = self.site, joined(self.folded)
         self.block = -1
-        self.shingles = _NOTHING
+        self.shingles = _NO_SHINGLES
         self._names: set[str] | None = None
         self._bag: frozenset[str] = frozenset()
 
     def words(self) -> list[str]:
-        """All words but the website's own name."""
+        """All words except the website's own name."""
         own = self.site.partition(".")[0]
         words = self.folded.split()
         return [word for word in words if word != own] if own in words else words
 
-    def says_the_same(self, other: _Text) -> bool:
+    def has_same_particulars(self, other: _Text) -> bool:
         """Whether both have the same numbers and names in the same order."""
-        here, there = self._named(), other._named()
-        if not (here <= other._bag and there <= self._bag):
-            return False  # what is a name in one is missing in the other
-        return self._particulars(here | there) == other._particulars(here | there)
+        own, others = self._name_words(), other._name_words()
+        if not (own <= other._bag and others <= self._bag):
+            return False  # a name in one does not occur in the other
+        return self._particulars(own | others) == other._particulars(own | others)
 
-    def _named(self) -> set[str]:
-        """Its names but the website's own. Many texts are compared with one, so they are remembered."""
+    def _name_words(self) -> set[str]:
+        """Its names except the website's own; cached, because a text is compared with many others."""
         if self._names is None:
             self._bag = frozenset(self.words())
             self._names = names(self.raw) & self._bag
         return self._names
 
     def _particulars(self, wanted: set[str]) -> list[str]:
-        """Its numbers, and its words among the wanted, in order."""
-        found = []
+        """Its numbers, and those of its words that are in ``wanted``, in order."""
+        particulars = []
         for word in self.words():
             if (value := number(word)) is not None:
-                found.append(value)
+                particulars.append(value)
             elif word in wanted:
-                found.append(word)
-        return found
+                particulars.append(word)
+        return particulars
 
 
 class _Numbers(dict[str, "str | None"]):
-    """The number that a word is or holds, remembered."""
+    """Cache: word to the number that it is or contains, or ``None``."""
 
     def __missing__(self, word: str) -> str | None:
         self[word] = value = number(word)
         return value
 
 
-class _Pile:
-    """The texts that are kept so far, and how to find those that a text repeats.
+class _KeptTexts:
+    """Index of the texts kept so far, for finding duplicates of a text.
 
-    Only texts of one block, a website and a bag of numbers, can be near; most blocks hold a single family.
+    Only texts with the same website and the same numbers, a block, can be near; most blocks have a single
+    family.
     """
 
     def __init__(self, texts: Sequence[_Text], limits: DuplicateLimits) -> None:
@@ -225,19 +230,19 @@ class _Pile:
         self._same: dict[tuple[str, str], str] = {}
         self._near: dict[tuple[int, int], list[_Text]] = {}
         self._crowded = self._set_blocks(texts)
-        often = Counter[str]()
+        frequencies = Counter[str]()
         for text in texts:
             if text.block in self._crowded:
-                often.update(text.folded.split())
-        self._all = _bits(often.total())
+                frequencies.update(text.folded.split())
+        self._all = _log_frequency(frequencies.total())
         self._words = {
-            word: (0, 0) if word in LITTLE else (_bits(often[word]), code)
-            for code, word in enumerate(sorted(often), start=1)
+            word: (0, 0) if word in FUNCTION_WORDS else (_log_frequency(frequencies[word]), code)
+            for code, word in enumerate(sorted(frequencies), start=1)
         }
 
     @staticmethod
     def _set_blocks(texts: Sequence[_Text]) -> set[int]:
-        """Say of every text which block it is in; the blocks that hold several families."""
+        """Set the block of every text; the blocks with several families."""
         numbers = _Numbers()
         blocks: dict[tuple[str, ...], int] = {}
         family: dict[int, str] = {}
@@ -250,44 +255,47 @@ class _Pile:
         return crowded
 
     def repeated(self, text: _Text) -> _Finding | None:
-        """The kept task that this one repeats, and how."""
+        """The id of a kept task that this one duplicates, and how; ``None`` if there is none."""
         same = self._same.get(text.key)
         if same is not None:
             return same, "same"
         if text.block in self._crowded:
-            self._take_apart(text)
+            self._set_shingles(text)
             shingles = frozenset(text.shingles)
             for other in self._candidates(text):
-                if self._overlap(shingles, other) and text.says_the_same(other):
+                if self._is_similar(shingles, other) and text.has_same_particulars(other):
                     return other.id, "near"
         return None
 
     def keep(self, text: _Text) -> None:
-        """Be found by later texts."""
+        """Add a text to the index."""
         self._same[text.key] = text.id
         for shingle in self._prefix(text):
             self._near.setdefault((text.block, shingle), []).append(text)
 
-    def _take_apart(self, text: _Text) -> None:
-        """Give every word and pair of words a number, the rarer the smaller: how rare it is, and which it is.
+    def _set_shingles(self, text: _Text) -> None:
+        """Set the shingles of a text: a number for each word and pair of words, the rarer the smaller.
 
-        A pair comes as often as its words would side by side by chance. The order need only be the same for
-        all texts; that it begins with what is rare makes the search quick.
+        The high bits are the frequency, the low bits identify the word or pair. The frequency of a pair is
+        estimated from those of its words. The order only has to be the same for all texts; that rare shingles
+        come first makes the search fast.
         """
-        found: set[int] = set()
-        before, last = 0, 0
+        shingles: set[int] = set()
+        last_frequency, last_code = 0, 0
         for word in text.words():
-            often, code = self._words[word]
+            frequency, code = self._words[word]
             if code:
-                found.add(often << 48 | code)
-                if last:
-                    found.add(max(before + often - self._all, 0) << 48 | last << 24 | code)
-                before, last = often, code
-        text.shingles = array("Q", sorted(found))
+                shingles.add(frequency << 48 | code)
+                if last_code:
+                    shingles.add(
+                        max(last_frequency + frequency - self._all, 0) << 48 | last_code << 24 | code
+                    )
+                last_frequency, last_code = frequency, code
+        text.shingles = array("Q", sorted(shingles))
 
     def _prefix(self, text: _Text) -> array[int]:
         shared = math.ceil(self._limits.similarity * len(text.shingles) - 1e-9)
-        return text.shingles[: len(text.shingles) - shared + 1] if text.shingles else _NOTHING
+        return text.shingles[: len(text.shingles) - shared + 1] if text.shingles else _NO_SHINGLES
 
     def _candidates(self, text: _Text) -> Iterator[_Text]:
         seen: set[str] = set()
@@ -305,18 +313,18 @@ class _Pile:
                     if len(seen) == self._limits.compared:
                         return
 
-    def _overlap(self, shingles: frozenset[int], other: _Text) -> bool:
+    def _is_similar(self, shingles: frozenset[int], other: _Text) -> bool:
         shared = len(shingles.intersection(other.shingles))
         return shared >= self._limits.similarity * (len(shingles) + len(other.shingles) - shared)
 
 
-def _bits(count: int) -> int:
-    """A logarithm that fits eight bits and tells frequencies apart by a tenth."""
+def _log_frequency(count: int) -> int:
+    """The logarithm of a frequency in eight bits, with a resolution of about a tenth of the frequency."""
     return round(8 * math.log2(count)) if count else 0
 
 
-class _Caps:
-    """How many tasks of synthetic sources are kept so far."""
+class _SyntheticLimits:
+    """Counts of the kept tasks of synthetic sources."""
 
     def __init__(self, limits: DuplicateLimits) -> None:
         self._limits = limits
@@ -324,7 +332,7 @@ class _Caps:
         self._websites: Counter[str] = Counter()
 
     def exceeded(self, text: _Text) -> _Finding | None:
-        """The limit that a task would break; if none, it counts."""
+        """The limit that a task would exceed; if it exceeds none, it is counted and ``None`` is returned."""
         key = (text.site, template(text.folded))
         first, count = self._templates.get(key, (text.id, 0))
         if count >= self._limits.per_template:

@@ -1,10 +1,10 @@
-"""The figures of a task set (SYSTEM.md 1.6), as PNG and SVG of a column's width; same counts, same bytes."""
+"""Draws the figures of a task set (SYSTEM.md 1.6) as PNG and SVG, of a column's width; reproducible."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -15,14 +15,11 @@ from webgym.core.task import LEVELS, Level, level_of
 from webgym.plotting import CATEGORIES, COLUMN, INK, MUTED, new_figure, save, styled
 from webgym.tasks.statistics import DomainRow, Part, Statistics, kernel_density
 
-if TYPE_CHECKING:
-    pass
-
 _LAST_BAR: Final = 12
-"""Difficulties from here on share a bar."""
+"""Difficulties from this one on share a bar."""
 
 _LEVELS: Final[dict[Level, str]] = {"easy": "#9ecae1", "medium": "#4292c6", "hard": "#08458f"}
-"""One hue from light to dark, for levels have an order; told apart in grey, too."""
+"""One hue from light to dark, because levels are ordered; distinguishable in greyscale, too."""
 _PARTS: Final[dict[Part, str]] = {
     "train": "Training",
     "test": "Test",
@@ -33,25 +30,25 @@ _PARTS: Final[dict[Part, str]] = {
 _THOUSANDS: Final = FuncFormatter(lambda value, _: f"{value:,.0f}")
 
 
-def draw_figures(found: Statistics, folder: Path) -> list[Path]:
-    """Draw every figure that there is something to draw for, into a folder that is made if need be.
+def draw_figures(statistics: Statistics, folder: Path) -> list[Path]:
+    """Draw all figures for which there are data, into a folder that is created if necessary.
 
     ``websites`` (tasks per website, sorted), ``difficulty`` (histograms by part), ``domains`` (tasks by
-    subdomain) and, where the statistics have lengths, ``lengths`` (steps per trajectory by level).
+    subdomain) and, if the statistics have lengths, ``lengths`` (steps per trajectory by level).
 
     Returns:
         The files written, a ``.png`` and a ``.svg`` of each.
     """
     folder.mkdir(parents=True, exist_ok=True)
     painters: dict[str, Callable[[Statistics], Figure]] = {}
-    if found.tasks:
+    if statistics.tasks:
         painters |= {"websites": _websites, "difficulty": _difficulty, "domains": _domains}
-    if found.lengths:
+    if statistics.lengths:
         painters["lengths"] = _lengths
     written = []
     with styled():
         for name, paint in painters.items():
-            figure = paint(found)
+            figure = paint(statistics)
             for suffix in (".png", ".svg"):
                 path = folder / f"{name}{suffix}"
                 save(figure, path)
@@ -67,17 +64,17 @@ def _tasks(count: int) -> str:
     return "1 task" if count == 1 else f"{count:,} tasks"
 
 
-def _websites(found: Statistics) -> Figure:
-    sizes = [size for size, _ in found.sizes]
+def _websites(statistics: Statistics) -> Figure:
+    sizes = [size for size, _ in statistics.sizes]
     edges = 1 + np.cumsum(
-        [0, *(count for _, count in found.sizes)]
+        [0, *(count for _, count in statistics.sizes)]
     )  # the website of rank r is from r to r + 1
-    top, most = len(found.top), sizes[0]
+    top, most = len(statistics.top), sizes[0]
     figure = _figure(2.1)
     axes = figure.add_subplot()
     axes.fill_between(
         np.arange(1, top + 2),
-        [*(count for _, count in found.top), found.top[-1][1]],
+        [*(count for _, count in statistics.top), statistics.top[-1][1]],
         0.7,
         step="post",
         color=CATEGORIES[1],
@@ -91,10 +88,10 @@ def _websites(found: Statistics) -> Figure:
         axis.set_major_formatter(_THOUSANDS)
         axis.set_minor_formatter(NullFormatter())
     axes.grid(visible=True, axis="y")
-    if found.websites > top:
+    if statistics.websites > top:
         axes.axvline(top + 1, color=MUTED, linewidth=0.6, linestyle=(0, (3, 2)))
     axes.annotate(
-        f"top {top}: {found.top_share:.0%} of {_tasks(found.tasks)}",
+        f"top {top}: {statistics.top_share:.0%} of {_tasks(statistics.tasks)}",
         (top + 1, most),
         xytext=(5, 4),
         textcoords="offset points",
@@ -103,8 +100,8 @@ def _websites(found: Statistics) -> Figure:
     return figure
 
 
-def _difficulty(found: Statistics) -> Figure:
-    parts = list(found.difficulties)
+def _difficulty(statistics: Statistics) -> Figure:
+    parts = list(statistics.difficulties)
     figure = _figure(0.75 + 0.95 * len(parts))
     figure.legend(
         handles=[Patch(color=colour, label=level) for level, colour in _LEVELS.items()],
@@ -117,10 +114,10 @@ def _difficulty(found: Statistics) -> Figure:
         columnspacing=1.2,
     )
     rows = figure.subplots(len(parts), 1, sharex=True, squeeze=False)[:, 0]
-    largest = max(max(counts) for counts in found.difficulties.values())
+    largest = max(max(counts) for counts in statistics.difficulties.values())
     last = min(largest, _LAST_BAR)
     for axes, part in zip(rows, parts, strict=True):
-        counts = found.difficulties[part]
+        counts = statistics.difficulties[part]
         total = sum(counts.values())
         shares = [
             100
@@ -135,7 +132,7 @@ def _difficulty(found: Statistics) -> Figure:
         axes.set_ylim(0, max(shares) * 1.12)
         axes.yaxis.set_major_locator(MaxNLocator(4, integer=True))
         axes.grid(visible=True, axis="y")
-        shares_of_levels = (f"{count / total:.0%}" for count in found.levels(part).values())
+        shares_of_levels = (f"{count / total:.0%}" for count in statistics.levels(part).values())
         axes.set_title(" / ".join(shares_of_levels), loc="right")
     labels = [str(bar) for bar in range(1, last + 1)]
     labels[-1] += "+" if largest > last else ""
@@ -144,34 +141,32 @@ def _difficulty(found: Statistics) -> Figure:
     return figure
 
 
-def _domains(found: Statistics) -> Figure:
+def _domains(statistics: Statistics) -> Figure:
     by_domain: dict[str, list[DomainRow]] = {}
-    for row in found.domains:
+    for row in statistics.domains:
         if row.tasks:
             by_domain.setdefault(row.domain, []).append(row)
     order = sorted(by_domain, key=lambda domain: (-sum(row.tasks for row in by_domain[domain]), domain))
     bars = sum(len(rows) for rows in by_domain.values())
     figure = _figure(0.5 + 0.145 * bars + 0.2 * len(order))
     axes = figure.add_subplot()
-    place, ticks, labels = 0.0, [], []
+    y, ticks, labels = 0.0, [], []
     most = max(row.tasks for rows in by_domain.values() for row in rows)
     for number, domain in enumerate(order):
         rows = sorted(by_domain[domain], key=lambda row: (-row.tasks, row.subdomain))
-        share = sum(row.tasks for row in rows) / found.tasks
-        axes.text(
-            0, place, f" {domain or 'No domain'}, {share:.1%}", va="center", weight="bold", fontsize=6.5
-        )
+        share = sum(row.tasks for row in rows) / statistics.tasks
+        axes.text(0, y, f" {domain or 'No domain'}, {share:.1%}", va="center", weight="bold", fontsize=6.5)
         colour = CATEGORIES[number % len(CATEGORIES)]
         for row in rows:
-            place += 1
-            axes.barh(place, row.tasks, height=0.78, color=colour)
-            axes.text(row.tasks + most * 0.012, place, f"{row.tasks:,}", va="center", fontsize=6)
-            ticks.append(place)
+            y += 1
+            axes.barh(y, row.tasks, height=0.78, color=colour)
+            axes.text(row.tasks + most * 0.012, y, f"{row.tasks:,}", va="center", fontsize=6)
+            ticks.append(y)
             labels.append(row.subdomain or "no subdomain")
-        place += 1.35
+        y += 1.35
     axes.set_yticks(ticks, labels)
     axes.tick_params(axis="y", length=0)
-    axes.set(ylim=(place - 0.5, -0.8), xlim=(0, most * 1.17), xlabel="Tasks")
+    axes.set(ylim=(y - 0.5, -0.8), xlim=(0, most * 1.17), xlabel="Tasks")
     axes.xaxis.set_major_formatter(_THOUSANDS)
     axes.xaxis.set_major_locator(MaxNLocator(4))
     axes.grid(visible=True, axis="x")
@@ -179,30 +174,28 @@ def _domains(found: Statistics) -> Figure:
     return figure
 
 
-def _lengths(found: Statistics) -> Figure:
+def _lengths(statistics: Statistics) -> Figure:
     figure = _figure(2.3)
     axes = figure.add_subplot()
-    levels = [level for level in LEVELS if level in found.lengths]
-    for place, level in enumerate(levels):
-        lengths = found.lengths[level]
+    levels = [level for level in LEVELS if level in statistics.lengths]
+    for x, level in enumerate(levels):
+        lengths = statistics.lengths[level]
         grid, density = kernel_density(lengths.counts)
         half = 0.4 * density / density.max()
-        axes.fill_betweenx(grid, place - half, place + half, color=_LEVELS[level], linewidth=0)
-        first = place == 0
+        axes.fill_betweenx(grid, x - half, x + half, color=_LEVELS[level], linewidth=0)
+        first = x == 0
         axes.scatter(
-            place, lengths.mean, marker="D", s=18, color="white", edgecolor=INK, linewidth=0.8, zorder=3,
+            x, lengths.mean, marker="D", s=18, color="white", edgecolor=INK, linewidth=0.8, zorder=3,
             label="mean" if first else None,
         )  # fmt: skip
-        axes.scatter(
-            place, lengths.mode, marker="o", s=16, color=INK, zorder=3, label="mode" if first else None
-        )
+        axes.scatter(x, lengths.mode, marker="o", s=16, color=INK, zorder=3, label="mode" if first else None)
         marks = [lengths.mean, lengths.mode]
         if abs(lengths.mean - lengths.mode) < 0.05 * grid.max():
-            marks.pop()  # its number would stand on the other
+            marks.pop()  # the two numbers would overlap
         for mark in marks:
             axes.annotate(
                 f"{mark:.1f}",
-                (place, mark),
+                (x, mark),
                 xytext=(5, 0),
                 textcoords="offset points",
                 va="center",
@@ -211,7 +204,7 @@ def _lengths(found: Statistics) -> Figure:
             )
     axes.set_xticks(
         range(len(levels)),
-        [f"{level}\n{found.lengths[level].trajectories:,} trajectories" for level in levels],
+        [f"{level}\n{statistics.lengths[level].trajectories:,} trajectories" for level in levels],
     )
     axes.set(xlim=(-0.6, len(levels) - 0.4), ylabel="Steps per trajectory")
     axes.set_ylim(bottom=0)

@@ -1,6 +1,6 @@
-"""Task files on disk: how they are opened, what was found in them, how they come into being.
+"""Opening task files, the results of reading them, and writing them atomically.
 
-Also WebGym's own JSON lines: one :class:`webgym.core.task.Task` per line, in UTF-8.
+Also WebGym's own JSON lines format: one :class:`webgym.core.task.Task` per line, in UTF-8.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ _BUFFER: Final = 1 << 20
 
 @dataclass(frozen=True)
 class BrokenRecord:
-    """A record that is no task, or one that cannot be judged.
+    """A record that is not a valid task, or a task that cannot be judged.
 
     Attributes:
-        file: as it was given; where a folder was, the file in it.
-        line: line, or row of a Parquet file, from 1.
+        file: path of the file.
+        line: line number, or row number of a Parquet file, from 1.
         reason: what is wrong with it.
     """
 
@@ -53,12 +53,12 @@ class BrokenRecord:
 
 @dataclass(frozen=True)
 class TaskFile:
-    """What a file held.
+    """The contents of a task file or a folder of them.
 
     Attributes:
-        tasks: that can be judged.
-        broken: records that are no tasks, and why.
-        set_aside: tasks that nobody can judge, for none of their facts says anything.
+        tasks: valid tasks that can be judged.
+        broken: records that are not valid tasks, and why.
+        set_aside: tasks that cannot be judged, because none of their facts has content.
     """
 
     tasks: list[Task]
@@ -67,11 +67,13 @@ class TaskFile:
 
 
 @dataclass
-class Findings:
-    """What reading has found so far. An id counts once, whichever file it stands in.
+class TaskCollector:
+    """Collects the tasks while files are read. An id may occur only once in all of them.
 
     Attributes:
-        split: of the tasks of the file that is being read which do not say theirs.
+        tasks: valid tasks by id.
+        broken, set_aside: as in :class:`TaskFile`.
+        split: of tasks without a split of their own, in the file that is being read.
     """
 
     tasks: dict[str, Task] = field(default_factory=dict)
@@ -80,11 +82,12 @@ class Findings:
     split: Literal["train", "test"] | None = None
 
     def add(self, file: Path, line: int, task: Task) -> bool:
-        """Take a task in, unless it cannot be attempted or judged or its id is taken; whether it was."""
+        """Add a task; whether it was added. It is not if it cannot be attempted or judged or its id is in
+        use."""
         if why := unfit(task):
             self.skip(file, line, why)
             return False
-        judged = _judged(task)
+        judged = _judgeable(task)
         if judged is None:
             self.set_aside.append(BrokenRecord(file, line, f"{task.id} has no fact to judge"))
             return False
@@ -96,43 +99,44 @@ class Findings:
         return False
 
     def skip(self, file: Path, line: int, reason: object) -> None:
-        """Note a record that is no task."""
+        """Note a record that is not a valid task."""
         self.broken.append(BrokenRecord(file, line, str(reason)))
 
 
 NONE_FACT: Final = "none-fact"
-"""Flag: a fact said nothing ("None", "N/A"), somebody's empty value made a text. It is left out."""
+"""Flag: a fact without content ("None", "N/A": a missing value written as text) was left out."""
 NO_FACTS: Final = "no-facts"
-"""Flag: no fact says anything, and the instruction holds the place of one. Nothing can be judged, so readers
-of task files set the task aside."""
+"""Flag: no fact has content, and the instruction stands in for one. Nothing can be judged, so readers of task
+files set the task aside."""
 
 
-def _judged(task: Task) -> Task | None:
-    """The task with what a judge can use; ``None`` if no fact says anything.
+def _judgeable(task: Task) -> Task | None:
+    """The task without facts and reference answers that mean "none"; ``None`` if no fact has content.
 
-    Facts and reference answers that stand for "there is none" go: judged, they make a reward of nothing.
+    Judging such a fact or answer would give an arbitrary reward.
     """
     if NO_FACTS in task.flags:
         return None
     if any(is_no_fact(fact) for group in task.rubric.groups for fact in group.facts):
-        said = [
+        filtered = [
             (group, tuple(fact for fact in group.facts if not is_no_fact(fact)))
             for group in task.rubric.groups
         ]
-        groups = tuple(replace(group, facts=facts) for group, facts in said if facts)
+        groups = tuple(replace(group, facts=facts) for group, facts in filtered if facts)
         if not groups:
             return None
         flags = dict.fromkeys((*task.flags, NONE_FACT))
         task = replace(task, rubric=Rubric(groups), flags=tuple(flags))
     answer = task.reference_answer
-    if answer is not None and answer.strip() in ("", "None"):  # "none" may well be one, as GAIA's is
+    if answer is not None and answer.strip() in ("", "None"):  # "none" may be an answer, as in GAIA
         task = replace(task, reference_answer=None)
     return task
 
 
 @contextmanager
-def collector_paused() -> Iterator[None]:
-    """No garbage collection inside: it would visit every task again and again while they are loaded."""
+def gc_paused() -> Iterator[None]:
+    """Disable garbage collection inside of this context: it would scan all tasks repeatedly while they are
+    loaded."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:
@@ -144,10 +148,10 @@ def collector_paused() -> Iterator[None]:
 
 @contextmanager
 def opened(path: Path) -> Iterator[io.BufferedReader[Any]]:
-    """A file to read from, decompressed if its first bytes say that it is gzip or zstd.
+    """Open a file for reading, decompressed if its first bytes are those of gzip or zstd.
 
     Raises:
-        TaskFileError: it cannot be read, now or while it is being read.
+        TaskFileError: it cannot be opened, or not be read inside of this context.
     """
     try:
         with ExitStack() as stack:
@@ -161,7 +165,7 @@ def opened(path: Path) -> Iterator[io.BufferedReader[Any]]:
                 yield io.BufferedReader(stack.enter_context(CompressedInputStream(file, "zstd")), _BUFFER)
             else:
                 yield file
-    except (OSError, EOFError, zlib.error) as error:  # pyarrow's are OSErrors, gzip's may be any of them
+    except (OSError, EOFError, zlib.error) as error:  # pyarrow raises OSError, gzip any of these
         raise TaskFileError(
             f"cannot read the task file {path}: {getattr(error, 'strerror', None) or error}",
             hint="give a file of JSON lines or Parquet, such as webgym tasks offline writes",
@@ -170,20 +174,20 @@ def opened(path: Path) -> Iterator[io.BufferedReader[Any]]:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[BinaryIO]:
-    """A file to write to that stands under its name once it is complete and on disk, or not at all.
+    """Write a file atomically: it gets its name once it is complete and on disk.
 
-    Compressed if the name ends in ``.gz`` or ``.zst``; the same content gives the same bytes.
+    It is compressed if the name ends in ``.gz`` or ``.zst``; the same content gives the same bytes.
 
     Raises:
         TaskFileError: it cannot be written.
     """
-    torn = path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
+    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with torn.open("wb", buffering=_BUFFER) as file, ExitStack() as stack:
+        with temporary.open("wb", buffering=_BUFFER) as file, ExitStack() as stack:
             yield _compressed(path, file, stack)
-        _sync(torn)
-        torn.replace(path)
+        _sync(temporary)
+        temporary.replace(path)
         _sync(path.parent)
     except OSError as error:
         raise TaskFileError(
@@ -191,11 +195,11 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
         ) from error
     finally:
         with suppress(OSError):  # a read-only file system refuses even to look for it
-            torn.unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)
 
 
 def _sync(path: Path) -> None:
-    """Be sure that a file's content, or a folder's names, are on disk."""
+    """Flush a file's content, or a folder's entries, to disk."""
     opened_again = os.open(path, os.O_RDONLY)
     try:
         os.fsync(opened_again)
@@ -204,7 +208,7 @@ def _sync(path: Path) -> None:
 
 
 def _compressed(path: Path, file: BinaryIO, stack: ExitStack) -> BinaryIO:
-    if path.suffix == ".gz":  # neither name nor time of day inside
+    if path.suffix == ".gz":  # without name and time, for reproducible bytes
         zipped = gzip.GzipFile("", "wb", compresslevel=6, fileobj=file, mtime=0)
         return cast(BinaryIO, stack.enter_context(zipped))
     if path.suffix == ".zst":
@@ -214,10 +218,10 @@ def _compressed(path: Path, file: BinaryIO, stack: ExitStack) -> BinaryIO:
     return file
 
 
-def read_lines(lines: Iterable[bytes], file: Path, found: Findings) -> None:
-    """Read WebGym's own JSON lines.
+def read_lines(lines: Iterable[bytes], file: Path, collector: TaskCollector) -> None:
+    """Read tasks in WebGym's own JSON lines format.
 
-    Survives a byte-order mark, carriage returns, empty lines and a last line without an end.
+    Accepts a byte-order mark, carriage returns, empty lines and a last line without a line end.
     """
     decode, keys_of = msgspec.json.Decoder(Task).decode, msgspec.json.Decoder(dict[str, msgspec.Raw]).decode
     for number, line in enumerate(lines, 1):
@@ -231,11 +235,11 @@ def read_lines(lines: Iterable[bytes], file: Path, found: Findings) -> None:
             if not line.strip():
                 continue
             try:
-                task = _completed(line, file, number)
+                task = _with_defaults(line, file, number)
             except (ValueError, RecursionError) as error:
-                found.skip(file, number, error)
+                collector.skip(file, number, error)
                 continue
-        found.add(file, number, task)
+        collector.add(file, number, task)
 
 
 _DEFAULTS: Final = {
@@ -244,60 +248,60 @@ _DEFAULTS: Final = {
     "rubric": msgspec.to_builtins(WHOLE_TASK),
     "source": "own",
 }
-"""What a task of one's own need not say, beside its id, which is the file's name and the line."""
+"""Defaults of keys that may be missing. The default of ``id`` is made of file name and line number."""
 _TYPES: Final = {each.name: each.type for each in msgspec.structs.fields(Task)}
 _FIELDS: Final = _TYPES.keys()
-_ALIKE: Final = 0.75
-"""How alike two spellings are, at least, to be taken for one key. Other keys are of no concern here."""
+_KEY_SIMILARITY: Final = 0.75
+"""Similarity from which an unknown key counts as a misspelling. Other unknown keys are ignored."""
 _LONGEST_INSTRUCTION: Final = 100_000
 _LONGEST_ID: Final = 1_000
 
 
 def unfit(task: Task) -> str:
-    """Why a task cannot be attempted, whoever gave it, in one line; empty if it can."""
-    why = []
+    """Why a task cannot be attempted, in one line; empty if it can."""
+    problems = []
     if (length := len(task.id)) > _LONGEST_ID:
-        why.append(f"id: it has {length:,} characters, and at most {_LONGEST_ID:,} are taken")
+        problems.append(f"id: it has {length:,} characters, and at most {_LONGEST_ID:,} are taken")
     if (length := len(task.instruction)) > _LONGEST_INSTRUCTION:
-        why.append(
+        problems.append(
             f"instruction: it has {length:,} characters, and at most {_LONGEST_INSTRUCTION:,} are taken"
         )
     if problem := start_url_problem(task.website):
-        why.append(f"website: {problem}")
-    return "; ".join(why)
+        problems.append(f"website: {problem}")
+    return "; ".join(problems)
 
 
-def _completed(line: bytes, file: Path, number: int) -> Task:
-    """The task of a line that says less than everything.
+def _with_defaults(line: bytes, file: Path, number: int) -> Task:
+    """The task of a line with missing keys, filled with defaults.
 
     Raises:
-        ValueError: with all that is wrong with it.
+        ValueError: the line is not a valid task; lists all that is wrong.
     """
-    said = msgspec.json.decode(line)
-    if not isinstance(said, dict):
+    record = msgspec.json.decode(line)
+    if not isinstance(record, dict):
         raise ValueError("it is not a JSON object")
-    wrong = []
+    problems = []
     values = {}
-    for name, value in ({"id": f"{file.name.partition('.')[0]}/{number}"} | _DEFAULTS | said).items():
+    for name, value in ({"id": f"{file.name.partition('.')[0]}/{number}"} | _DEFAULTS | record).items():
         if name in _TYPES:
             try:
                 values[name] = msgspec.convert(value, _TYPES[name])
             except ValueError as error:
-                wrong.append(f"{name}: {error}")
-        elif nearest := get_close_matches(name, _FIELDS, 1, _ALIKE):
-            wrong.append(f"there is no key {name!r}; did you mean {nearest[0]}?")
-    wrong += [f"{name}: it is missing" for name in ("instruction", "website") if name not in said]
-    if wrong:
-        raise ValueError("; ".join(wrong))
+                problems.append(f"{name}: {error}")
+        elif nearest := get_close_matches(name, _FIELDS, 1, _KEY_SIMILARITY):
+            problems.append(f"there is no key {name!r}; did you mean {nearest[0]}?")
+    problems += [f"{name}: it is missing" for name in ("instruction", "website") if name not in record]
+    if problems:
+        raise ValueError("; ".join(problems))
     return Task(**values)
 
 
 def write_lines(file: BinaryIO, tasks: Iterable[Task]) -> int:
-    """Write WebGym's own JSON lines; the number of tasks written."""
+    """Write tasks in WebGym's own JSON lines format; the number of tasks written."""
     encoder = msgspec.json.Encoder()
     buffer = bytearray()
     count = 0
-    for count, task in enumerate(tasks, 1):  # noqa: B007 - the last count is what is asked for
+    for count, task in enumerate(tasks, 1):  # noqa: B007 - the last count is the result
         encoder.encode_into(task, buffer)
         buffer += b"\n"
         file.write(buffer)

@@ -1,15 +1,15 @@
-"""The one way to read and to write task sets, whatever the format.
+"""Reads and writes task sets in every format.
 
 =========== =============================== ===========================================================
-format      names                           what it is
+format      file names                      contents
 =========== =============================== ===========================================================
 jsonl       ``.jsonl``, also ``.gz .zst``   WebGym's own JSON lines (:mod:`webgym.tasks.files`)
 parquet     ``.parquet``                    a typed column per field (:mod:`webgym.tasks.parquet`)
 published   ``.jsonl``, also ``.gz .zst``   the published data set (:mod:`webgym.tasks.published`)
 =========== =============================== ===========================================================
 
-Reading goes by what a file holds, writing by its name and by what is asked for. A folder holds one file
-(``tasks.*``), or one per split (``train.*``, ``test.*``).
+When reading, the format is recognised by the contents; when writing, it is given by the file's name or by an
+argument. A folder contains one file (``tasks.*``), or one per split (``train.*``, ``test.*``).
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from webgym.core.errors import TaskFileError
 from webgym.core.task import Task
 from webgym.tasks.files import (
     BYTE_ORDER_MARK,
-    Findings,
+    TaskCollector,
     TaskFile,
-    collector_paused,
+    gc_paused,
     opened,
     read_lines,
     whole_file,
@@ -38,54 +38,54 @@ Format: TypeAlias = Literal["jsonl", "parquet", "published"]
 FORMATS: Final[tuple[Format, ...]] = get_args(Format)
 
 _PARQUET: Final = b"PAR1"
-_LINES: Final = (".jsonl", ".jsonl.gz", ".jsonl.zst")
-_ENDINGS: Final = (".parquet", *_LINES)
-"""What task files end in; of two files that differ in nothing else, the first counts."""
+_JSONL_SUFFIXES: Final = (".jsonl", ".jsonl.gz", ".jsonl.zst")
+_SUFFIXES: Final = (".parquet", *_JSONL_SUFFIXES)
+"""Suffixes of task files; of two files that differ only in the suffix, the one that comes first here is
+read."""
 _LONGEST_LINE: Final = 2**23
-"""Bytes of a line that is read."""
+"""Bytes; a longer line is skipped."""
 _SPLITS: Final[tuple[Literal["train", "test"], ...]] = ("train", "test")
 
 
 def read_tasks(path: Path) -> TaskFile:
     """Read a task file, or the task files of a folder, in any format.
 
-    A broken record is reported and skipped, and a task without a fact to judge is set aside; the rest loads.
-    Tasks that do not say their split are of the one that the file's name tells, ``train`` or ``test``.
+    A broken record is reported and skipped, and a task without a fact to judge is set aside.
+    Tasks without a split get the one in the file's name, ``train`` or ``test``, if there is one.
 
     Args:
         path: of a file or a folder.
 
     Raises:
-        TaskFileError: it cannot be read, or holds no task at all.
+        TaskFileError: it cannot be read, or contains no task.
     """
-    found = Findings()
-    with collector_paused():
+    collector = TaskCollector()
+    with gc_paused():
         for file in _files(path):
-            _read(file, found)
-    if not found.tasks:
-        raise TaskFileError(f"{path} contains no task{_why_none(found)}")
-    return TaskFile(list(found.tasks.values()), found.broken, found.set_aside)
+            _read(file, collector)
+    if not collector.tasks:
+        raise TaskFileError(f"{path} contains no task{_why_none(collector)}")
+    return TaskFile(list(collector.tasks.values()), collector.broken, collector.set_aside)
 
 
-def _why_none(found: Findings) -> str:
-    if found.set_aside:
-        count = len(found.set_aside)
-        return f" that can be judged: {count:,} have no fact to judge; the first: {found.set_aside[0]}"
-    return f"; the first record that is none: {found.broken[0]}" if found.broken else ", it is empty"
+def _why_none(collector: TaskCollector) -> str:
+    if collector.set_aside:
+        count = len(collector.set_aside)
+        return f" that can be judged: {count:,} have no fact to judge; the first: {collector.set_aside[0]}"
+    return f"; the first broken record: {collector.broken[0]}" if collector.broken else ", it is empty"
 
 
 def write_tasks(path: Path, tasks: Iterable[Task], *, format: Format | None = None) -> int:
-    """Write tasks, whole or not at all; the number of tasks written.
+    """Write tasks atomically; the number of tasks written.
 
     Args:
-        path: a file; or a folder (one that is there, or a name without an ending), which gets a file per
-            split.
-        tasks: to write.
-        format: for a file, ``None`` goes by its name; for a folder it means ``"jsonl"``.
+        path: a file; or a folder (an existing one, or a name without a suffix), which gets a file per split.
+        tasks: the tasks to write.
+        format: ``None`` takes the format from a file's name, and ``"jsonl"`` for a folder.
 
     Raises:
-        TaskFileError: it cannot be written, name and format do not go together, or a folder is asked for
-            and a task has no split.
+        TaskFileError: it cannot be written, name and format do not match, or a task to be written to a folder
+            has no split.
     """
     if not path.is_dir() and path.suffix:
         return _write(path, tasks, format or _format_of(path))
@@ -106,28 +106,28 @@ def write_tasks(path: Path, tasks: Iterable[Task], *, format: Format | None = No
 # --- one file ---------------------------------------------------------------------------------------
 
 
-def _read(path: Path, found: Findings) -> None:
-    found.split = split_of(path)  # for WebGym's own formats; the published one has its own say
+def _read(path: Path, collector: TaskCollector) -> None:
+    collector.split = split_of(path)  # for WebGym's own formats only
     with opened(path) as file:
         if file.peek(len(_PARQUET)).startswith(_PARQUET):
-            from webgym.tasks.parquet import read_parquet  # pyarrow takes its time to import
+            from webgym.tasks.parquet import read_parquet  # importing pyarrow takes long
 
-            read_parquet(path, split_of(path), found)
+            read_parquet(path, split_of(path), collector)
             return
-        begin: list[bytes] = []
-        whole = _bounded(file, path, found)
-        is_published = _is_published(whole, begin)
-        lines = chain(begin, whole)
+        beginning: list[bytes] = []
+        remaining = _lines(file, path, collector)
+        is_published = _is_published(remaining, beginning)
+        lines = chain(beginning, remaining)
         if is_published:
-            found.split = None
-            read_published(lines, path, split_of(path), found)
+            collector.split = None
+            read_published(lines, path, split_of(path), collector)
         else:
-            read_lines(lines, path, found)
+            read_lines(lines, path, collector)
 
 
-def _bounded(file: io.BufferedReader[Any], path: Path, found: Findings) -> Iterator[bytes]:
-    """The lines of a file. One without end is left out, and never in memory: a task is a few kilobytes, and
-    what decodes a line lets no other thread run."""
+def _lines(file: io.BufferedReader[Any], path: Path, collector: TaskCollector) -> Iterator[bytes]:
+    """The lines of a file. Lines longer than :data:`_LONGEST_LINE` are skipped without holding them in
+    memory."""
     for number in count(1):
         line = file.readline(_LONGEST_LINE)
         if not line:
@@ -137,7 +137,7 @@ def _bounded(file: io.BufferedReader[Any], path: Path, found: Findings) -> Itera
             while part and not part.endswith(b"\n"):
                 part = file.readline(_LONGEST_LINE)
                 length += len(part)
-            found.skip(path, number, f"it has {length:,} bytes, and at most {_LONGEST_LINE:,} are taken")
+            collector.skip(path, number, f"it has {length:,} bytes, and at most {_LONGEST_LINE:,} are taken")
             line = b"\n"
         yield line
 
@@ -145,8 +145,8 @@ def _bounded(file: io.BufferedReader[Any], path: Path, found: Findings) -> Itera
 def _write(path: Path, tasks: Iterable[Task], format: Format) -> int:
     if (format == "parquet") != (path.suffix == ".parquet"):
         raise TaskFileError(
-            f"{path.name} is no name for a file of the format {format}",
-            hint="Parquet ends in .parquet, and nothing else does",
+            f"{path.name} is not a valid file name for the format {format}",
+            hint="only Parquet files end in .parquet",
         )
     with whole_file(path) as file:
         if format == "parquet":
@@ -161,17 +161,18 @@ def _write(path: Path, tasks: Iterable[Task], format: Format) -> int:
 def _format_of(path: Path) -> Format:
     if path.suffix == ".parquet":
         return "parquet"
-    if path.name.endswith(_LINES):
+    if path.name.endswith(_JSONL_SUFFIXES):
         return "jsonl"
     raise TaskFileError(
-        f"{path.name} does not tell a format by its ending", hint=f"use one of {', '.join(_ENDINGS)}"
+        f"the file name {path.name} has no known suffix", hint=f"use one of {', '.join(_SUFFIXES)}"
     )
 
 
-def _is_published(lines: Iterator[bytes], begin: list[bytes]) -> bool:
-    """Whether the first object among the lines is a published row. What was read is in ``begin``."""
+def _is_published(lines: Iterator[bytes], beginning: list[bytes]) -> bool:
+    """Whether the first JSON object among the lines is a published row. Appends the lines it reads to
+    ``beginning``."""
     for line in lines:
-        begin.append(line)
+        beginning.append(line)
         try:
             record = decoded(line.removeprefix(BYTE_ORDER_MARK))
         except (ValueError, RecursionError):
@@ -182,7 +183,8 @@ def _is_published(lines: Iterator[bytes], begin: list[bytes]) -> bool:
 
 
 def split_of(path: Path) -> Literal["train", "test"] | None:
-    """The split that a file's name tells: ``test.jsonl``, ``train-00000-of-00002.parquet``."""
+    """The split in a file's name: ``test.jsonl``, ``train-00000-of-00002.parquet``; ``None`` if there is
+    none."""
     for split in _SPLITS:
         if path.name.startswith(split) and not path.name[len(split) : len(split) + 1].isalnum():
             return split
@@ -193,10 +195,12 @@ def split_of(path: Path) -> Literal["train", "test"] | None:
 
 
 def task_files(folder: Path) -> list[Path]:
-    """The task files of a folder: ``tasks.*`` if there is one, else those of the splits; maybe none."""
-    files = sorted(each for each in folder.iterdir() if each.name.endswith(_ENDINGS) and each.is_file())
-    return _alike([each for each in files if each.name.startswith("tasks.")])[:1] or [
-        file for split in _SPLITS for file in _alike([each for each in files if split_of(each) == split])
+    """The task files of a folder: ``tasks.*`` if there is one, else those of the splits; may be empty."""
+    files = sorted(file for file in folder.iterdir() if file.name.endswith(_SUFFIXES) and file.is_file())
+    return _with_first_suffix([file for file in files if file.name.startswith("tasks.")])[:1] or [
+        file
+        for split in _SPLITS
+        for file in _with_first_suffix([file for file in files if split_of(file) == split])
     ]
 
 
@@ -207,13 +211,13 @@ def _files(path: Path) -> list[Path]:
         return files
     raise TaskFileError(
         f"cannot read the task file {path}: it is a folder without tasks.*, train.* or test.*",
-        hint=f"name the file, or call it so; known endings: {', '.join(_ENDINGS)}",
+        hint=f"give a file, or rename it; known suffixes: {', '.join(_SUFFIXES)}",
     )
 
 
-def _alike(files: list[Path]) -> list[Path]:
-    """Those of the first known ending, so that tasks that are there in two formats are read once."""
-    for ending in _ENDINGS:
+def _with_first_suffix(files: list[Path]) -> list[Path]:
+    """The files with the first known suffix, so that tasks that exist in two formats are read once."""
+    for ending in _SUFFIXES:
         if same := [file for file in files if file.name.endswith(ending)]:
             return same
     return []

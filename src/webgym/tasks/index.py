@@ -1,4 +1,4 @@
-"""Finding tasks among hundreds of thousands, quick enough to type along: what ``show`` and ``view`` use."""
+"""An index for searching hundreds of thousands of tasks interactively; ``tasks show`` and ``view`` use it."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from webgym.core.websites import site_of
 
 Places: TypeAlias = NDArray[np.intp]
 
-_CLOSE: Final = 5
-"""Ids to name when there is none of the one asked for."""
+_SUGGESTED_IDS: Final = 5
+"""Most ids that are suggested for one that does not exist."""
 
 
 @dataclass(frozen=True)
@@ -25,9 +25,9 @@ class TaskQuery:
     """A query for tasks: all given conditions must hold; an empty string is no condition.
 
     Attributes:
-        domain, subdomain, source, split, level, flag: as the task has it, whatever the case.
-        website: a host or a URL; every task on the same website fits (:func:`site_of`).
-        text: words that must all stand somewhere in id, instruction, website or domain, whatever the case.
+        domain, subdomain, source, split, level, flag: value of the task, ignoring case.
+        website: a host or a URL; matches every task on the same website (:func:`site_of`).
+        text: words that must all occur in id, instruction, website, domain or subdomain, ignoring case.
     """
 
     domain: str = ""
@@ -41,11 +41,11 @@ class TaskQuery:
 
 
 FACETS: Final[tuple[str, ...]] = ("split", "level", "domain", "subdomain", "source", "flag")
-"""What tasks are counted by, and chosen by its whole value."""
+"""Fields that tasks are counted by, and selected by their whole value."""
 
 
 def website_key(website: str) -> str:
-    """The website to compare by; what is given, in lower case, where it names none."""
+    """The registrable domain of a website, for comparison; the text in lower case if it names no website."""
     try:
         return site_of(website)
     except ValueError:
@@ -53,68 +53,68 @@ def website_key(website: str) -> str:
 
 
 class TaskIndex:
-    """Tasks, and ways to find some of them.
+    """An index of tasks, for searching and counting.
 
-    Built as it is used: the first search by text or by website takes a second or so for 300,000 tasks, any
-    other some milliseconds.
+    It is built on demand: with 300,000 tasks, the first search by text or by website takes about a second,
+    all others some milliseconds.
 
     Args:
-        tasks: in the order in which they will be found.
+        tasks: the tasks, in the order of search results.
     """
 
     def __init__(self, tasks: Sequence[Task]) -> None:
         self.tasks = tasks
 
-    def find(self, wanted: TaskQuery) -> list[int]:
-        """Places of the tasks that fit, in order."""
+    def find(self, query: TaskQuery) -> list[int]:
+        """Indices in :attr:`tasks` of the matching tasks, in order."""
         mask = np.ones(len(self.tasks), dtype=np.bool_)
         for facet in FACETS:
-            if value := getattr(wanted, facet).casefold():
+            if value := getattr(query, facet).casefold():
                 groups = self._facets[facet]
                 mask &= self._mask(groups[known] for known in groups if known.casefold() == value)
-        if wanted.website:
-            mask &= self._mask([self._websites.get(website_key(wanted.website), np.empty(0, np.intp))])
+        if query.website:
+            mask &= self._mask([self._websites.get(website_key(query.website), np.empty(0, np.intp))])
         places: list[int] = np.flatnonzero(mask).tolist()
-        texts = self._texts if wanted.text.strip() else ()
-        for word in wanted.text.lower().split():
+        texts = self._texts if query.text.strip() else ()
+        for word in query.text.lower().split():
             places = [place for place in places if word in texts[place]]
         return places
 
     def counts(self, facet: str, places: Sequence[int] | None = None) -> dict[str, int]:
-        """How many tasks have each value of one of :data:`FACETS`, the most frequent value first.
+        """Number of tasks with each value of a field, the most frequent value first.
 
         Args:
-            facet: what to count by.
-            places: of the tasks to count; all if not given. A task counts for each of its flags.
+            facet: the field, one of :data:`FACETS`. A task counts for each of its flags.
+            places: indices of the tasks to count; ``None`` counts all.
         """
-        groups = {value: having for value, having in self._facets[facet].items() if value}
+        groups = {value: indices for value, indices in self._facets[facet].items() if value}
         if places is None:
-            found = {value: len(having) for value, having in groups.items()}
+            counts = {value: len(indices) for value, indices in groups.items()}
         else:
             mask = self._mask([np.array(places, dtype=np.intp)])
-            found = {value: int(np.count_nonzero(mask[having])) for value, having in groups.items()}
-        return dict(sorted(found.items(), key=lambda item: (-item[1], item[0])))
+            counts = {value: int(np.count_nonzero(mask[indices])) for value, indices in groups.items()}
+        return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
 
     @property
     def websites(self) -> int:
-        """How many there are."""
+        """Number of websites."""
         return len(self._websites)
 
     def get(self, task_id: str) -> Task | None:
-        """The task of this id."""
+        """The task with this id; ``None`` if there is none."""
         place = self._places.get(task_id)
         return None if place is None else self.tasks[place]
 
     def children(self, task_id: str) -> list[Task]:
-        """The tasks that were derived from one, in order."""
+        """The tasks derived from this task, in order."""
         return [self.tasks[place] for place in self._children.get(task_id, ())]
 
     def close_ids(self, task_id: str) -> list[str]:
-        """Ids that hold the one given, for somebody who knows half of it."""
+        """Some ids that contain the given text, as suggestions."""
         folded = task_id.lower()
-        return [known for known in self._places if folded in known.lower()][:_CLOSE]
+        return [known for known in self._places if folded in known.lower()][:_SUGGESTED_IDS]
 
-    # --- what is looked up ----------------------------------------------------------------------------
+    # --- lookup tables ----------------------------------------------------------------------------
 
     def _mask(self, groups: Iterable[Places]) -> NDArray[np.bool_]:
         mask = np.zeros(len(self.tasks), dtype=np.bool_)
@@ -131,7 +131,7 @@ class TaskIndex:
 
     @cached_property
     def _facets(self) -> Mapping[str, Mapping[str, Places]]:
-        told: dict[str, Callable[[Task], Iterable[str]]] = {
+        values_of: dict[str, Callable[[Task], Iterable[str]]] = {
             "split": lambda task: (task.split or "",),
             "level": lambda task: (task.level,),
             "domain": lambda task: (task.domain,),
@@ -139,7 +139,7 @@ class TaskIndex:
             "source": lambda task: (task.source,),
             "flag": lambda task: task.flags,
         }
-        return {facet: self._grouped(values) for facet, values in told.items()}
+        return {facet: self._grouped(values) for facet, values in values_of.items()}
 
     @cached_property
     def _websites(self) -> Mapping[str, Places]:
@@ -159,8 +159,8 @@ class TaskIndex:
 
     @cached_property
     def _children(self) -> Mapping[str, list[int]]:
-        found: defaultdict[str, list[int]] = defaultdict(list)
+        children: defaultdict[str, list[int]] = defaultdict(list)
         for place, task in enumerate(self.tasks):
             if task.parent_id is not None:
-                found[task.parent_id].append(place)
-        return dict(found)
+                children[task.parent_id].append(place)
+        return dict(children)

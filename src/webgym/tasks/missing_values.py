@@ -9,7 +9,7 @@ from typing import Final
 _ABSENT: Final = frozenset({"", "none", "null", "nan", "n/a", "undefined", "**"})
 _BRACKETS: Final = " \t\r\n[](){}'\""
 _LONGEST_ABSENT: Final = 24
-"""Characters: a longer text says something."""
+"""Characters of the longest text that counts as missing; a longer one has content."""
 
 _NO_FACT: Final = re.compile(
     r"[\W_]*(?:(?:none|not|nothing|nil)(?: (?:applicable|available|given|mentioned|needed|provided|required"
@@ -17,11 +17,11 @@ _NO_FACT: Final = re.compile(
     re.IGNORECASE,
 )
 _LONGEST_NO_FACT: Final = 32
-"""Characters, white space around it included: a longer text says something."""
+"""Characters, including surrounding white space, of the longest text without content."""
 
 
 def is_missing_value(value: object) -> bool:
-    """Whether a value says that there is none. What can be somebody's answer ("nothing", "0") does not."""
+    """Whether a value represents a missing one. Possible answers ("nothing", "0") do not."""
     if isinstance(value, str):
         is_short = len(value) <= _LONGEST_ABSENT or value.isspace()
         return is_short and value.strip().strip(_BRACKETS).casefold() in _ABSENT
@@ -33,5 +33,5 @@ def is_missing_value(value: object) -> bool:
 
 
 def is_no_fact(text: str) -> bool:
-    """Whether a text in the place of a fact says nothing that could be judged."""
+    """Whether the text of a fact has no content that could be judged ("None", "N/A")."""
     return not text.strip() or (len(text) <= _LONGEST_NO_FACT and _NO_FACT.fullmatch(text) is not None)

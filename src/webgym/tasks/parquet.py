@@ -1,8 +1,8 @@
 """Task sets as Parquet: a column per field of :class:`webgym.core.task.Task`, the rubric nested and typed.
 
-What has no type of its own (``truth``, ``extra``, ``files``) is JSON in a string column. ``difficulty`` is
-there for whoever opens the file with something else; reading takes it from the rubric. The writer's settings
-are fixed, so that the same tasks give the same bytes for the same release of pyarrow.
+Fields without a column type (``truth``, ``extra``, ``files``) are JSON in string columns. ``difficulty`` is
+written for other programs; when reading, it is computed from the rubric. The writer's settings are fixed, so
+the same tasks give the same bytes with the same release of pyarrow.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ import pyarrow.parquet as pq
 from webgym.core.errors import TaskFileError
 from webgym.core.task import Attachment, FactGroup, Rubric, Task, WebsiteFrom
 from webgym.core.truth import Truth
-from webgym.tasks.files import Findings
+from webgym.tasks.files import TaskCollector
 from webgym.tasks.published import looks_published, task_of
 
 VERSION: Final = 1
-"""Of the columns. A reader refuses a file with a higher one."""
+"""Version of the columns. Files with a higher version are refused."""
 _VERSION_KEY: Final = b"webgym.tasks"
 _ROWS: Final = 1 << 15
-"""Per row group: what is in memory twice while reading and writing."""
+"""Rows per row group, which are in memory twice while reading and writing."""
 
 _GROUP: Final = pa.struct(
     [
@@ -61,7 +61,7 @@ SCHEMA: Final = pa.schema(
 _RUBRIC_READ: Final = pa.list_(
     pa.struct([("id", pa.int64()), ("description", pa.string()), ("facts", pa.list_(pa.string()))])
 )
-"""As others may write it: anything may be null, which is said row by row."""
+"""The rubric as other programs may write it: with nulls, which are reported row by row."""
 _FIELDS: Final = {field.name: field for field in msgspec.structs.fields(Task)}
 _REPEATING: Final = frozenset(
     {"website", "domain", "subdomain", "source", "parent_id", "split", "website_from"}
@@ -77,7 +77,7 @@ def write_parquet(file: BinaryIO, tasks: Iterable[Task]) -> int:
     """Write tasks as Parquet; the number of tasks written.
 
     Raises:
-        TaskFileError: a task holds what a column cannot, such as a group's id beyond 64 bits.
+        TaskFileError: a value does not fit into its column, such as a group's id beyond 64 bits.
     """
     remaining = iter(tasks)
     count = 0
@@ -119,7 +119,7 @@ def _offsets(sizes: Iterable[int]) -> pa.Array:
 
 
 def _rubrics(rubrics: list[Rubric]) -> pa.Array:
-    # Built from flat arrays: a tenth of the time of nested dicts.
+    # Built from flat arrays, in a tenth of the time that nested dicts take.
     groups = [group for rubric in rubrics for group in rubric.groups]
     facts = pa.ListArray.from_arrays(
         _offsets(len(group.facts) for group in groups),
@@ -136,13 +136,13 @@ def _rubrics(rubrics: list[Rubric]) -> pa.Array:
 # --- reading ----------------------------------------------------------------------------------------
 
 
-def read_parquet(path: Path, split: str | None, found: Findings) -> None:
+def read_parquet(path: Path, split: str | None, collector: TaskCollector) -> None:
     """Read a Parquet file: one of WebGym's own, or the published set as the hub converts it.
 
     Args:
         path: of the file.
-        split: that its name tells, for the published set.
-        found: takes what is read.
+        split: the split in its name, for the published set.
+        collector: gets the tasks.
 
     Raises:
         TaskFileError: it cannot be read, lacks columns, or was written by a newer release.
@@ -153,16 +153,18 @@ def read_parquet(path: Path, split: str | None, found: Findings) -> None:
             is_published = looks_published(names)
             if not is_published:
                 _check_columns(path, file.schema_arrow)
-            shown = None if is_published else [name for name in names if name in _FIELDS]
+            known = None if is_published else [name for name in names if name in _FIELDS]
             first = 1
-            for batch in file.iter_batches(_ROWS, columns=shown):
+            for batch in file.iter_batches(_ROWS, columns=known):
                 if is_published:
-                    _take_published(batch, split, path, first, found)
+                    _add_published(batch, split, path, first, collector)
                 else:
-                    _take(batch, path, first, found)
+                    _add_tasks(batch, path, first, collector)
                 first += batch.num_rows
     except (OSError, pa.ArrowException) as error:
-        raise TaskFileError(f"cannot read the task file {path}: {error}", hint="is it whole?") from error
+        raise TaskFileError(
+            f"cannot read the task file {path}: {error}", hint="it may be incomplete or damaged"
+        ) from error
 
 
 def _check_columns(path: Path, schema: pa.Schema) -> None:
@@ -175,38 +177,38 @@ def _check_columns(path: Path, schema: pa.Schema) -> None:
     missing = [name for name, field in _FIELDS.items() if field.required and name not in schema.names]
     if missing:
         raise TaskFileError(
-            f"{path} holds no task: it has no column {missing[0]!r}",
-            hint="docs/task-files.md tells the columns",
+            f"{path} contains no task: it has no column {missing[0]!r}",
+            hint="docs/task-files.md lists the columns",
         )
 
 
-def _take_published(
-    batch: pa.RecordBatch, split: str | None, path: Path, first: int, found: Findings
+def _add_published(
+    batch: pa.RecordBatch, split: str | None, path: Path, first: int, collector: TaskCollector
 ) -> None:
     for number, row in enumerate(batch.to_pylist(), first):
         try:
             task = task_of(row, split)
         except ValueError as error:
-            found.skip(path, number, error)
+            collector.skip(path, number, error)
         else:
-            found.add(path, number, task)
+            collector.add(path, number, task)
 
 
-def _take(batch: pa.RecordBatch, path: Path, first: int, found: Findings) -> None:
+def _add_tasks(batch: pa.RecordBatch, path: Path, first: int, collector: TaskCollector) -> None:
     try:
         tasks: Iterable[Task | None] = _in_bulk(batch)
-    except (ValueError, TypeError):  # somewhere in it; to find the place costs several times as much
-        tasks = _row_by_row(batch, path, first, found)
+    except (ValueError, TypeError):  # some row is broken; finding it takes several times as long
+        tasks = _row_by_row(batch, path, first, collector)
     for number, task in enumerate(tasks, first):
         if task is not None:
-            found.add(path, number, task)
+            collector.add(path, number, task)
 
 
 def _in_bulk(batch: pa.RecordBatch) -> Iterable[Task]:
-    """The tasks of a batch without a flaw.
+    """The tasks of a batch without broken rows.
 
     Raises:
-        ValueError, TypeError: it has one.
+        ValueError, TypeError: a row is broken.
     """
     given = {name: batch.column(name) for name in _FIELDS if name in batch.schema.names}
     columns: list[list[Any]] = []
@@ -237,16 +239,16 @@ def _rubrics_of(column: pa.Array) -> list[Rubric]:
         raise ValueError("a group has no id or no description")
     texts = facts.values.to_pylist()
     fact_lists = [tuple(texts[begin:end]) for begin, end in pairwise(facts.offsets.to_pylist())]
-    made = list(map(FactGroup, ids, descriptions, fact_lists))
-    return [Rubric(tuple(made[begin:end])) for begin, end in pairwise(column.offsets.to_pylist())]
+    fact_groups = list(map(FactGroup, ids, descriptions, fact_lists))
+    return [Rubric(tuple(fact_groups[begin:end])) for begin, end in pairwise(column.offsets.to_pylist())]
 
 
 def _values(name: str, column: pa.Array) -> list[Any]:
-    """A column as Task holds it."""
+    """The values of a column, as fields of Task."""
     if name in _REPEATING:  # equal strings are one string in memory
         coded = column.dictionary_encode()
         values = [*coded.dictionary.to_pylist(), None]
-        if name in _ALLOWED:  # msgspec knows a default, which it leaves out, by its identity
+        if name in _ALLOWED:  # msgspec compares with defaults, which it omits, by identity
             if not _ALLOWED[name].issuperset(values[:-1]):
                 raise ValueError(f"{name} is not one of {_ALLOWED[name]}")
             values = [value and sys.intern(value) for value in values]
@@ -258,18 +260,20 @@ def _values(name: str, column: pa.Array) -> list[Any]:
     return [tuple(flags) for flags in values] if name == "flags" else values
 
 
-def _row_by_row(batch: pa.RecordBatch, path: Path, first: int, found: Findings) -> Iterable[Task | None]:
-    """The tasks of a batch, none for a row that tells none; that is noted."""
+def _row_by_row(
+    batch: pa.RecordBatch, path: Path, first: int, collector: TaskCollector
+) -> Iterable[Task | None]:
+    """The tasks of a batch; ``None`` for a broken row, which is noted in the collector."""
     for number, row in enumerate(batch.to_pylist(), first):
-        told = {name: value for name, value in row.items() if value is not None}
+        values = {name: value for name, value in row.items() if value is not None}
         try:
-            for name in _JSON.keys() & told.keys():
-                told[name] = msgspec.json.decode(told[name])
-            if "rubric" in told:
-                told["rubric"] = {"groups": told["rubric"]}
-            task = msgspec.convert(told, Task)
+            for name in _JSON.keys() & values.keys():
+                values[name] = msgspec.json.decode(values[name])
+            if "rubric" in values:
+                values["rubric"] = {"groups": values["rubric"]}
+            task = msgspec.convert(values, Task)
         except ValueError as error:
-            found.skip(path, number, error)
+            collector.skip(path, number, error)
             yield None
         else:
             yield task

@@ -1,9 +1,7 @@
 """The prompts of a task set's construction (paper §3, appendix E; SYSTEM.md 1.3 and 1.4).
 
-The wording is ours.
-
-The rules stand in the system message, which is the same for every task, so that endpoints which remember the
-beginning of a prompt charge it less; the task stands in the user's.
+The rules are in the system message, which is the same for every task, so that endpoints with a prompt cache
+charge less for it; the task is in the user message.
 """
 
 from __future__ import annotations
@@ -19,18 +17,18 @@ from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
 
 Messages: TypeAlias = list[dict[str, str]]
 
-# The replies as their schemas tell them to the model.
+# The replies: models are sent their JSON schemas.
 
 
 class WebsiteReply(msgspec.Struct, frozen=True):
-    """Where a task starts, and its kind."""
+    """The website where a task starts, and its subdomain."""
 
     website: str
     subdomain: Annotated[str, msgspec.Meta(extra_json_schema={"enum": list(DOMAIN_OF)})]
 
 
 class GroupReply(msgspec.Struct, frozen=True):
-    """Facts that belong together."""
+    """A fact group of a rubric."""
 
     id: int
     description: str
@@ -38,7 +36,7 @@ class GroupReply(msgspec.Struct, frozen=True):
 
 
 class RubricReply(msgspec.Struct, frozen=True):
-    """Fact groups, and the number of facts in them."""
+    """A rubric: its fact groups, and the number of facts in them."""
 
     fact_groups: tuple[GroupReply, ...]
     difficulty: int
@@ -65,7 +63,7 @@ EXAMPLE_RUBRIC: Final = RubricReply(
     ),
     difficulty=6,
 )
-"""What the prompt shows; it breaks none of our own rules."""
+"""The example in the prompt; it follows all rules of :mod:`webgym.tasks.rules`."""
 
 _TAXONOMY: Final = "\n".join(f"- {domain}: {'; '.join(below)}" for domain, below in DOMAINS.items())
 
@@ -141,23 +139,23 @@ your task, and no more, has shown every one of them and nothing else.
 
 Reply with the text of the new task alone: no title, no introduction, no quotation marks around it, no
 JSON, no lists, no markdown."""
-"""The system message of every request to rewrite."""
+"""The system message of every rewriting request."""
 
 
 _LONGEST_NOTES: Final = 4_000
-"""Characters of a source's notes that are told; more would be paid for and say the same."""
+"""Most characters of a source's notes in a request; more would cost tokens and add little."""
 
 
 def for_website(task: SourceTask) -> Messages:
-    """Asks for the website, where the source gives none, and for domain and subdomain."""
+    """The messages that ask for the website, if the source gives none, and for domain and subdomain."""
     given = task.website or "none"
     return _messages(_WEBSITE, [("Task", task.instruction), ("Website given", given)])
 
 
 def for_rubric(task: SourceTask) -> Messages:
-    """Asks for a rubric.
+    """The messages that ask for a rubric.
 
-    Only what the source gives is told, not what was inferred, so that no request waits for another's reply.
+    They contain only what the source gives, nothing inferred, so that no request depends on another's reply.
     """
     parts = [("Task", task.instruction)]
     if (website := known_website(task)) is not None:
@@ -169,12 +167,12 @@ def for_rubric(task: SourceTask) -> Messages:
 
 
 def known_website(task: SourceTask | Task) -> str | None:
-    """The website, unless it was inferred."""
+    """The website, or ``None`` if it was inferred."""
     return None if task.website_from == "inferred" else task.website
 
 
 def for_rewriting(task: Task, groups: Sequence[FactGroup]) -> Messages:
-    """Asks for the task that wants these of its groups and no others."""
+    """The messages that ask for the text of a task with only these fact groups."""
     facts = "\n".join(
         f"{group.description}\n" + "\n".join(f"- {fact}" for fact in group.facts) for group in groups
     )
@@ -188,5 +186,5 @@ def for_rewriting(task: Task, groups: Sequence[FactGroup]) -> Messages:
 
 
 def _messages(system: str, parts: Iterable[tuple[str, str]]) -> Messages:
-    said = "\n\n".join(f"{title}:\n{text}" for title, text in parts)
-    return [{"role": "system", "content": system}, {"role": "user", "content": said}]
+    user = "\n\n".join(f"{title}:\n{text}" for title, text in parts)
+    return [{"role": "system", "content": system}, {"role": "user", "content": user}]

@@ -1,13 +1,13 @@
-"""The published data set's JSON lines (SYSTEM.md 1.7): read as they are, written again byte for byte.
+"""The published data set's JSON lines (SYSTEM.md 1.7), read as they are and written back byte for byte.
 
-A row says more than a task holds, and says it in one of several ways: facts in four shapes, a difficulty
-that is not their number, ids that are numbers, columns of its own. So a task keeps the line that it was read
-from, in ``extra["published"]``, unless this module would write that very line. Writing gives the line back as
-long as reading it still gives the task; of a task that was changed since, only the columns that differ are
-written anew.
+A row has more information than a task, in several forms: facts in four formats, a difficulty that is not
+their number, numeric ids, extra columns. So a task keeps the line that it was read from in
+``extra["published"]``, unless this module would write exactly that line. When the task is written, the line
+is used again as long as reading it still gives the task; if the task was changed, only the columns that
+differ are replaced.
 
-What a row cannot say about one of our tasks (where its website comes from, an offline truth) goes into one
-column of our own, ``webgym``, which nobody else needs to read.
+Fields of a task that have no column (the origin of its website, an offline truth) are written to an
+additional column, ``webgym``, which other programs can ignore.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from msgspec.structs import replace
 
 from webgym.core.errors import TaskFileError
 from webgym.core.task import FactGroup, Rubric, Task
-from webgym.tasks.files import BYTE_ORDER_MARK, NO_FACTS, NONE_FACT, Findings
+from webgym.tasks.files import BYTE_ORDER_MARK, NO_FACTS, NONE_FACT, TaskCollector
 from webgym.tasks.missing_values import is_missing_value, is_no_fact
 
 SOURCE: Final = "webgym"
-"""Source of a task whose row names no benchmark."""
-KEPT: Final = "published"
-"""Key in ``Task.extra``: the line that the task was read from, with what stood around it."""
-OURS: Final = "webgym"
-"""Column for what the others cannot say: fields of Task by name."""
+"""Source of a task whose row has no benchmark."""
+ORIGINAL_LINE: Final = "published"
+"""Key in ``Task.extra``: the line that the task was read from, with surrounding blank lines."""
+WEBGYM_COLUMN: Final = "webgym"
+"""Column for fields of Task that have no column of their own, by name."""
 
 DIFFICULTY_DIFFERS: Final = "difficulty-differs"
 """Flag: the row's difficulty is not the number of its facts."""
 OLD_RUBRIC: Final = "old-rubric"
-"""Flag: facts that came without groups (a string, strings, or descriptions with a difficulty)."""
+"""Flag: the facts have no groups (a string, strings, or descriptions with a difficulty)."""
 
 _FIELD_OF: Final = {
     "benchmark_name": "source",
@@ -51,10 +51,10 @@ _FIELD_OF: Final = {
     "evaluator_reference": "rubric",
     "task_id_decomposed_from": "parent_id",
 }
-"""Columns in the order of writing, and the field of Task that each tells."""
+"""Columns in the order of writing, and the field of Task of each."""
 _TYPES: Final = {field.name: field.type for field in msgspec.structs.fields(Task)}
 _BEGIN: Final = b'{"benchmark_name": '
-"""How every line begins that is written here."""
+"""Beginning of every line written by this module."""
 
 
 def looks_published(names: Iterable[str]) -> bool:
@@ -65,14 +65,14 @@ def looks_published(names: Iterable[str]) -> bool:
 # --- reading ----------------------------------------------------------------------------------------
 
 
-def read_published(lines: Iterable[bytes], file: Path, split: str | None, found: Findings) -> None:
+def read_published(lines: Iterable[bytes], file: Path, split: str | None, collector: TaskCollector) -> None:
     """Read published rows.
 
     Args:
-        lines: of the file, with their ends.
-        file: named for broken records.
-        split: that the file's name tells.
-        found: takes what is read.
+        lines: of the file, with their line ends.
+        file: its path, for broken records.
+        split: the split in the file's name.
+        collector: gets the tasks.
     """
     blank, last = b"", None
     for number, line in enumerate(lines, 1):
@@ -83,42 +83,42 @@ def read_published(lines: Iterable[bytes], file: Path, split: str | None, found:
             row = decoded(line.removeprefix(BYTE_ORDER_MARK) if number == 1 else line)
             task = task_of(row, split)
         except (ValueError, RecursionError) as error:
-            found.skip(file, number, error)
+            collector.skip(file, number, error)
             blank = b""
             continue
         whole, blank = blank + line, b""
-        if not _is_ours(whole, row, task, split):
-            task.extra[KEPT] = whole.decode()
-        if found.add(file, number, task):
+        if not _is_canonical(whole, row, task, split):
+            task.extra[ORIGINAL_LINE] = whole.decode()
+        if collector.add(file, number, task):
             last = task
     if last is not None and blank:
-        last.extra[KEPT] = (line_of(last, split) + blank).decode()
+        last.extra[ORIGINAL_LINE] = (line_of(last, split) + blank).decode()
 
 
 def task_of(row: object, split: str | None = None) -> Task:
-    """The task that a published row tells.
+    """The task of a published row.
 
     Args:
-        row: as JSON gives it.
-        split: of the task, unless the row tells it.
+        row: the decoded row.
+        split: of the task, unless the row has one.
 
     Raises:
-        ValueError: it tells none; says why.
+        ValueError: the row is not a valid task; says why.
     """
     if not isinstance(row, dict):
         raise ValueError("not a JSON object")
     flags: list[str] = []
     source = _text(row, "benchmark_name") or SOURCE
-    instruction = _needed(row, "task_name")
+    instruction = _required(row, "task_name")
     rubric = _rubric(row, instruction, flags)
-    is_told = "difficulty" in row and NO_FACTS not in flags
-    if is_told and not _is_number(row["difficulty"], rubric.difficulty):
+    has_difficulty = "difficulty" in row and NO_FACTS not in flags
+    if has_difficulty and not _is_number(row["difficulty"], rubric.difficulty):
         flags.append(DIFFICULTY_DIFFERS)
     parent = _text(row, "task_id_decomposed_from")
     task = Task(
-        id=_namespaced(_needed(row, "task_id"), source),
+        id=_namespaced(_required(row, "task_id"), source),
         instruction=instruction,
-        website=_needed(row, "website"),
+        website=_required(row, "website"),
         domain=_text(row, "domain"),
         subdomain=_text(row, "subdomain"),
         rubric=rubric,
@@ -127,31 +127,31 @@ def task_of(row: object, split: str | None = None) -> Task:
         parent_id=_namespaced(parent, source) if parent else None,
         split=split,  # type: ignore[arg-type]  # the file's name is one of the two
         flags=tuple(flags),
-        extra={name: value for name, value in row.items() if name not in _FIELD_OF and name != KEPT},
+        extra={name: value for name, value in row.items() if name not in _FIELD_OF and name != ORIGINAL_LINE},
     )
-    return _with_ours(task) if OURS in row else task
+    return _with_webgym_fields(task) if WEBGYM_COLUMN in row else task
 
 
-def _is_ours(line: bytes, row: dict[str, Any], task: Task, split: str | None) -> bool:
-    """Whether a line is the one that would be written of the task that it tells."""
+def _is_canonical(line: bytes, row: dict[str, Any], task: Task, split: str | None) -> bool:
+    """Whether a line is exactly what this module would write for its task."""
     if not line.startswith(_BEGIN):
         return False
-    return line == (line_of(task, split) if OURS in row else _encoded(_updated(task, {}, None)))
+    return line == (line_of(task, split) if WEBGYM_COLUMN in row else _encoded(_updated(task, {}, None)))
 
 
 def decoded(line: bytes) -> Any:
-    """The JSON of a line.
+    """The value of a JSON line.
 
     Raises:
-        ValueError: it is none, or no text.
+        ValueError: it is not valid JSON, or not valid Unicode.
     """
     try:
         return msgspec.json.decode(line)
     except msgspec.DecodeError:
-        # Python's own writer makes NaN of what is missing, and its reader alone takes that.
+        # Python's json module writes missing values as NaN, and only it reads them.
         try:
             row = json.loads(line, parse_constant=lambda _: None)
-            msgspec.json.encode(row)  # half a surrogate pair is no text
+            msgspec.json.encode(row)  # half a surrogate pair is not valid Unicode
         except ValueError:
             row = None
         if row is None:
@@ -159,28 +159,28 @@ def decoded(line: bytes) -> Any:
         return row
 
 
-def _with_ours(task: Task) -> Task:
-    """What our own column tells; a column of that name that is somebody else's stays one."""
+def _with_webgym_fields(task: Task) -> Task:
+    """The task with the fields in the column ``webgym``; a foreign column of that name stays in ``extra``."""
     extra = dict(task.extra)
-    told = extra.pop(OURS)
-    if not isinstance(told, dict) or not told.keys() <= _TYPES.keys():
+    values = extra.pop(WEBGYM_COLUMN)
+    if not isinstance(values, dict) or not values.keys() <= _TYPES.keys():
         return task
     try:
-        fields = {name: msgspec.convert(value, _TYPES[name]) for name, value in told.items()}
+        fields = {name: msgspec.convert(value, _TYPES[name]) for name, value in values.items()}
     except msgspec.ValidationError:
         return task
     return replace(task, **{"extra": extra, **fields})
 
 
 def _text(row: Mapping[str, Any], column: str) -> str:
-    """A column as text; empty for none. A number is the text that it is written as."""
+    """A column as text; empty if it is missing. A number is converted as JSON writes it."""
     value = row.get(column)
     if is_missing_value(value):
         return ""
     return value if isinstance(value, str) else msgspec.json.encode(value).decode()
 
 
-def _needed(row: Mapping[str, Any], column: str) -> str:
+def _required(row: Mapping[str, Any], column: str) -> str:
     if text := _text(row, column):
         return text
     raise ValueError(f"the row has no {column}" if column not in row else f"{column} is empty")
@@ -191,14 +191,14 @@ def _namespaced(name: str, source: str) -> str:
 
 
 def _is_number(value: object, number: int) -> bool:
-    """Whether a value is this number, maybe written as a text."""
+    """Whether a value is this number, possibly as text."""
     if isinstance(value, str):
         return value.strip() == str(number)
     return not isinstance(value, bool) and value == number
 
 
 def _rubric(row: Mapping[str, Any], instruction: str, flags: list[str]) -> Rubric:
-    """The facts of a row in any of their shapes."""
+    """The facts of a row in any of their formats; appends to ``flags``."""
     if "evaluator_reference" not in row:
         raise ValueError("the row has no evaluator_reference")
     items = _items(row["evaluator_reference"])
@@ -226,17 +226,17 @@ def _rubric(row: Mapping[str, Any], instruction: str, flags: list[str]) -> Rubri
 
 def _items(reference: object) -> list[Any]:
     if isinstance(reference, str) and reference.lstrip().startswith(("[", "{")):
-        for decode in (msgspec.json.decode, literal_eval):  # Python writes its own lists, too
+        for decode in (msgspec.json.decode, literal_eval):  # some are Python literals
             with suppress(ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
                 return _items(decode(reference.strip()))
-        return [reference]  # a text that begins so
+        return [reference]  # a text that begins with a bracket
     if isinstance(reference, list | tuple):
         return list(reference)
     return [] if reference is None else [reference]
 
 
 def _facts(facts: object, flags: list[str]) -> Iterator[str]:
-    """The facts that say something; flags where one does not."""
+    """The facts with content; appends a flag if one has none."""
     for fact in facts if isinstance(facts, list | tuple) else [facts]:
         if not (isinstance(fact, str | bool | int | float) or fact is None):
             raise ValueError("a fact in evaluator_reference is not text")
@@ -248,11 +248,11 @@ def _facts(facts: object, flags: list[str]) -> Iterator[str]:
 
 
 def _numbered(groups: list[FactGroup]) -> list[FactGroup]:
-    """Groups with ids that are numbers and different: their own if they are, else their places."""
+    """Groups with unique integer ids: their own if possible, else numbered from 1."""
     ids = {group.id for group in groups if type(group.id) is int}
     if len(ids) == len(groups):
         return groups
-    return [replace(group, id=place) for place, group in enumerate(groups, 1)]
+    return [replace(group, id=number) for number, group in enumerate(groups, 1)]
 
 
 # --- writing ----------------------------------------------------------------------------------------
@@ -262,12 +262,12 @@ def write_published(file: BinaryIO, tasks: Iterable[Task], split: str | None) ->
     """Write tasks as published rows; the number of tasks written.
 
     Args:
-        file: to write to.
-        tasks: to write.
-        split: that the file's name tells.
+        file: the file to write to.
+        tasks: the tasks to write.
+        split: the split in the file's name.
 
     Raises:
-        TaskFileError: a task lacks what every row has.
+        TaskFileError: a task has no value for a required column.
     """
     count, ending = 0, b"\n"
     for task in tasks:
@@ -275,7 +275,8 @@ def write_published(file: BinaryIO, tasks: Iterable[Task], split: str | None) ->
             line = line_of(task, split)
         except ValueError as error:
             raise TaskFileError(
-                f"the task {task.id!r} makes no published row: {error}", hint="fix it or leave it out"
+                f"the task {task.id!r} cannot be written as a published row: {error}",
+                hint="fix it or leave it out",
             ) from error
         if count:
             line = line.removeprefix(BYTE_ORDER_MARK)
@@ -288,24 +289,26 @@ def write_published(file: BinaryIO, tasks: Iterable[Task], split: str | None) ->
 
 
 def line_of(task: Task, split: str | None) -> bytes:
-    """A task as a published row, with the end of its line.
+    """A task as a published row, with a line end.
 
     Raises:
-        ValueError: it lacks what every row has.
+        ValueError: it has no value for a required column.
     """
     row: dict[str, Any] = {}
-    plain = None
-    if isinstance(kept := task.extra.get(KEPT), str):
+    original = None
+    if isinstance(kept := task.extra.get(ORIGINAL_LINE), str):
         try:
             row = decoded(kept.removeprefix("\ufeff").encode())
-            plain = task_of(row, task.split)
+            original = task_of(row, task.split)
         except ValueError:
-            row = {}  # that line is not from here
+            row = {}  # not a line of a published set
         else:
-            task = replace(task, extra={name: value for name, value in task.extra.items() if name != KEPT})
-            if task == plain:
+            task = replace(
+                task, extra={name: value for name, value in task.extra.items() if name != ORIGINAL_LINE}
+            )
+            if task == original:
                 return kept.encode()
-    return _encoded(_told(task, split, _updated(task, row, plain)))
+    return _encoded(_with_webgym_column(task, split, _updated(task, row, original)))
 
 
 def _encoded(row: dict[str, Any]) -> bytes:
@@ -313,8 +316,9 @@ def _encoded(row: dict[str, Any]) -> bytes:
     return line + b"\n"
 
 
-def _updated(task: Task, row: dict[str, Any], plain: Task | None) -> dict[str, Any]:
-    """A row with what differs in the task written into it; for an empty one, that is everything."""
+def _updated(task: Task, row: dict[str, Any], original: Task | None) -> dict[str, Any]:
+    """The row with the columns in which the task differs from ``original`` replaced; all columns if ``row``
+    is empty."""
     columns: dict[str, Any] = {
         "benchmark_name": task.source,
         "task_name": task.instruction,
@@ -327,22 +331,28 @@ def _updated(task: Task, row: dict[str, Any], plain: Task | None) -> dict[str, A
         "evaluator_reference": task.rubric.groups,
         "task_id_decomposed_from": task.parent_id,
     }
-    before = {} if plain is None else plain.extra
-    gone = before.keys() - task.extra.keys() | {OURS}
-    row = {name: value for name, value in row.items() if name not in gone}
+    before = {} if original is None else original.extra
+    removed = before.keys() - task.extra.keys() | {WEBGYM_COLUMN}
+    row = {name: value for name, value in row.items() if name not in removed}
     for column, field in _FIELD_OF.items():
-        if plain is None or getattr(plain, field) != getattr(task, field):
+        if original is None or getattr(original, field) != getattr(task, field):
             row[column] = columns[column]
     for name, value in task.extra.items():
-        if name not in _FIELD_OF and name not in (KEPT, OURS) and before.get(name, row) != value:
+        if (
+            name not in _FIELD_OF
+            and name not in (ORIGINAL_LINE, WEBGYM_COLUMN)
+            and before.get(name, row) != value
+        ):
             row[name] = value
     return row
 
 
-def _told(task: Task, split: str | None, row: dict[str, Any]) -> dict[str, Any]:
-    """The row with a column for what reading it would not give back."""
-    plain = task_of(msgspec.to_builtins(row), split)
-    if plain == task:
+def _with_webgym_column(task: Task, split: str | None, row: dict[str, Any]) -> dict[str, Any]:
+    """The row, with the column ``webgym`` for fields that could not be read back from the others."""
+    read_back = task_of(msgspec.to_builtins(row), split)
+    if read_back == task:
         return row
-    missing = {name: getattr(task, name) for name in _TYPES if getattr(plain, name) != getattr(task, name)}
-    return row | {OURS: missing}
+    missing = {
+        name: getattr(task, name) for name in _TYPES if getattr(read_back, name) != getattr(task, name)
+    }
+    return row | {WEBGYM_COLUMN: missing}

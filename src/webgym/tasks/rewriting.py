@@ -1,7 +1,7 @@
-"""Checks on the text of a derived task: it states the groups that it keeps, and nothing of the others.
+"""Checks the text of a derived task, without a model: it must ask for its own fact groups and nothing else.
 
-What can be seen without a model is seen here: numbers, names, quotations and telling words. A text that is
-refused is asked for again, with the reason.
+The checks compare numbers, names, quotations and content words. A text that is refused is requested again,
+with the reason.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from webgym.tasks.rules.reading import Text, stem
 
 
 class WritingLimits(Settings):
-    """How often to ask, and what a rewritten task may look like."""
+    """Number of tries, and limits on the length of a rewritten task."""
 
     tries: int = Field(default=3, ge=1)
-    """How often a model is asked for one thing, in all."""
+    """Most requests for one website, rubric or text, until the reply is usable."""
 
     shortest_chars: int = Field(default=12, ge=1)
-    """A rewritten task has at least so many characters."""
+    """Fewest characters of a rewritten task."""
 
     times_parent: float = Field(default=2.0, gt=0)
-    """A rewritten task has at most so many times its parent's characters, and ``more_chars`` on top."""
+    """Most characters of a rewritten task, as a multiple of its parent's, plus ``more_chars``."""
 
     more_chars: int = Field(default=200, ge=0)
-    """What short parents leave for their children's own words, in characters."""
+    """Characters added to ``times_parent``, so that tasks derived from short ones have room."""
 
     def longest(self, parent: str) -> int:
-        """Characters that a task made from this one may have."""
+        """Most characters of a task derived from one with this text."""
         return int(self.times_parent * len(parent)) + self.more_chars
 
 
-USUAL: Final = WritingLimits()
+DEFAULT_LIMITS: Final = WritingLimits()
 
 
 _PREAMBLE: Final = re.compile(
@@ -60,10 +60,10 @@ _SHORTEST_ANSWER: Final = 4
 
 
 def refused_rewriting(
-    text: str, task: Task, groups: Sequence[FactGroup], limits: WritingLimits = USUAL
+    text: str, task: Task, groups: Sequence[FactGroup], limits: WritingLimits = DEFAULT_LIMITS
 ) -> str | None:
-    """Why a text cannot stand for the task that asks for these groups alone; ``None`` if it can."""
-    return _ill_formed(text, task.instruction, limits) or _untrue(text, task, groups)
+    """Why a text cannot be the instruction of a task with only these groups; ``None`` if it can."""
+    return _ill_formed(text, task.instruction, limits) or _inaccurate(text, task, groups)
 
 
 def _ill_formed(text: str, parent: str, limits: WritingLimits) -> str | None:
@@ -92,88 +92,104 @@ def _ill_formed(text: str, parent: str, limits: WritingLimits) -> str | None:
     return None
 
 
-def _untrue(text: str, task: Task, groups: Sequence[FactGroup]) -> str | None:
-    """Whether it asks for all of the given facts and for none of the others, and tells no answer."""
-    said, parent = Text(text), Text(task.instruction)
+def _inaccurate(text: str, task: Task, groups: Sequence[FactGroup]) -> str | None:
+    """Why a text does not ask for exactly the given facts, or gives the answer away; ``None`` if it is
+    correct."""
+    rewritten, parent = Text(text), Text(task.instruction)
     ids = {group.id for group in groups}
     dropped = [group for group in task.rubric.groups if group.id not in ids]
-    wanted = _told_by(groups)
-    wrong = (
-        _invented(said, parent, wanted, Text(task.website))
-        or _lost(said, parent, groups)
-        or _kept(said, parent, wanted, dropped, task)
+    wanted = _text_of(groups)
+    problem = (
+        _invented(rewritten, parent, wanted, Text(task.website))
+        or _missing(rewritten, parent, groups)
+        or _left_over(rewritten, parent, wanted, dropped, task)
     )
-    if wrong:
-        return wrong
+    if problem:
+        return problem
     answers = [answer for answer in (task.reference_answer, task.example_answer) if answer]
-    told = [answer for answer in answers if len(answer) >= _SHORTEST_ANSWER and says(said.folded, answer)]
-    if any(not says(parent.folded, answer) for answer in told):
+    revealed = [
+        answer for answer in answers if len(answer) >= _SHORTEST_ANSWER and says(rewritten.folded, answer)
+    ]
+    if any(not says(parent.folded, answer) for answer in revealed):
         return "it gives the answer away."
     return None
 
 
-def _told_by(groups: Iterable[FactGroup]) -> Text:
+def _text_of(groups: Iterable[FactGroup]) -> Text:
     return Text("\n".join(part for group in groups for part in (group.description, *group.facts)))
 
 
-def _invented(said: Text, parent: Text, wanted: Text, website: Text) -> str | None:
-    if invented := said.numbers - parent.counts - wanted.counts - website.counts:
+def _invented(rewritten: Text, parent: Text, wanted: Text, website: Text) -> str | None:
+    if invented := rewritten.numbers - parent.counts - wanted.counts - website.counts:
         return f"it states {_listed(invented)}, which neither the original task nor the facts state."
     return None
 
 
-def _lost(said: Text, parent: Text, groups: Sequence[FactGroup]) -> str | None:
-    """Whether it leaves out what a given fact says in the original's own words: it would ask for less."""
-    once = _said_once(parent)
+def _missing(rewritten: Text, parent: Text, groups: Sequence[FactGroup]) -> str | None:
+    """Why a text leaves out part of a given fact, which the original task has; ``None`` if it does not."""
+    once = _unique_stems(parent)
     for group in groups:
-        elsewhere = _told_by(other for other in groups if other is not group).content
+        elsewhere = _text_of(other for other in groups if other is not group).content
         facts = [Text(fact) for fact in group.facts]
         for fact in facts:
-            missing = (fact.numbers & parent.counts) - said.counts
-            missing |= {name for name in _names(fact) if says(parent.folded, name) and not _says(said, name)}
+            missing = (fact.numbers & parent.counts) - rewritten.counts
+            missing |= {
+                name
+                for name in _proper_names(fact)
+                if says(parent.folded, name) and not _says(rewritten, name)
+            }
             if missing:
                 return f"it leaves out {_listed(missing)}, which the facts ask for."
         common = _common(facts)
-        for words, what in [*((fact.content - common, fact.raw) for fact in facts), (common, group.facts[0])]:
-            own = (words & once) - elsewhere
-            if own and said.stems.isdisjoint(own):
-                return f"it leaves out what this fact asks for: {what!r}."
+        for words, quoted_fact in [
+            *((fact.content - common, fact.raw) for fact in facts),
+            (common, group.facts[0]),
+        ]:
+            identifying = (words & once) - elsewhere
+            if identifying and rewritten.stems.isdisjoint(identifying):
+                return f"it leaves out what this fact asks for: {quoted_fact!r}."
     return None
 
 
-def _kept(said: Text, parent: Text, wanted: Text, dropped: Sequence[FactGroup], task: Task) -> str | None:
-    """Whether it still says what only the other facts do: the rubric would not look at it."""
+def _left_over(
+    rewritten: Text, parent: Text, wanted: Text, dropped: Sequence[FactGroup], task: Task
+) -> str | None:
+    """Why a text still asks for a dropped fact, which the rubric does not check; ``None`` if it does not."""
     setting = Text(" ".join((*_SETTING.findall(task.instruction), task.website)))
-    once = _said_once(parent) - wanted.stems - setting.stems - _REPORTING
+    once = _unique_stems(parent) - wanted.stems - setting.stems - _REPORTING
     for group in dropped:
         facts = [Text(fact) for fact in group.facts]
         for fact in facts:
-            kept = (said.numbers & fact.numbers) - wanted.counts - Text(task.website).counts
+            kept = (rewritten.numbers & fact.numbers) - wanted.counts - Text(task.website).counts
             kept |= {
                 name
-                for name in _names(fact)
-                if max(1, parent.raw.count(name)) <= said.raw.count(name)  # else another fact's is meant
+                for name in _proper_names(fact)
+                if max(1, parent.raw.count(name))
+                <= rewritten.raw.count(name)  # else it belongs to another fact
                 and not _says(wanted, name)
                 and not _says(setting, name)
             }
             if kept:
                 return f"it still asks for {_listed(kept)}, which only facts say that were not given."
         common = _common(facts)
-        for words, what in [*((fact.content - common, fact.raw) for fact in facts), (common, group.facts[0])]:
-            own = words & once
-            if own and own <= said.stems:
-                return f"it still asks for what was not given: {what!r}."
+        for words, quoted_fact in [
+            *((fact.content - common, fact.raw) for fact in facts),
+            (common, group.facts[0]),
+        ]:
+            identifying = words & once
+            if identifying and identifying <= rewritten.stems:
+                return f"it still asks for what was not given: {quoted_fact!r}."
     return None
 
 
-def _said_once(parent: Text) -> frozenset[str]:
-    """The stems of the words that stand in the original once: only these tell which part of it is meant."""
+def _unique_stems(parent: Text) -> frozenset[str]:
+    """The stems of the words that occur once in the original: only these identify a part of it."""
     counts = Counter(map(stem, parent.words))
     return frozenset(word for word, count in counts.items() if count == 1)
 
 
 def _common(facts: Sequence[Text]) -> frozenset[str]:
-    """The words that several facts of a group share: what the group is about."""
+    """The stems that several facts of a group share: the subject of the group."""
     counts = Counter(word for fact in facts for word in fact.content)
     return frozenset(word for word, count in counts.items() if count > 1)
 
@@ -181,16 +197,16 @@ def _common(facts: Sequence[Text]) -> frozenset[str]:
 _SETTING: Final = re.compile(
     r"^\s*(?:on|at|in|using|from|visit|open|go to|for)\s+[^,.;:]{1,60}", re.IGNORECASE
 )
-"""Where a task takes place, which is no detail of a fact: "On Petal & Post, ..."."""
+"""The setting of a task, which is not part of a fact: "On Petal & Post, ..."."""
 _REPORTING: Final = frozenset(
     stem(word)
     for word in "instructions instruction directions information details number name price page".split()
 )
-"""Words of facts that stand in any task."""
+"""Stems of fact words that may occur in any task."""
 
 
-def _names(fact: Text) -> Iterator[str]:
-    """What a fact calls by its name: quotations, and words with a capital within a sentence."""
+def _proper_names(fact: Text) -> Iterator[str]:
+    """The quotations in a fact, and its words with a capital within a sentence."""
     yield from fact.quotations
     yield from fact.names
 
@@ -203,5 +219,5 @@ def _plain(text: str) -> str:
     return "".join(filter(str.isalnum, fold(text)))
 
 
-def _listed(what: Iterable[str]) -> str:
-    return ", ".join(sorted(what))
+def _listed(items: Iterable[str]) -> str:
+    return ", ".join(sorted(items))

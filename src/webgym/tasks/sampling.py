@@ -2,10 +2,10 @@
 
     sampler = Sampler(tasks, SamplerConfig(seed=7, ratio={"easy": 2, "medium": 1, "hard": 1}))
     batch = sampler.draw(1_024)
-    state = sampler.state()  # small, for JSON; restore() goes on from there
+    state = sampler.state()  # small, JSON-serialisable; restore() continues from it
 
-A sampler draws without replacement. Each level with a share of its own is a stratum; a stratum is shuffled,
-drawn from until it is used up, over as many draws as that takes, and shuffled again. Weights
+A sampler draws without replacement. Each level with its own share is a stratum; a stratum is shuffled, drawn
+from until all of its tasks have been drawn, over several draws if necessary, and shuffled again. Weights
 (:func:`near_success`, :func:`spread_websites`) only change which tasks of a stratum are likely to come early.
 """
 
@@ -33,7 +33,7 @@ from webgym.tasks.selection import Selection, select
 T = TypeVar("T")
 
 Weigh: TypeAlias = "Callable[[Stratum], NDArray[np.float64]]"
-"""How likely each task of a stratum is to come next, in its order; 0 for never. Asked per shuffle."""
+"""Returns the weights of a stratum's tasks, in its order; 0 for never. Called for every shuffle."""
 
 _ALL: Final = "all"
 
@@ -42,11 +42,11 @@ class SamplerConfig(Selection):
     """Which tasks are drawn, in which shares and in which order."""
 
     seed: int = 0
-    """Of every shuffle."""
+    """Seed of all shuffles."""
     shard: int = Field(default=0, ge=0)
-    """Which worker this is, from 0. Workers with the same seed and tasks draw from disjoint parts."""
+    """Index of this worker, from 0. Workers with the same seed and tasks draw from disjoint parts."""
     shards: int = Field(default=1, ge=1)
-    """How many workers there are; together they have all tasks."""
+    """Number of workers; together they draw from all tasks."""
 
     @model_validator(mode="after")
     def _check_shard(self) -> SamplerConfig:
@@ -60,76 +60,77 @@ class Stratum:
 
     Attributes:
         name: of the stratum: a level, or "all".
-        tasks: in an order that never changes.
-        epoch: how many times all of its tasks have been drawn.
-        position: how many tasks have been drawn since.
-        dealt: how many tasks have been drawn in all.
+        tasks: its tasks, in a fixed order.
+        epoch: number of complete passes through the tasks.
+        position: number of tasks drawn or skipped in the current pass.
+        drawn: number of tasks drawn in total.
     """
 
     def __init__(self, name: str, tasks: list[Task], seed: int) -> None:
         self.name = name
         self.tasks = tasks
-        self.epoch = self.position = self.dealt = 0
+        self.epoch = self.position = self.drawn = 0
         self._seed = seed
         self._order: NDArray[np.intp] | None = None
 
     @cached_property
     def places(self) -> dict[str, int]:
-        """Where in :attr:`tasks` a task is, by id."""
+        """Index in :attr:`tasks` of each task, by id."""
         return {task.id: place for place, task in enumerate(self.tasks)}
 
     @cached_property
     def brands(self) -> list[str]:
-        """The brand that the website of each task is of."""
+        """The brand of each task's website, in the order of :attr:`tasks`."""
         return [brand_or_text(task.website) for task in self.tasks]
 
-    def deal(
+    def draw(
         self, count: int, blocked: Collection[str], passed_over: Counter[str], weigh: Weigh | None
     ) -> list[Task]:
-        """The next tasks, those on blocked websites passed over until the next shuffle; test tasks never are.
+        """Draw the next tasks. Tasks on blocked websites are skipped until the next shuffle, except test
+        tasks.
 
         Args:
-            count: how many.
-            blocked: websites.
-            passed_over: counts the tasks passed over, by website.
-            weigh: how likely each is to come next.
+            count: number of tasks to draw.
+            blocked: blocked websites.
+            passed_over: counter of the skipped tasks by website, which is updated.
+            weigh: weights of the tasks; ``None`` for equal ones.
 
         Raises:
-            NothingToDraw: all of them are passed over.
+            NothingToDraw: all tasks are skipped.
         """
-        dealt: list[Task] = []
+        drawn: list[Task] = []
         whole, before = self.position == 0, 0
-        while len(dealt) < count:
+        while len(drawn) < count:
             order = self._order if self._order is not None else self._shuffle(weigh)
-            hand = order[self.position : self.position + count - len(dealt)]
-            for task in map(self.tasks.__getitem__, hand):
+            batch = order[self.position : self.position + count - len(drawn)]
+            for task in map(self.tasks.__getitem__, batch):
                 if blocked and task.split != "test" and (site := host_or_text(task.website)) in blocked:
                     passed_over[site] += 1
                 else:
-                    dealt.append(task)
-            self.position += len(hand)
+                    drawn.append(task)
+            self.position += len(batch)
             if self.position == len(order):
-                if whole and len(dealt) == before:
+                if whole and len(drawn) == before:
                     raise NothingToDraw(
                         f"there is no task left to draw: all {len(order):,} in {self.name!r} are on blocked "
                         "websites or have no weight",
                         hint="unblock a website, or give more tasks",
                     )
-                whole, before = True, len(dealt)
+                whole, before = True, len(drawn)
                 self.next_epoch()
-        self.dealt += count
-        return dealt
+        self.drawn += count
+        return drawn
 
     def next_epoch(self) -> None:
-        """Shuffle before the next task is dealt."""
+        """End the current pass: the tasks are shuffled before the next draw."""
         self.epoch, self.position, self._order = self.epoch + 1, 0, None
 
-    def stand(self, epoch: int, position: int, dealt: int) -> None:
-        """Go to where a stratum with the same tasks stood."""
-        self.epoch, self.position, self.dealt, self._order = epoch, position, dealt, None
+    def restore(self, epoch: int, position: int, drawn: int) -> None:
+        """Restore the state of a stratum with the same tasks."""
+        self.epoch, self.position, self.drawn, self._order = epoch, position, drawn, None
 
     def _shuffle(self, weigh: Weigh | None) -> NDArray[np.intp]:
-        """Draw without replacement, each next task in proportion to its weight (Efraimidis and Spirakis)."""
+        """A weighted random order of the tasks with positive weight (Efraimidis and Spirakis)."""
         rng = _rng(self._seed, "epoch", self.name, self.epoch)
         keys = -np.log1p(-rng.random(len(self.tasks)))
         if weigh is not None:
@@ -140,20 +141,20 @@ class Stratum:
 
 
 class Sampler:
-    """Draws tasks without replacement until there are none left, and then begins again.
+    """Draws tasks without replacement until all have been drawn, and then starts again.
 
     Args:
         tasks: the whole set, in the same order for every worker and after every restart. Only its training
-            tasks are drawn, unless the config names another split (:mod:`webgym.tasks.selection`).
-        config: which of them, and in which shares.
-        blocked: names websites that nothing is drawn from for now, and is asked before every draw: a
-            blocklist whose entries expire (:meth:`webgym.rollout.blocklist.Blocklist.blocked`).
-        weigh: what should come early; asked anew for every pass through the tasks.
-        anew: draw every time from all tasks, not from those that are left; for weights that change with what
-            happened since. A task may then come again in the next draw, but not in the same.
+            tasks are drawn, unless the config selects another split (:mod:`webgym.tasks.selection`).
+        config: which tasks are drawn, and in which shares.
+        blocked: called before every draw; returns the websites from which nothing is drawn for now, such as
+            those of a blocklist whose entries expire (:meth:`webgym.rollout.blocklist.Blocklist.blocked`).
+        weigh: weights of the tasks, computed for every pass; ``None`` for equal ones.
+        anew: draw from all tasks every time, not only from those that are left in the pass; for weights that
+            change over time. A task may then occur in the next draw again, but not twice in the same.
 
     Raises:
-        NothingToDraw: there is no task, or none of a level that the ratio asks for.
+        NothingToDraw: there is no task, or none of a level in the ratio.
     """
 
     def __init__(
@@ -172,9 +173,9 @@ class Sampler:
         self._blocked_for_now = blocked
         self._draws = 0
         self.passed_over: Counter[str] = Counter()
-        """Tasks that the last draw passed over because their website is blocked, by website."""
+        """Number of tasks that the last draw skipped because their website is blocked, by website."""
         self.selected = select(tasks, self.config)
-        """What is drawn from."""
+        """The tasks that are drawn from."""
         if not self.selected.tasks:
             raise NothingToDraw(
                 f"there is no task to draw among {len(tasks):,}: {self.selected.told()}",
@@ -183,7 +184,7 @@ class Sampler:
         tasks = self.selected.tasks
         names = "\n".join(task.id for task in tasks)
         settings = self.config.model_dump_json()
-        self._of = hashlib.blake2b(f"{settings}\n{names}".encode(), digest_size=8).hexdigest()
+        self._fingerprint = hashlib.blake2b(f"{settings}\n{names}".encode(), digest_size=8).hexdigest()
         self._strata = _strata(tasks, self.config)
         ratio: Mapping[Any, float] = self.config.ratio or {_ALL: 1.0}
         total = sum(ratio[stratum.name] for stratum in self._strata)
@@ -191,72 +192,72 @@ class Sampler:
 
     @property
     def blocked(self) -> frozenset[str]:
-        """The hosts that no task is drawn from, as :func:`host_of` names them."""
+        """The hosts from which no task is drawn, as from :func:`host_of`."""
         return frozenset(self._blocked)
 
     def block(self, *websites: str) -> None:
-        """Draw no task that begins on the host of one of these websites from now on."""
+        """Draw no more tasks that start on the hosts of these websites."""
         self._blocked.update(map(host_of, websites))
 
     def unblock(self, *websites: str) -> None:
-        """Draw from these websites again. What was passed over comes back when its stratum is shuffled."""
+        """Draw from these websites again. Skipped tasks return when their stratum is shuffled."""
         self._blocked.difference_update(map(host_of, websites))
 
     def draw(self, count: int) -> list[Task]:
-        """The next tasks, levels mixed. A task comes twice only if a pass ends within the draw.
+        """Draw the next tasks, with levels mixed. A task can occur twice only if a pass ends within the draw.
 
-        Test tasks are drawn whatever is blocked: a test set stays the same set.
+        Test tasks are drawn even if their website is blocked, so that a test set stays the same.
 
         Raises:
-            NothingToDraw: every task that there is to draw from is blocked.
+            NothingToDraw: all tasks are on blocked websites.
         """
         batch: list[Task] = []
-        is_test = self.config.split == "test"  # also of a set that does not say what it is for
+        is_test = self.config.split == "test"  # also if the set has no splits
         blocked = () if is_test else self._blocked.union(self._blocked_for_now())
         self.passed_over = Counter()
         for stratum, quota in zip(self._strata, self._quotas(count), strict=True):
             if self._anew and stratum.position:
                 stratum.next_epoch()
-            batch += stratum.deal(quota, blocked, self.passed_over, self._weigh)
+            batch += stratum.draw(quota, blocked, self.passed_over, self._weigh)
         order = _rng(self.config.seed, "mix", self._draws).random(count).argsort(kind="stable")
         self._draws += 1
         return [batch[place] for place in order]
 
     def state(self) -> dict[str, Any]:
-        """Where the sampler stands, for JSON: a few numbers per stratum, and the blocked websites."""
+        """The state, JSON-serialisable: a few numbers per stratum, and the blocked websites."""
         return {
-            "of": self._of,
+            "of": self._fingerprint,
             "draws": self._draws,
             "decks": {
-                stratum.name: [stratum.epoch, stratum.position, stratum.dealt] for stratum in self._strata
+                stratum.name: [stratum.epoch, stratum.position, stratum.drawn] for stratum in self._strata
             },
             "blocked": sorted(self._blocked),
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from where another sampler of the same tasks, settings and weights stood.
+        """Continue from the state of a sampler with the same tasks, settings and weights.
 
         Raises:
-            ConfigError: the state is of other tasks or settings.
+            ConfigError: the state belongs to other tasks or settings.
         """
-        if state.get("of") != self._of:
+        if state.get("of") != self._fingerprint:
             raise ConfigError(
-                "the sampler's state is of other tasks or settings",
-                hint="give the tasks, in their order, and the settings it was saved with; or begin anew",
+                "the sampler's state belongs to other tasks or settings",
+                hint="give the same tasks, in the same order, and the same settings; or start again",
             )
         self._draws = state["draws"]
         self._blocked = set(state["blocked"])
         for stratum in self._strata:
-            stratum.stand(*state["decks"][stratum.name])
+            stratum.restore(*state["decks"][stratum.name])
 
     def _quotas(self, count: int) -> list[int]:
-        """How many tasks each stratum gives, so that all it has given is as near to its share as can be."""
-        total = sum(stratum.dealt for stratum in self._strata) + count
+        """The number of tasks from each stratum that keeps the totals as close to the shares as possible."""
+        total = sum(stratum.drawn for stratum in self._strata) + count
         owed = [
-            max(0.0, share * total - stratum.dealt)
+            max(0.0, share * total - stratum.drawn)
             for share, stratum in zip(self._shares, self._strata, strict=True)
         ]
-        quotas = [int(each) for each in owed]
+        quotas = [int(amount) for amount in owed]
         rest = sorted(range(len(owed)), key=lambda place: quotas[place] - owed[place])
         for place in rest[: count - sum(quotas)]:
             quotas[place] += 1
@@ -266,14 +267,15 @@ class Sampler:
 def near_success(
     results: Mapping[str, tuple[int, int]], *, target: float = 0.5, width: float = 0.2, least: float = 0.02
 ) -> Weigh:
-    """A curriculum: tasks come early that succeed about as often as ``target``; use it with ``anew=True``.
+    """Weights of a curriculum: tasks with a success rate near ``target`` come early; use it with
+    ``anew=True``.
 
     Args:
-        results: (successes, attempts) by task id; looked at again for every draw, so it may grow. A task
-            without attempts counts as one that is right on target, and one with few leans that way.
-        target: success rate that there is most to learn from, 0 to 1.
-        width: how far from it a rate may be, roughly.
-        least: weight of a task that is hopeless or mastered, against 1 on target.
+        results: (successes, attempts) by task id; read for every draw, so it may be updated. The rate of a
+            task is smoothed with one attempt at the target rate.
+        target: preferred success rate, 0 to 1.
+        width: standard deviation of the Gaussian around it, as a success rate.
+        least: weight of a task far from the target; a task on target has weight 1.
     """
 
     def weigh(stratum: Stratum) -> NDArray[np.float64]:
@@ -288,8 +290,8 @@ def near_success(
 
 
 def spread_websites(power: float = 1.0) -> Weigh:
-    """Diversity: a brand with n tasks, on however many websites, comes as if it had n^(1 - power) of them:
-    with 1, as if one."""
+    """Weights for diversity: a brand with n tasks, on all its websites together, is drawn as if it had
+    n^(1 - power) tasks; with power 1, as if it had one."""
 
     def weigh(stratum: Stratum) -> NDArray[np.float64]:
         sizes = Counter(stratum.brands)
@@ -302,7 +304,7 @@ def parse_ratio(text: str) -> dict[Level, float]:
     """Shares of easy, medium and hard tasks from a text such as ``2:1:1``.
 
     Raises:
-        ConfigError: it is none.
+        ConfigError: the text is not three numbers separated by colons.
     """
     try:
         easy, medium, hard = (float(part) for part in text.split(":"))
@@ -317,14 +319,14 @@ def _strata(tasks: Sequence[Task], config: SamplerConfig) -> list[Stratum]:
         members[task.level if config.ratio else _ALL].append(task)
     if not config.ratio:
         return [_shard(_ALL, members[_ALL], config)]
-    found = ", ".join(f"{len(of_level):,} {level}" for level, of_level in members.items())
+    counts = ", ".join(f"{len(of_level):,} {level}" for level, of_level in members.items())
     strata = []
     for level, share in config.ratio.items():
         if not share:
             continue
         if not members[level]:
             raise NothingToDraw(
-                f"there is no {level} task to draw, and the ratio asks for some: there are {found}",
+                f"there is no {level} task to draw, which the ratio requires: there are {counts}",
                 hint="give another ratio, or more tasks",
             )
         strata.append(_shard(level, members[level], config))
@@ -332,7 +334,7 @@ def _strata(tasks: Sequence[Task], config: SamplerConfig) -> list[Stratum]:
 
 
 def _shard(name: str, members: list[Task], config: SamplerConfig) -> Stratum:
-    """A worker's part of a stratum: every so many-th of it, shuffled so that the parts are alike."""
+    """A worker's part of a stratum: every ``shards``-th task of a shuffled order."""
     if config.shards > 1:
         order = _rng(config.seed, "shards", name).random(len(members)).argsort(kind="stable")
         members = [members[place] for place in order[config.shard :: config.shards]]
@@ -345,16 +347,18 @@ def _shard(name: str, members: list[Task], config: SamplerConfig) -> Stratum:
 
 
 def _rng(seed: int, *names: str | int) -> Generator:
-    """A stream of its own for every purpose."""
+    """A random generator for one purpose, independent of those for others."""
     digest = hashlib.blake2b("/".join(map(str, ("tasks", seed, *names))).encode(), digest_size=16).digest()
     return Generator(PCG64(int.from_bytes(digest, "little")))
 
 
 def draw(tasks: Iterable[T], count: int | None, seed: int) -> list[T]:
-    """``count`` of the tasks, uniformly and without replacement, in a seeded order.
+    """``count`` of the tasks, drawn uniformly without replacement, in random order.
 
     Args:
-        count: ``None`` for all; more than there are gives all.
+        tasks: the tasks to draw from.
+        count: ``None``, or a number larger than that of the tasks, draws all.
+        seed: of the random order.
     """
     shuffled = list(tasks)
     random.Random(f"tasks/{seed}").shuffle(shuffled)
@@ -362,10 +366,13 @@ def draw(tasks: Iterable[T], count: int | None, seed: int) -> list[T]:
 
 
 def draw_spread(tasks: Iterable[T], count: int | None, seed: int, *, key: Callable[[T], str]) -> list[T]:
-    """As :func:`draw`, but every group of tasks is drawn from before any is drawn from again.
+    """As :func:`draw`, but one task of every group is drawn before a second one of any.
 
     Args:
-        key: the group of a task, such as its website.
+        tasks: the tasks to draw from.
+        count: as for :func:`draw`.
+        seed: of the random order.
+        key: returns the group of a task, such as its website.
     """
     groups: dict[str, list[T]] = {}
     for task in draw(tasks, None, seed):

@@ -1,9 +1,9 @@
 """Selection of the tasks that may be drawn: by split, domain and website.
 
-Whoever draws tasks for a policy asks here: the samplers, runs, ``webgym tasks sample``. **By default these
-are the training tasks, and nothing else** where a set tells its splits. Nothing that is drawn for training is
-on a website of the test split, or of a brand that has one there (:mod:`webgym.tasks.brands`), or of the
-family of a test task, whatever the set says. What was left out is counted.
+Samplers, runs and ``webgym tasks sample`` use it. **By default only the training tasks are selected**, if the
+set has splits. No task selected for training is on a website of the test split or of the same brand
+(:mod:`webgym.tasks.brands`), or in the family of a test task, whatever its split says. Tasks that are left
+out are counted by reason.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from webgym.tasks.split import leaks
 from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
 
 BLOCKED: Final = "on blocked websites"
-"""Why tasks are left out whose websites kept the agent out lately."""
+"""Reason for leaving out tasks whose websites recently blocked the agent."""
 
 SplitName: TypeAlias = Literal["train", "test", "all", "unsplit"]
 
 
 class Selection(Settings):
-    """Which tasks, and in which shares."""
+    """Which tasks are drawn, and in which shares."""
 
     split: SplitName = "train"
-    """Split to draw from: ``train``, ``test``, ``all``, or ``unsplit`` for tasks that do not say.
+    """Split to draw from: ``train``, ``test``, ``all``, or ``unsplit`` for tasks without a split.
 
-    Of a set that tells no split at all, ``train`` and ``test`` take everything, and the choice is reported as
+    From a set without any splits, ``train`` and ``test`` select everything, and the choice is reported as
     ``unsplit``.
     """
 
@@ -44,18 +44,20 @@ class Selection(Settings):
     """Domains and subdomains to draw from; all if empty."""
 
     without: tuple[str, ...] = ()
-    """Domains and subdomains that are not drawn from."""
+    """Domains and subdomains to leave out."""
 
     without_share: float = Field(default=0.0, ge=0, lt=1)
-    """Share of the subdomains that is not drawn from either, chosen at random by ``without_seed``: the same
-    ones whatever the tasks. 0.5 is the paper's run that excludes domains."""
+    """Share of the subdomains to leave out as well, 0 to 1, chosen at random by ``without_seed``
+    independently of the tasks. 0.5 is the paper's run that excludes domains."""
 
     without_seed: int = 0
-    """Of that choice. Not the run's seed: several runs of a study leave the same subdomains out."""
+    """Seed of that choice, separate from the run's, so that several runs of a study leave out the same
+    subdomains."""
 
     ratio: dict[Level, float] | None = None
-    """Shares of the levels, such as 2:1:1; a level that is not named is not drawn. ``None`` draws from all
-    tasks alike. Over many draws the shares are exact to one task."""
+    """Shares of the levels, such as 2:1:1; a level without a share is not drawn. ``None`` draws from all
+    tasks uniformly. The total number of drawn tasks of a level differs from its share by less than one
+    task."""
 
     @model_validator(mode="after")
     def _check(self) -> Selection:
@@ -70,10 +72,11 @@ class Selected:
     """The tasks that may be drawn.
 
     Attributes:
-        tasks: in the order in which they came.
-        split: what they are of; ``unsplit`` where ``train`` or ``test`` was asked for and no task says.
-        without: the domains and subdomains left out, those that were chosen at random included.
-        left_out: how many tasks were left out, by reason.
+        tasks: in their original order.
+        split: the split they are from; ``unsplit`` if ``train`` or ``test`` was requested of a set without
+            splits.
+        without: the domains and subdomains left out, including those chosen at random.
+        left_out: number of tasks left out, by reason.
     """
 
     tasks: list[Task]
@@ -82,7 +85,7 @@ class Selected:
     left_out: Counter[str]
 
     def told(self) -> str:
-        """What was left out, for a person; empty if nothing was."""
+        """The numbers of tasks left out, as text; empty if there are none."""
         return ", ".join(f"{count:,} {reason}" for reason, count in self.left_out.items())
 
 
@@ -90,64 +93,63 @@ def select(tasks: Sequence[Task], selection: Selection, blocked: Collection[str]
     """Choose the tasks that may be drawn.
 
     Args:
-        tasks: the set. Where it holds test tasks, training tasks that would give them away are left out.
-        selection: which.
-        blocked: hosts that are left alone for now, as :func:`webgym.core.websites.host_of` names them.
-            Tasks on them that are, or are asked for as, test tasks stay: a test set is the same set whatever
-            happened before.
+        tasks: the whole set. Training tasks that leak its test tasks are left out.
+        selection: which tasks to select.
+        blocked: hosts whose tasks are left out for now, as from :func:`webgym.core.websites.host_of`. Test
+            tasks stay, so that a test set is always the same.
 
     Raises:
-        ConfigError: there is no such domain.
+        ConfigError: a domain is unknown.
     """
     split = selection.split
     if split in ("train", "test") and not any(task.split for task in tasks):
         split = "unsplit"
     without = _without(tasks, selection)
-    given_away = _given_away(tasks) if split == "train" else set()
-    if selection.split == "test":  # also of a set that does not say what it is for
+    leaking = _leaking(tasks) if split == "train" else set()
+    if selection.split == "test":  # also if the set has no splits
         blocked = ()
     wanted, unwanted = {*selection.domains}, {*without}
     left_out: Counter[str] = Counter()
-    kept: list[Task] = []
+    remaining: list[Task] = []
     for task in tasks:
         names = (task.domain, task.subdomain)
         if split != "all" and (task.split or "unsplit") != split:
             left_out["of the test split" if task.split == "test" else "of another split"] += 1
-        elif task.id in given_away:
+        elif task.id in leaking:
             left_out["on a website or of a family of the test split"] += 1
         elif (wanted and wanted.isdisjoint(names)) or not unwanted.isdisjoint(names):
             left_out["of other domains"] += 1
         elif blocked and task.split != "test" and host_or_text(task.website) in blocked:
             left_out[BLOCKED] += 1
         else:
-            kept.append(task)
-    return Selected(kept, split, without, left_out)
+            remaining.append(task)
+    return Selected(remaining, split, without, left_out)
 
 
-def _given_away(tasks: Sequence[Task]) -> set[str]:
+def _leaking(tasks: Sequence[Task]) -> set[str]:
     test = [task for task in tasks if task.split == "test"]
     return {leak.task.id for leak in leaks(tasks, test)} if test else set()
 
 
 def _without(tasks: Sequence[Task], selection: Selection) -> tuple[str, ...]:
-    """What is not drawn from, checked and complete."""
-    found = {name for task in tasks for name in (task.domain, task.subdomain)}
-    if unknown := {*selection.domains, *selection.without}.difference(DOMAINS, DOMAIN_OF, found):
+    """All domains and subdomains to leave out, those chosen at random included; raises for unknown ones."""
+    known = {name for task in tasks for name in (task.domain, task.subdomain)}
+    if unknown := {*selection.domains, *selection.without}.difference(DOMAINS, DOMAIN_OF, known):
         hint = f"the domains are {', '.join(DOMAINS)}"
         raise ConfigError(f"unknown domain {min(unknown)!r}", hint=hint)
     return tuple(dict.fromkeys([*selection.without, *drawn_subdomains(selection)]))
 
 
 def drawn_subdomains(selection: Selection) -> list[str]:
-    """The subdomains of the taxonomy that ``without_share`` leaves out, sorted."""
-    order = sorted(DOMAIN_OF, key=lambda name: _drawn(selection.without_seed, name))
+    """The subdomains of the taxonomy that ``without_share`` leaves out at random, sorted."""
+    order = sorted(DOMAIN_OF, key=lambda name: _order_key(selection.without_seed, name))
     return sorted(order[: round(selection.without_share * len(order))])
 
 
-def _drawn(seed: int, name: str) -> bytes:
+def _order_key(seed: int, name: str) -> bytes:
     return hashlib.blake2b(f"without/{seed}/{name}".encode(), digest_size=8).digest()
 
 
 def splits_in(tasks: Iterable[Task]) -> str:
-    """The splits that these tasks say they are of: ``train``, ``test``, ``unsplit`` or several."""
+    """The splits of these tasks, as text: ``train``, ``test``, ``unsplit`` or several."""
     return ", ".join(sorted({task.split or "unsplit" for task in tasks}))

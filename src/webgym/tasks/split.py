@@ -1,13 +1,11 @@
 """Training and test tasks that share no website (paper §3; SYSTEM.md 1.5).
 
-Every test task is from a website of its own, and no training task is on any of these websites. What counts as
-one website here is a brand under whatever suffix (:mod:`webgym.tasks.brands`): a policy that has trained on
-``amazon.de`` has seen ``amazon.com``. Families stay together: whatever descends from a test task, or from a
-task on a test website, is not a training task, wherever it is itself.
-:func:`refuse_leaks` holds a trainer to it.
+Every test task is from a different website, and no training task is on any of these websites. Websites are
+compared by brand (:mod:`webgym.tasks.brands`): a policy that has trained on ``amazon.de`` has seen
+``amazon.com``. Families stay together: a task derived from a test task, or from a task on a test website, is
+not a training task, whatever its own website. :func:`refuse_leaks` enforces this before training.
 
-Which tasks become test tasks is decided by hashes of their ids and websites, so that more tasks in the list
-move no more test tasks than they must.
+Test tasks are chosen by hashes of their ids and websites, so adding tasks changes as few of them as possible.
 """
 
 from __future__ import annotations
@@ -28,21 +26,21 @@ from webgym.settings import Settings
 from webgym.tasks.balance import balanced
 from webgym.tasks.brands import brand_of
 from webgym.tasks.families import roots_of
-from webgym.tasks.files import collector_paused
+from webgym.tasks.files import gc_paused
 
 WhyLeftOut: TypeAlias = Literal["test website", "test family", "no website"]
 
 
 class SplitConfig(Settings):
-    """How the test set is made."""
+    """How the test set is chosen."""
 
     test_tasks: int = Field(default=1_167, ge=0)
-    """Test tasks, each from a website of its own (paper §3)."""
+    """Number of test tasks, each from a different website (paper §3)."""
     largest_website: int = Field(default=100, ge=1)
-    """A test website takes all its other tasks out of training. Those with more tasks than this, which would
-    take thousands, are for testing only where the others do not suffice, the smallest first."""
+    """Largest number of tasks of a test website, because all its other tasks are lost for training. Larger
+    websites are used only if the others do not suffice, the smallest first."""
     seed: int = 0
-    """Of the choice."""
+    """Seed of the choice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,10 +49,10 @@ class LeftOut:
 
     Attributes:
         id: of the task.
-        website: that it is on, as :func:`~webgym.core.websites.site_of` names it; as the task does, if that
-            names none.
-        why: it, or an ancestor, is on a "test website"; it belongs to a "test family", whose member is a test
-            task; or "no website" can be told.
+        website: its registrable domain, as from :func:`~webgym.core.websites.site_of`; the task's own text if
+            that is not a website.
+        why: it, or an ancestor, is on a "test website"; it belongs to the family of a test task ("test
+            family"); or its website is invalid ("no website").
     """
 
     id: str
@@ -67,9 +65,9 @@ class Split:
     """The result of splitting.
 
     Attributes:
-        tasks: those for training and for testing, in the order in which they came, ``split`` set.
-        left_out: the others.
-        test: test tasks by (level, domain).
+        tasks: the training and test tasks with ``split`` set, in their original order.
+        left_out: the other tasks.
+        test: number of test tasks by (level, domain).
     """
 
     tasks: list[Task]
@@ -77,24 +75,24 @@ class Split:
     test: Counter[tuple[str, str]]
 
     def of_level(self, level: str) -> int:
-        """Test tasks of a level."""
+        """Number of test tasks of a level."""
         return sum(count for pair, count in self.test.items() if pair[0] == level)
 
     def of_domain(self, domain: str) -> int:
-        """Test tasks of a domain."""
+        """Number of test tasks of a domain."""
         return sum(count for pair, count in self.test.items() if pair[1] == domain)
 
 
-@collector_paused()
+@gc_paused()
 def split(tasks: Sequence[Task], config: SplitConfig | None = None) -> Split:
-    """Choose the test tasks, and drop from training what would give them away.
+    """Choose the test tasks, and leave out training tasks that would leak them.
 
-    Only tasks of a source are chosen for testing, not derived ones. Over the levels, and then over the
-    domains, and then over each pair of both, they are as even as the websites allow
-    (:func:`webgym.tasks.balance.balanced`).
+    Only original tasks are chosen for testing, not derived ones. They are balanced over levels, then domains,
+    then pairs of both, as far as the websites allow (:func:`webgym.tasks.balance.balanced`).
 
     Args:
-        tasks: with unique ids. What they say about their split does not matter.
+        tasks: with unique ids; their ``split`` is ignored.
+        config: size and choice of the test set; ``None`` for the defaults.
 
     Raises:
         TooFewWebsites: there are fewer websites than there should be test tasks.
@@ -105,13 +103,13 @@ def split(tasks: Sequence[Task], config: SplitConfig | None = None) -> Split:
     chosen = _test_tasks(tasks, sites, config)
     test_sites = {sites[id] for id in chosen}
     test_families = {roots.get(id, id) for id in chosen}
-    kept: list[Task] = []
+    remaining: list[Task] = []
     left_out: list[LeftOut] = []
     for task in tasks:
         root, site = roots.get(task.id, task.id), sites[task.id]
         why: WhyLeftOut
         if task.id in chosen:
-            kept.append(msgspec.structs.replace(task, split="test"))
+            remaining.append(msgspec.structs.replace(task, split="test"))
             continue
         if site is None:
             why = "no website"
@@ -120,10 +118,12 @@ def split(tasks: Sequence[Task], config: SplitConfig | None = None) -> Split:
         elif root in test_families:
             why = "test family"
         else:
-            kept.append(msgspec.structs.replace(task, split="train"))
+            remaining.append(msgspec.structs.replace(task, split="train"))
             continue
         left_out.append(LeftOut(task.id, site_or_text(task.website), why))
-    return Split(kept, left_out, Counter((task.level, task.domain) for task in kept if task.split == "test"))
+    return Split(
+        remaining, left_out, Counter((task.level, task.domain) for task in remaining if task.split == "test")
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +132,7 @@ class Leak:
 
     Attributes:
         task: the task.
-        of: id of the test task that it gives away; its own if it is one.
+        of: id of the test task that it leaks; its own id if it is one.
         why: it is a "test task", it or an ancestor is on a "test website", or it belongs to a "test family".
     """
 
@@ -150,51 +150,54 @@ class Leak:
 
 
 def leaks(tasks: Sequence[Task], test: Sequence[Task]) -> list[Leak]:
-    """Which of the tasks would let a policy train on what it is tested on.
+    """The tasks that must not be trained on, because they share a website or a family with a test task.
 
-    Websites are compared by brand (:func:`webgym.tasks.brands.brand_of`), which rather takes two websites for
-    one than one for two.
+    Websites are compared by brand (:func:`webgym.tasks.brands.brand_of`), which when in doubt merges two
+    websites.
 
     Args:
-        tasks: to train on, with or without a split. One whose split is test is a leak by itself.
-        test: what is tested on.
+        tasks: the tasks to train on, with or without a split. A task whose split is ``test`` is a leak
+            itself.
+        test: the test tasks.
     """
     test_ids = {task.id for task in test}
     test_on = {site: task.id for task in reversed(test) if (site := _site(task)) is not None}
     roots = roots_of([*tasks, *test])
     site_of_root = {task.id: _site(task) for task in tasks if task.parent_id is None}
     test_of = {roots.get(task.id, task.id): task.id for task in reversed(test)}
-    found = []
+    leaks_found = []
     for task in tasks:
         root = roots.get(task.id, task.id)
         if task.id in test_ids or task.split == "test":
-            found.append(Leak(task, task.id, "test task"))
-        elif (of := test_on.get(_site(task) or "") or test_on.get(site_of_root.get(root) or "")) is not None:
-            found.append(Leak(task, of, "test website"))
-        elif (of := test_of.get(root)) is not None:
-            found.append(Leak(task, of, "test family"))
-    return found
+            leaks_found.append(Leak(task, task.id, "test task"))
+        elif (
+            test_id := test_on.get(_site(task) or "") or test_on.get(site_of_root.get(root) or "")
+        ) is not None:
+            leaks_found.append(Leak(task, test_id, "test website"))
+        elif (test_id := test_of.get(root)) is not None:
+            leaks_found.append(Leak(task, test_id, "test family"))
+    return leaks_found
 
 
 def refuse_leaks(tasks: Sequence[Task], test: Sequence[Task]) -> None:
-    """Refuse to train on tasks that give away what is tested on; the guard of whatever trains.
+    """Refuse to train on tasks that leak test tasks; trainers call it before they start.
 
     Args:
-        tasks: to train on.
-        test: what is tested on.
+        tasks: the tasks to train on.
+        test: the test tasks.
 
     Raises:
-        ConfigError: there is a leak (:func:`leaks`); counts them and names one.
+        ConfigError: there is a leak (:func:`leaks`); the message counts them and names one.
     """
     if found := leaks(tasks, test):
         raise ConfigError(
             f"{len(found):,} of {len(tasks):,} tasks must not be trained on: {found[0]}",
-            hint="train on the training split alone; webgym tasks validate names every offender",
+            hint="train on the training split only; webgym tasks validate lists all of them",
         )
 
 
 def _site(task: Task) -> str | None:
-    """What the split takes for the task's website; ``None`` if it names none."""
+    """The brand of the task's website; ``None`` if the website is invalid."""
     try:
         return brand_of(task.website)
     except ValueError:
@@ -220,7 +223,7 @@ def _test_tasks(tasks: Iterable[Task], sites: dict[str, str | None], config: Spl
 
 
 def _choose(by_site: dict[str, list[Task]], config: SplitConfig) -> set[str]:
-    """One task from each of so many websites."""
+    """The ids of the test tasks: one from each of ``test_tasks`` websites."""
     drawn = {site: _draw(config.seed, site) for site in by_site}
     order = sorted(by_site, key=drawn.__getitem__)
     strata: list[dict[tuple[str, str], str]] = []

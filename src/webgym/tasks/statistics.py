@@ -19,12 +19,12 @@ Part: TypeAlias = Literal["train", "test", "decomposed", "unsplit"]
 PARTS: Final[tuple[Part, ...]] = ("train", "test", "decomposed", "unsplit")
 
 TOP: Final = 20
-"""The websites that are shown by name; in the paper's set they hold about half of all tasks."""
+"""Number of websites that are listed by name; in the paper's set they have about half of all tasks."""
 _GRID: Final = 512
 
 
 class DomainRow(msgspec.Struct, frozen=True):
-    """Tasks of one subdomain, by level."""
+    """Number of tasks of one subdomain, by level."""
 
     domain: str
     subdomain: str
@@ -34,12 +34,12 @@ class DomainRow(msgspec.Struct, frozen=True):
 
     @property
     def tasks(self) -> int:
-        """Of all levels."""
+        """Number of tasks of all levels."""
         return self.easy + self.medium + self.hard
 
 
 class SourceRow(msgspec.Struct, frozen=True):
-    """Tasks of one source; ``derived`` are among ``tasks``."""
+    """Counts of one source; ``tasks`` includes the ``derived`` ones."""
 
     source: str
     websites: int
@@ -50,12 +50,12 @@ class SourceRow(msgspec.Struct, frozen=True):
 
 
 class Lengths(msgspec.Struct, frozen=True):
-    """How many steps the trajectories of one level have.
+    """Lengths of the trajectories of one level, in steps.
 
     Attributes:
-        counts: trajectories by number of steps.
-        mean: steps.
-        mode: where a Gaussian kernel density estimate (Scott's bandwidth) is highest, steps.
+        counts: number of trajectories by number of steps.
+        mean: mean number of steps.
+        mode: maximum of a Gaussian kernel density estimate with Scott's bandwidth.
     """
 
     counts: dict[int, int]
@@ -64,7 +64,7 @@ class Lengths(msgspec.Struct, frozen=True):
 
     @property
     def trajectories(self) -> int:
-        """How many there are."""
+        """Number of trajectories."""
         return sum(self.counts.values())
 
 
@@ -72,14 +72,14 @@ class Statistics(msgspec.Struct, frozen=True):
     """Counts of a task set.
 
     Attributes:
-        tasks: all of them.
-        sizes: (tasks on a website, websites with so many), descending.
-        top: the websites with the most tasks, at most :data:`TOP`, descending, with their tasks.
-        difficulties: tasks by number of facts, for every part that there is. ``decomposed`` tasks are among
-            those of the other parts, too.
-        domains: one row per subdomain of the taxonomy, in its order; then what lies outside it.
+        tasks: number of tasks.
+        sizes: (number of tasks, number of websites with that number of tasks), descending.
+        top: the websites with the most tasks and their numbers of tasks, descending, at most :data:`TOP`.
+        difficulties: number of tasks by number of facts, for every part with tasks. ``decomposed`` tasks are
+            counted in ``train``, ``test`` or ``unsplit``, too.
+        domains: one row per subdomain of the taxonomy, in its order; then subdomains outside it.
         sources: one row per source, by number of tasks, descending.
-        lengths: by level, easy first; empty where no trajectories were given.
+        lengths: by level, easy first; empty without trajectories.
     """
 
     tasks: int
@@ -92,38 +92,38 @@ class Statistics(msgspec.Struct, frozen=True):
 
     @property
     def websites(self) -> int:
-        """How many there are."""
+        """Number of websites."""
         return sum(count for _, count in self.sizes)
 
     @property
     def top_share(self) -> float:
-        """The share of all tasks that the top websites hold, 0 to 1."""
+        """The share of all tasks that are on the top websites, 0 to 1."""
         return sum(count for _, count in self.top) / self.tasks if self.tasks else 0.0
 
     def levels(self, part: Part) -> dict[Level, int]:
-        """A part's tasks by level."""
-        found: dict[Level, int] = dict.fromkeys(LEVELS, 0)
+        """Number of tasks of a part, by level."""
+        counts: dict[Level, int] = dict.fromkeys(LEVELS, 0)
         for facts, count in self.difficulties.get(part, {}).items():
-            found[level_of(facts)] += count
-        return found
+            counts[level_of(facts)] += count
+        return counts
 
 
 def describe(tasks: Iterable[Task], lengths: Mapping[Level, Sequence[int]] | None = None) -> Statistics:
-    """Count tasks.
+    """Compute the statistics of tasks.
 
     Args:
-        tasks: of a whole set or a part of it.
-        lengths: steps of each trajectory, by level of its task.
+        tasks: of a set or a part of it.
+        lengths: number of steps of each trajectory, by level of its task.
     """
     websites: Counter[str] = Counter()
     difficulties: dict[Part, Counter[int]] = {part: Counter() for part in PARTS}
     domains: Counter[tuple[str, str, Level]] = Counter()
     sources: dict[str, Counter[str]] = defaultdict(Counter)
-    homes: dict[str, set[str]] = defaultdict(set)
+    websites_by_source: dict[str, set[str]] = defaultdict(set)
     for task in tasks:
         site, facts = site_or_text(task.website), task.difficulty
         websites[site] += 1
-        homes[task.source].add(site)
+        websites_by_source[task.source].add(site)
         difficulties[task.split or "unsplit"][facts] += 1
         domains[task.domain, task.subdomain, level_of(facts)] += 1
         sources[task.source][task.split or "unsplit"] += 1
@@ -136,13 +136,13 @@ def describe(tasks: Iterable[Task], lengths: Mapping[Level, Sequence[int]] | Non
         top=sorted(websites.items(), key=lambda item: (-item[1], item[0]))[:TOP],
         difficulties={part: dict(sorted(counts.items())) for part, counts in difficulties.items() if counts},
         domains=_domain_rows(domains),
-        sources=_source_rows(sources, homes),
+        sources=_source_rows(sources, websites_by_source),
         lengths={level: measure(lengths[level]) for level in LEVELS if lengths and lengths.get(level)},
     )
 
 
 def measure(steps: Sequence[int]) -> Lengths:
-    """Mean and mode of the lengths of at least one trajectory."""
+    """Mean and mode of the lengths of trajectories, in steps; there must be at least one."""
     counts = dict(sorted(Counter(steps).items()))
     grid, density = kernel_density(counts)
     return Lengths(counts, float(np.mean(steps)), float(grid[int(density.argmax())]))
@@ -152,7 +152,7 @@ def kernel_density(counts: Mapping[int, int]) -> tuple[NDArray[np.float64], NDAr
     """A Gaussian kernel density estimate with Scott's bandwidth, from 0 to beyond the largest value.
 
     Returns:
-        Grid and density; the density's integral is 1 but for what lies below 0.
+        Grid and density. Apart from the part below 0, which is cut off, the density's integral is 1.
     """
     values = np.array(list(counts), dtype=float)
     weights = np.array(list(counts.values()), dtype=float)
@@ -167,80 +167,83 @@ def kernel_density(counts: Mapping[int, int]) -> tuple[NDArray[np.float64], NDAr
 
 def _domain_rows(counts: Mapping[tuple[str, str, Level], int]) -> list[DomainRow]:
     known = [(domain, subdomain) for domain, subdomains in DOMAINS.items() for subdomain in subdomains]
-    foreign = sorted({key[:2] for key in counts} - set(known))
+    outside_taxonomy = sorted({key[:2] for key in counts} - set(known))
     return [
         DomainRow(*place, *(counts.get((*place, level), 0) for level in LEVELS))
-        for place in [*known, *foreign]
+        for place in [*known, *outside_taxonomy]
     ]
 
 
-def _source_rows(counts: Mapping[str, Counter[str]], homes: Mapping[str, set[str]]) -> list[SourceRow]:
+def _source_rows(
+    counts: Mapping[str, Counter[str]], websites_by_source: Mapping[str, set[str]]
+) -> list[SourceRow]:
     rows = [
         SourceRow(
             source=source,
-            websites=len(homes[source]),
-            tasks=found["train"] + found["test"] + found["unsplit"],
-            derived=found["decomposed"],
-            train=found["train"],
-            test=found["test"],
+            websites=len(websites_by_source[source]),
+            tasks=by_part["train"] + by_part["test"] + by_part["unsplit"],
+            derived=by_part["decomposed"],
+            train=by_part["train"],
+            test=by_part["test"],
         )
-        for source, found in counts.items()
+        for source, by_part in counts.items()
     ]
     return sorted(rows, key=lambda row: (-row.tasks, row.source))
 
 
-def tables(found: Statistics) -> list[Table]:
-    """The same as tables."""
-    made = [
+def tables(statistics: Statistics) -> list[Table]:
+    """The statistics as tables."""
+    result = [
         Table(
             "Tasks by source",
             ("source", "websites", "tasks", "derived", "train", "test"),
             [
-                (row.source, *_text(row.websites, row.tasks, row.derived, row.train, row.test))
-                for row in found.sources
+                (row.source, *_texts(row.websites, row.tasks, row.derived, row.train, row.test))
+                for row in statistics.sources
             ],
         ),
         Table(
             "Difficulty",
             ("part", "tasks", *(heading for level in LEVELS for heading in (level, f"{level}, %"))),
-            [_difficulty_row(found, part) for part in found.difficulties],
+            [_difficulty_row(statistics, part) for part in statistics.difficulties],
         ),
         Table(
             "Tasks by domain",
             ("domain", "subdomain", "tasks", *LEVELS),
             [
-                (row.domain, row.subdomain, *_text(row.tasks, row.easy, row.medium, row.hard))
-                for row in found.domains
+                (row.domain, row.subdomain, *_texts(row.tasks, row.easy, row.medium, row.hard))
+                for row in statistics.domains
                 if row.tasks
             ],
             names=2,
         ),
         Table(
-            f"The {len(found.top)} largest of {found.websites:,} websites: {found.top_share:.1%} of tasks",
+            f"The {len(statistics.top)} largest of {statistics.websites:,} websites: "
+            f"{statistics.top_share:.1%} of tasks",
             ("website", "tasks"),
-            [(website, str(count)) for website, count in found.top],
+            [(website, str(count)) for website, count in statistics.top],
         ),
     ]
-    if found.lengths:
-        made.append(
+    if statistics.lengths:
+        result.append(
             Table(
                 "Steps per trajectory",
                 ("level", "trajectories", "mean", "mode"),
                 [
-                    (level, str(each.trajectories), f"{each.mean:.1f}", f"{each.mode:.1f}")
-                    for level, each in found.lengths.items()
+                    (level, str(length.trajectories), f"{length.mean:.1f}", f"{length.mode:.1f}")
+                    for level, length in statistics.lengths.items()
                 ],
             )
         )
-    return made
+    return result
 
 
-def _text(*counts: int) -> tuple[str, ...]:
+def _texts(*counts: int) -> tuple[str, ...]:
     return tuple(str(count) for count in counts)
 
 
-def _difficulty_row(found: Statistics, part: Part) -> tuple[str, ...]:
-    levels = found.levels(part)
+def _difficulty_row(statistics: Statistics, part: Part) -> tuple[str, ...]:
+    levels = statistics.levels(part)
     total = sum(levels.values())
     shares = (text for count in levels.values() for text in (str(count), f"{100 * count / total:.1f}"))
     return (part, str(total), *shares)

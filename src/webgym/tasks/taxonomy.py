@@ -1,4 +1,4 @@
-"""The domains that tasks are sorted into: the taxonomy of Mind2Web-2, 6 domains and 24 subdomains."""
+"""The domains of tasks: the taxonomy of Mind2Web-2, with 6 domains and 24 subdomains."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ DOMAINS: Final[dict[str, tuple[str, ...]]] = {
     "Career & Education": ("Education & Learning", "Jobs & Career"),
     "Travel & Transportation": ("Travel & Accommodation", "Outdoor & Recreation", "Ticketed Activities"),
 }
-"""Subdomains by domain. The dots belong to the names."""
+"""Subdomains by domain. The dots are part of the names."""
 
 DOMAIN_OF: Final[dict[str, str]] = {
     subdomain: domain for domain, subdomains in DOMAINS.items() for subdomain in subdomains
 }
-"""The domain of a subdomain; no two domains share one."""
+"""The domain of each subdomain; subdomains are unique."""

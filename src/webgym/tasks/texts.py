@@ -1,4 +1,4 @@
-"""Normalised texts, for comparing whether two say the same."""
+"""Normalised forms of texts, for finding duplicates."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import re
 import unicodedata
 from typing import Final
 
-LITTLE: Final = frozenset(
+FUNCTION_WORDS: Final = frozenset(
     "a an the this that these those it its is are was be been of on in at for and as with which who please "
     "me my i you your we our can could would should will do does by so then there here about".split()
 )
-"""Words that come and go without changing what is asked for. Not "to", "from", "or", "not", "under"."""
+"""Words without influence on what a task asks for. "to", "from", "or", "not", "under" are not among them."""
 
 _VALUES: Final = {
     word: str(value)
@@ -21,9 +21,10 @@ _VALUES: Final = {
 
 
 class _Folding(dict[int, int | None]):
-    """For ``str.translate``: punctuation, separators and control characters become spaces, apostrophes go.
+    """Table for ``str.translate``: punctuation, separators and control characters become spaces, apostrophes
+    vanish.
 
-    Signs stay ("C++" is not "C", "$" is not "€"), and so does "#", for "C#" is not "C" either.
+    Symbols are kept ("C++" is not "C", "$" is not "€"), and so is "#": "C#" is not "C".
     """
 
     def __missing__(self, code: int) -> int | None:
@@ -43,9 +44,9 @@ _BEGINNING: Final = re.compile(r"(?:\A|[.!?:;\"“(]\s*)\Z")
 
 
 def fold(text: str) -> str:
-    """The words of a text in one form: Unicode's NFKC, no case, no punctuation, single spaces.
+    """The words of a text in a normal form: Unicode NFKC, lower case, no punctuation, single spaces.
 
-    A text without any word stays as it is.
+    A text without words is returned stripped.
     """
     if not text.isascii():
         text = unicodedata.normalize("NFKC", text)
@@ -55,19 +56,20 @@ def fold(text: str) -> str:
 
 
 def joined(folded: str) -> str:
-    """A folded text without white space, which sources disagree on ("Fox Sports", "foxsports")."""
+    """A folded text without white space, in which sources differ ("Fox Sports", "foxsports")."""
     if _TWO_NUMBERS.search(folded):
         return _NOT_BETWEEN_DIGITS.sub("", folded)
     return folded.replace(" ", "")
 
 
 def template(folded: str) -> str:
-    """A folded text with every number made the same."""
+    """A folded text with every number replaced by 0."""
     return _DIGITS.sub("0", folded)
 
 
 def number(word: str) -> str | None:
-    """The number that a folded word is or holds, if it does."""
+    """The number that a folded word is or contains; ``None`` if it contains no digit and is no number
+    word."""
     if word.isalpha():
         return _VALUES.get(word)
     return word if any(map(str.isdigit, word)) else None
@@ -76,10 +78,10 @@ def number(word: str) -> str | None:
 def names(text: str) -> set[str]:
     """The words that look like names, folded: a capital inside a sentence, or capitals throughout."""
     text = unicodedata.normalize("NFKC", text)
-    found = set()
+    folded = set()
     for match in _WORD.finditer(text):
         word = match.group()
         begins = _BEGINNING.search(text, max(0, match.start() - 8), match.start()) is not None
         if word[0].isupper() and (not begins or (len(word) > 1 and word.isupper())):
-            found.update(fold(word).split())
-    return found - {"i"}
+            folded.update(fold(word).split())
+    return folded - {"i"}

@@ -31,9 +31,9 @@ RULES: Final[dict[Rule, str]] = {
     "family": "no training task has an ancestor or descendant, however far, among the test tasks",
     "derived": "a derived task asks for some of its parent's groups, a large one among them, and no more",
 }
-"""What is checked, in the order in which it is reported."""
-OF_THE_SPLIT: Final[frozenset[Rule]] = frozenset({"split", "distinct", "leak", "family"})
-"""What can only be checked once the tasks are split."""
+"""The rules that are checked, in the order of the report."""
+SPLIT_RULES: Final[frozenset[Rule]] = frozenset({"split", "distinct", "leak", "family"})
+"""Rules that can be checked only after the tasks have been split."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +43,8 @@ class Violation:
     Attributes:
         rule: a key of :data:`RULES`.
         id: of the task.
-        website: that it is on, as :func:`site_of` names it, or as the task does.
-        detail: what is wrong with it; ids of other tasks that it concerns.
+        website: its registrable domain, or the task's own text if that is not a website.
+        detail: what is wrong, with the ids of other tasks involved.
     """
 
     rule: Rule
@@ -58,15 +58,15 @@ class Violation:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What was found.
+    """The result of a validation.
 
     Attributes:
-        tasks, train, test: how many tasks there are, and how many of them are for what.
-        websites, test_websites: how many websites all tasks, and the test tasks, are on.
-        offenders: by rule, then in the order of the tasks.
-        unchecked: rules that were not looked at.
-        orphans: ids of derived tasks whose parent is not among the tasks, so that it cannot be said whether
-            they are part of it. No offence: a part of a set may have lost its parents.
+        tasks, train, test: number of tasks, of training tasks, and of test tasks.
+        websites, test_websites: number of websites of all tasks, and of the test tasks.
+        offenders: violations by rule, then in the order of the tasks.
+        unchecked: rules that were not checked.
+        orphans: ids of derived tasks whose parent is not among the tasks, so that ``derived`` cannot be
+            checked. This is no violation: a part of a set may lack parents.
     """
 
     tasks: int
@@ -80,13 +80,13 @@ class Report:
 
     @property
     def ok(self) -> bool:
-        """Whether no task offends against what was checked."""
+        """Whether no violation was found."""
         return not self.offenders
 
     def counts(self) -> dict[Rule, int]:
-        """Offenders by rule, every rule named that was checked."""
-        found = Counter(offender.rule for offender in self.offenders)
-        return {rule: found[rule] for rule in RULES if rule not in self.unchecked}
+        """Number of violations of every rule that was checked."""
+        violations = Counter(offender.rule for offender in self.offenders)
+        return {rule: violations[rule] for rule in RULES if rule not in self.unchecked}
 
 
 def validate(tasks: Sequence[Task], *, split: bool = True) -> Report:
@@ -94,16 +94,17 @@ def validate(tasks: Sequence[Task], *, split: bool = True) -> Report:
 
     Args:
         tasks: all of a set, training and test tasks together.
-        split: whether they have been split; if not, :data:`OF_THE_SPLIT` is not checked, and reported so.
+        split: whether they have been split; if not, the rules in :data:`SPLIT_RULES` are reported as
+            unchecked.
     """
     sites = [site_or_text(task.website) for task in tasks]
     by_id: dict[str, Task] = {}
     for task in tasks:
         by_id.setdefault(task.id, task)
-    offenders = [*_each(tasks, sites), *_derived(tasks, sites, by_id)]
+    offenders = [*_task_violations(tasks, sites), *_derivation_violations(tasks, sites, by_id)]
     if split:
-        offenders += _between(tasks)
-    order = {rule: place for place, rule in enumerate(RULES)}
+        offenders += _split_violations(tasks)
+    order = {rule: position for position, rule in enumerate(RULES)}
     return Report(
         tasks=len(tasks),
         train=sum(task.split == "train" for task in tasks),
@@ -111,13 +112,13 @@ def validate(tasks: Sequence[Task], *, split: bool = True) -> Report:
         websites=len(set(sites)),
         test_websites=len({site for task, site in zip(tasks, sites, strict=True) if task.split == "test"}),
         offenders=sorted(offenders, key=lambda offender: order[offender.rule]),
-        unchecked=[] if split else [rule for rule in RULES if rule in OF_THE_SPLIT],
+        unchecked=[] if split else [rule for rule in RULES if rule in SPLIT_RULES],
         orphans=[task.id for task in tasks if task.parent_id is not None and task.parent_id not in by_id],
     )
 
 
-def _each(tasks: Sequence[Task], sites: Sequence[str]) -> Iterator[Violation]:
-    """What a task shows by itself."""
+def _task_violations(tasks: Sequence[Task], sites: Sequence[str]) -> Iterator[Violation]:
+    """Violations of rules about single tasks."""
     seen: set[str] = set()
     for task, site in zip(tasks, sites, strict=True):
         if task.id in seen or not task.id:
@@ -128,7 +129,7 @@ def _each(tasks: Sequence[Task], sites: Sequence[str]) -> Iterator[Violation]:
         if site == task.website and not _names_a_website(site):
             yield Violation("website", task.id, site, f"{task.website!r} does not name a website")
         if DOMAIN_OF.get(task.subdomain) != task.domain:
-            yield Violation("domain", task.id, site, _what_domain(task))
+            yield Violation("domain", task.id, site, _domain_problem(task))
         if DIFFICULTY_DIFFERS in task.flags:
             yield Violation(
                 "difficulty", task.id, site, f"it has {task.difficulty} facts, and its row says else"
@@ -143,7 +144,7 @@ def _names_a_website(website: str) -> bool:
     return True
 
 
-def _what_domain(task: Task) -> str:
+def _domain_problem(task: Task) -> str:
     if task.domain not in DOMAINS:
         return f"unknown domain {task.domain!r}"
     if task.subdomain not in DOMAIN_OF:
@@ -151,13 +152,13 @@ def _what_domain(task: Task) -> str:
     return f"{task.subdomain!r} belongs to {DOMAIN_OF[task.subdomain]!r}, not to {task.domain!r}"
 
 
-def _between(tasks: Sequence[Task]) -> Iterator[Violation]:
-    """What the two splits have in common, websites compared by brand, as the split does."""
+def _split_violations(tasks: Sequence[Task]) -> Iterator[Violation]:
+    """Violations of rules about the splits, with websites compared by brand as in the split."""
     test = [task for task in tasks if task.split == "test"]
     test_on: dict[str, str] = {}
     for task in test:
         brand, site = brand_or_text(task.website), site_or_text(task.website)
-        if site.endswith(OFFLINE):  # made to have many tasks each
+        if site.endswith(OFFLINE):  # these websites have many tasks each by design
             continue
         if brand in test_on:
             yield Violation("distinct", task.id, site, f"the test task {test_on[brand]} is on it too")
@@ -174,15 +175,17 @@ def _between(tasks: Sequence[Task]) -> Iterator[Violation]:
             yield Violation("family", leak.task.id, site, f"the test task {leak.of} is of its family")
 
 
-def _derived(tasks: Iterable[Task], sites: Iterable[str], by_id: Mapping[str, Task]) -> Iterator[Violation]:
+def _derivation_violations(
+    tasks: Iterable[Task], sites: Iterable[str], by_id: Mapping[str, Task]
+) -> Iterator[Violation]:
     for task, site in zip(tasks, sites, strict=True):
         parent = by_id.get(task.parent_id) if task.parent_id is not None else None
-        if parent is not None and (wrong := _no_part(task, parent)):
-            yield Violation("derived", task.id, site, wrong)
+        if parent is not None and (problem := _why_not_derived(task, parent)):
+            yield Violation("derived", task.id, site, problem)
 
 
-def _no_part(task: Task, parent: Task) -> str:
-    """Why a task cannot have been derived from its parent by Algorithm 1; empty if it can."""
+def _why_not_derived(task: Task, parent: Task) -> str:
+    """Why a task cannot be derived from its parent by Algorithm 1; empty if it can."""
     whole: dict[tuple[str, ...], int] = defaultdict(int)
     for group in parent.rubric.groups:
         whole[group.facts] += 1

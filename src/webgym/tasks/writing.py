@@ -1,7 +1,7 @@
 """Model calls of a task set's construction: website and domain, rubrics, rewritten tasks.
 
-Nothing is taken that a check refuses. The model is shown what it said and why it cannot be used, and asked
-again, a bounded number of times. Then :class:`webgym.core.errors.LLMUnusable` says why.
+Every reply is checked. If it is refused, the model is asked again with its reply and the reason, a limited
+number of times; then :class:`webgym.core.errors.LLMUnusable` is raised with the last reason.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from webgym.core.websites import host_of
 from webgym.llm.completion import Completes, Completion
 from webgym.llm.structured import ask_for
 from webgym.tasks import prompts
-from webgym.tasks.rewriting import USUAL, WritingLimits, refused_rewriting
+from webgym.tasks.rewriting import DEFAULT_LIMITS, WritingLimits, refused_rewriting
 from webgym.tasks.rules import Asked, Draft, DraftGroup, Finding, check_rubric
 from webgym.tasks.rules.wording import with_capital_or
 from webgym.tasks.sources.base import SourceTask
 from webgym.tasks.taxonomy import DOMAIN_OF
 
 _REASONS: Final = 6
-"""Findings that a model is told at once; the others may well go with them."""
+"""Most findings that a model is sent at once; fixing these often fixes the others."""
 
 
 class Inferred(msgspec.Struct, frozen=True):
-    """Where a task starts, and what kind it is.
+    """The inferred website and domain of a task.
 
     Attributes:
-        website: URL.
+        website: URL where the task starts.
         domain, subdomain: of :data:`webgym.tasks.taxonomy.DOMAINS`.
     """
 
@@ -40,11 +40,13 @@ class Inferred(msgspec.Struct, frozen=True):
     subdomain: str
 
 
-async def infer_website(model: Completes, task: SourceTask, *, limits: WritingLimits = USUAL) -> Inferred:
-    """The website of a task that has none, and its domain and subdomain. A website that is given stays.
+async def infer_website(
+    model: Completes, task: SourceTask, *, limits: WritingLimits = DEFAULT_LIMITS
+) -> Inferred:
+    """Infer the domain and subdomain of a task, and its website if it has none.
 
     Raises:
-        LLMUnusable: no reply named a website and a subdomain of the taxonomy.
+        LLMUnusable: no reply had a valid website and a subdomain of the taxonomy.
         LLMError: the model gave no reply.
     """
 
@@ -64,38 +66,41 @@ async def infer_website(model: Completes, task: SourceTask, *, limits: WritingLi
     return Inferred(website, DOMAIN_OF[reply.subdomain], reply.subdomain)
 
 
-def _no_website(said: str) -> str | None:
-    """Why this is no public website, if it is none."""
+def _no_website(address: str) -> str | None:
+    """Why a text is not the address of a public website; ``None`` if it is."""
     try:
-        host = host_of(said)
+        host = host_of(address)
     except ValueError:
-        return f"{said!r} is no address of a website."
+        return f"{address!r} is no address of a website."
     is_public = "." in host and not host.replace(".", "").isdigit() and not host.endswith((".local", ".test"))
-    return None if is_public else f"{said!r} is no public website."
+    return None if is_public else f"{address!r} is no public website."
 
 
-def _url(said: str) -> str:
-    said = said.strip()
-    return said if said.lower().startswith(("http://", "https://")) else f"https://{host_of(said)}/"
+def _url(address: str) -> str:
+    address = address.strip()
+    return address if address.lower().startswith(("http://", "https://")) else f"https://{host_of(address)}/"
 
 
 class Written(msgspec.Struct, frozen=True):
-    """An accepted rubric, and remarks on it.
+    """An accepted rubric, and its warnings.
 
     Attributes:
-        rubric: which keeps the rules of severity ``error``.
-        findings: rules of severity ``warning`` that it seems to break.
+        rubric: breaks no rule of severity ``error``.
+        findings: of severity ``warning``.
     """
 
     rubric: Rubric
     findings: tuple[Finding, ...]
 
 
-async def write_rubric(model: Completes, task: SourceTask, *, limits: WritingLimits = USUAL) -> Written:
-    """A task's rubric. What breaks a rule of severity ``error`` (:mod:`webgym.tasks.rules`) is not taken.
+async def write_rubric(
+    model: Completes, task: SourceTask, *, limits: WritingLimits = DEFAULT_LIMITS
+) -> Written:
+    """Have a model write a task's rubric, which must break no rule of severity ``error``
+    (:mod:`webgym.tasks.rules`).
 
     Raises:
-        LLMUnusable: no reply was a rubric that keeps the rules.
+        LLMUnusable: no reply was a rubric that follows the rules.
         LLMError: the model gave no reply.
     """
     asked = _asked_by(task)
@@ -121,7 +126,7 @@ async def write_rubric(model: Completes, task: SourceTask, *, limits: WritingLim
 
 
 def review(task: SourceTask | Task, rubric: Rubric) -> list[Finding]:
-    """What the rules find in a rubric that is there already."""
+    """The findings of the rules in an existing rubric."""
     return check_rubric(Draft.of(rubric), _asked_by(task))
 
 
@@ -133,7 +138,7 @@ def _asked_by(task: SourceTask | Task) -> Asked:
 
 
 def _draft(reply: prompts.RubricReply) -> Draft:
-    """What the model wrote. Style that can be set right is no reason to ask again: OR gets its capitals."""
+    """The model's rubric, with OR in capitals: what can be corrected is no reason to ask again."""
     groups = tuple(
         DraftGroup(group.id, group.description, tuple(map(with_capital_or, group.facts)))
         for group in reply.fact_groups
@@ -150,12 +155,12 @@ async def rewrite(
     task: Task,
     groups: Sequence[FactGroup],
     *,
-    limits: WritingLimits = USUAL,
+    limits: WritingLimits = DEFAULT_LIMITS,
 ) -> str:
-    """The text of the task that asks for these of a task's groups alone.
+    """Have a model write the instruction of a task with only these fact groups.
 
     Raises:
-        LLMUnusable: no reply was such a text.
+        LLMUnusable: no reply passed the checks.
         LLMError: the model gave no reply.
     """
     messages = prompts.for_rewriting(task, groups)
@@ -175,19 +180,19 @@ async def _ask_for_text(
     tries: int,
 ) -> str:
     """As :func:`webgym.llm.ask_for`, for plain text."""
-    asked = list(messages)
+    conversation = list(messages)
     replies: list[str] = []
     reason = ""
     for _ in range(tries):
-        completion = await model.complete(asked)
-        said = completion.text or completion.refusal
-        text = _without_thinking(said)
+        completion = await model.complete(conversation)
+        reply = completion.text or completion.refusal
+        text = _without_thinking(reply)
         reason = _no_text(completion, text) or check(text) or ""
         if not reason:
             return text
-        replies.append(said)
-        asked += [
-            {"role": "assistant", "content": said or "(nothing)"},
+        replies.append(reply)
+        conversation += [
+            {"role": "assistant", "content": reply or "(nothing)"},
             {"role": "user", "content": f"This reply cannot be used: {reason}\nAnswer again, in full."},
         ]
     raise LLMUnusable(

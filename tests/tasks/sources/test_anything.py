@@ -16,7 +16,7 @@ from tests.tasks.sources import native
 from webgym.core.errors import TaskFileError
 from webgym.tasks.sources import SOURCES, Read, read_source
 from webgym.tasks.sources.csv_text import csv_rows
-from webgym.tasks.sources.dates import names_past
+from webgym.tasks.sources.dates import contains_past_date
 from webgym.tasks.sources.json_text import BrokenValue, json_values
 
 TODAY = date(2026, 1, 15)
@@ -147,7 +147,7 @@ def test_what_the_csv_module_writes_comes_back(rows: list[tuple[str, str, str]])
 @LENIENT
 @given(text=st.text(max_size=80) | st.text(alphabet="0123456789-/ .,JanMry", max_size=40))
 def test_any_text_has_dates_or_not(text: str) -> None:
-    names_past(text, TODAY)
+    contains_past_date(text, TODAY)
 
 
 @pytest.mark.parametrize(

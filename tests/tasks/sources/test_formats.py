@@ -174,7 +174,7 @@ def test_broken_lines_are_told_and_the_rest_loads(tmp_path: Path) -> None:
         "a number, not an object",
         "null, not an object",
         "'ques' is an object, not a text",
-        "'ques' is not UTF-8, or holds half a character",
+        "'ques' is not valid Unicode",
         "no field 'ques' or 'question' or 'task'",
         "no JSON",
     ]
@@ -187,7 +187,7 @@ def test_half_a_character_counts_only_where_it_stands(tmp_path: Path) -> None:
     assert len(read("agentsynth-web", path).tasks) == 1
     path.write_bytes(line.replace("find tonight's show", "\\ud83d").encode() + b"\n")
     [skipped] = read("agentsynth-web", path).skipped
-    assert "half a character" in skipped.reason
+    assert "not valid Unicode" in skipped.reason
 
 
 @pytest.mark.parametrize("indent", [None, 2])
@@ -378,9 +378,9 @@ def test_a_folder_is_read_whole_and_says_what_it_passed_over(tmp_path: Path) -> 
     assert [task.id for task in found.tasks] == ["online-mind2web/c1", "online-mind2web/b7258ee0"]
     assert [(Path(each.file).name, each.place) for each in found.skipped] == [("train.jsonl", "line 2")]
     assert [(Path(each.file).name, each.reason.partition(":")[0]) for each in found.passed_over] == [
-        ("all.zip", f"{tmp_path / 'data' / 'all.zip'} is of a format that is not read here"),
+        ("all.zip", f"the format of {tmp_path / 'data' / 'all.zip'} is not supported"),
         ("empty.jsonl", "it is empty"),
-        ("human_label.json", "belongs to the tasks beside it"),
+        ("human_label.json", "is a companion file of the tasks"),
         ("other.jsonl", "no record of online-mind2web among 1; the first"),
     ]
 
@@ -392,14 +392,14 @@ def test_a_file_without_records_is_an_error_that_says_so(tmp_path: Path, content
     if content == "{}":
         assert len(read("deepshop", path).skipped) == 1
     else:
-        with pytest.raises(TaskFileError, match="holds no record of deepshop"):
+        with pytest.raises(TaskFileError, match="contains no record of deepshop"):
             read("deepshop", path)
 
 
 def test_what_is_not_there_is_an_error_that_says_so(tmp_path: Path) -> None:
     with pytest.raises(TaskFileError, match="No such file"):
         read("deepshop", tmp_path / "nothing.jsonl")
-    with pytest.raises(TaskFileError, match="holds no record"):
+    with pytest.raises(TaskFileError, match="contains no record"):
         read("deepshop", tmp_path)
     (tmp_path / "a.arrow").write_bytes(b"ARROW1")
     with pytest.raises(TaskFileError, match="a format that is not read here"):

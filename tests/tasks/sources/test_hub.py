@@ -46,6 +46,6 @@ def test_a_dataset_one_of_its_splits_and_none(dataset: Path, calls: Calls, tmp_p
     assert f"hub:{dataset}:test, row 1: 'instruction' is empty" in said
     assert "records    2" in said
     assert code == 2
-    assert "gives no dataset 'nobody/nothing'" in said
+    assert "the data set 'nobody/nothing' cannot be loaded from the hub" in said
     assert "give a downloaded folder" in said
     assert "Traceback" not in said

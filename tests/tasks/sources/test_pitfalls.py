@@ -12,7 +12,7 @@ from tests.tasks.sources import native
 
 from webgym.tasks.sources import SOURCES, Read, read_source
 from webgym.tasks.sources.base import BAD_WEBSITE, DATED, OUTDATED_ANSWER, PLACEHOLDER_WEBSITE, sites
-from webgym.tasks.sources.dates import names_past
+from webgym.tasks.sources.dates import contains_past_date
 
 TODAY = date(2026, 1, 15)
 
@@ -232,7 +232,7 @@ def test_a_copy_of_a_file_is_counted(tmp_path: Path) -> None:
     ],
 )
 def test_a_date_that_has_passed_is_seen(text: str) -> None:
-    assert names_past(text, TODAY)
+    assert contains_past_date(text, TODAY)
 
 
 @pytest.mark.parametrize(
@@ -263,7 +263,7 @@ def test_a_date_that_has_passed_is_seen(text: str) -> None:
     ],
 )
 def test_no_date_or_none_that_has_passed(text: str) -> None:
-    assert not names_past(text, TODAY)
+    assert not contains_past_date(text, TODAY)
 
 
 @pytest.mark.parametrize("source", native.RECORDS)

@@ -19,7 +19,7 @@ document.addEventListener("click", (event) => {
   }
 });
 
-// "Load more": the next page's results are fetched and put behind these.
+// "Load more": fetches the results of the next page and appends them.
 async function loadMore(button) {
   button.disabled = true;
   button.textContent = "Loading…";
@@ -29,7 +29,7 @@ async function loadMore(button) {
   button.closest("[data-pager]").replaceWith(next.querySelector("[data-pager]") ?? "");
 }
 
-// A dropdown or checkbox with data-submit sends its form when it changes.
+// A dropdown or checkbox with data-submit submits its form when it changes.
 document.addEventListener("change", (event) => {
   if (event.target.matches("[data-submit]")) event.target.form.requestSubmit();
 });

@@ -1,11 +1,11 @@
-// Widgets of the specified families: suggestions while one types, a calendar, a carousel, an endless list, sliders, a chart, a map, frames.
+// Widgets of the large families: search suggestions, calendar, carousel, infinite scroll, sliders, chart, map, frames.
 "use strict";
-let asked = 0;
+let timer = 0;
 document.addEventListener("input", (event) => {
   const field = event.target.closest("[data-suggest]");
   if (!field) return;
-  clearTimeout(asked);
-  asked = setTimeout(async () => {
+  clearTimeout(timer);
+  timer = setTimeout(async () => {
     const box = field.form.querySelector(".suggestions");
     const words = field.value.trim();
     const found = words ? await (await fetch(`${field.dataset.suggest}?${new URLSearchParams({ q: words })}`)).json() : [];
@@ -39,7 +39,7 @@ document.addEventListener("click", (event) => {
   opener.setAttribute("aria-expanded", String(!calendar.hidden));
 });
 
-// An endless list loads more of itself when its end comes into view.
+// An endless list loads more items when its end comes into view.
 if (document.querySelector("[data-endless]")) {
   new MutationObserver(watch).observe(document.querySelector("[data-endless]"), { childList: true, subtree: true });
   watch();
@@ -55,27 +55,27 @@ function watch() {
   }).observe(button);
 }
 
-// A slider tells its value, and Enter sends no form from it.
+// A slider shows its value, and Enter does not submit its form.
 document.addEventListener("input", ({ target }) => {
   if (target.type === "range") target.closest("label").querySelector("output").textContent = target.value;
 });
 document.addEventListener("keydown", (event) => {
   if (event.key === "Enter" && event.target.type === "range") event.preventDefault();
-  if (event.key === "Enter" && event.target.dataset.bar) tell(event.target);
+  if (event.key === "Enter" && event.target.dataset.bar) showValue(event.target);
 });
 
-// A bar of a chart tells its value, a pin on a map what is there.
+// A bar of a chart shows its value when it is clicked, a pin on a map the item at its place.
 document.addEventListener("click", ({ target }) => {
-  if (target.dataset.bar) tell(target);
+  if (target.dataset.bar) showValue(target);
   if (!target.dataset.pin) return;
-  const link = Object.assign(document.createElement("a"), { href: target.dataset.href, textContent: "See more" });
+  const link = Object.assign(document.createElement("a"), { href: target.dataset.href, textContent: "View details" });
   document.querySelector("[data-here]").replaceChildren(`Here: ${target.dataset.pin} `, link);
 });
-function tell(bar) {
+function showValue(bar) {
   bar.closest("[data-chart]").querySelector("[role=status]").textContent = bar.dataset.bar;
 }
 
-// The land under the pins is drawn: a coast, a river and hills that belong to the website.
+// The background of the map: hills, a river and roads, drawn from the hostname.
 for (const canvas of document.querySelectorAll("[data-map] canvas")) {
   let state = [...location.host].reduce((sum, letter) => (sum * 31 + letter.charCodeAt(0)) >>> 0, 7);
   const random = () => (state = (state * 1664525 + 1013904223) >>> 0) / 2 ** 32;
@@ -100,7 +100,7 @@ for (const canvas of document.querySelectorAll("[data-map] canvas")) {
   }
 }
 
-// A frame is as high as what stands in it, once that can be seen.
+// A frame gets the height of its content once it is visible.
 for (const frame of document.querySelectorAll("[data-fit]")) {
   const fit = () => {
     const page = frame.contentDocument?.documentElement;

@@ -1,4 +1,4 @@
-"""How tasks are put together from parts that are drawn until they are well posed."""
+"""Compose tasks from parts; each part is drawn until it is well posed."""
 
 from __future__ import annotations
 
@@ -11,79 +11,79 @@ from webgym.offline.engine.navigation import Site
 from webgym.offline.parts import Assignment, Part
 from webgym.offline.seeds import stream
 
-Ask: TypeAlias = Callable[[Site, random.Random, int], Part | None]
-"""Makes a part with this many facts, or none if this draw does not give a well-posed one."""
+PartMaker: TypeAlias = Callable[[Site, random.Random, int], Part | None]
+"""Makes a part with the given number of facts; ``None`` if this draw gives no well-posed part."""
 
 DRAWS = 60
-"""How often a part is drawn until one is well posed."""
+"""Largest number of draws for one part."""
 SINGLES_PER_SITE = 20
 SHAPES = ((3, 1), (3, 1), (3, 2), (3, 3), (3, 3), (4, 3))
-"""Sizes of the parts of tasks that can be decomposed."""
+"""Number of facts in each part, of the tasks that can be decomposed."""
 LAST_SHAPES = ((3, 2, 1), (5, 3, 1))
 
 
 @dataclass
 class Composer:
-    """Puts tasks of a website together.
+    """Composes the tasks of a website.
 
     Attributes:
         site: the website.
-        single: name of a part, what makes it, and how many facts it may have.
-        large: what makes parts of three facts.
-        small: what makes parts of one or two facts beside a large one.
-        deed: what makes parts of four or five facts.
-        once: kinds of which a task has one part at most: two would change what the other finds.
+        single: tasks of one part: name, maker, and possible numbers of facts.
+        large: kinds and makers of parts with three facts.
+        small: kinds and makers of parts with one or two facts.
+        form_task: kind and maker of parts with four or five facts.
+        once: kinds of which a task has at most one part, because two would change each other's result.
     """
 
     site: Site
-    single: Sequence[tuple[str, Ask, tuple[int, ...]]]
-    large: Sequence[tuple[str, Ask]]
-    small: Sequence[tuple[str, Ask]]
-    deed: tuple[str, Ask]
+    single: Sequence[tuple[str, PartMaker, tuple[int, ...]]]
+    large: Sequence[tuple[str, PartMaker]]
+    small: Sequence[tuple[str, PartMaker]]
+    form_task: tuple[str, PartMaker]
     once: frozenset[str] = frozenset()
 
     def assignments(self) -> Iterator[Assignment]:
-        """Tasks of one part, and tasks of several that can be decomposed."""
-        rng, taken = stream(self.site.seed, "assignments"), set[str]()
-        made = 0
-        for name, ask, sizes in rng.sample(self.single, len(self.single)):
-            part = self._draw(ask, name, rng.choice(sizes), taken)
-            if part is not None and made < SINGLES_PER_SITE:
-                made += 1
+        """Yield tasks of one part, then tasks of several parts, which can be decomposed."""
+        rng, used_asks = stream(self.site.seed, "assignments"), set[str]()
+        count = 0
+        for name, make, sizes in rng.sample(self.single, len(self.single)):
+            part = self._draw(make, name, rng.choice(sizes), used_asks)
+            if part is not None and count < SINGLES_PER_SITE:
+                count += 1
                 yield Assignment(name, (part,))
         for nth, shape in enumerate((*SHAPES, rng.choice(LAST_SHAPES)), start=1):
-            parts = self._compose(rng, f"combined {nth}", shape, taken)
+            parts = self._compose(rng, f"combined {nth}", shape, used_asks)
             if parts is not None:
                 yield Assignment(f"combined-{nth}", parts)
 
-    def _draw(self, ask: Ask, name: str, facts: int, taken: set[str]) -> Part | None:
-        """A well-posed part that was not asked before, if some draw gives one."""
+    def _draw(self, make: PartMaker, name: str, facts: int, used_asks: set[str]) -> Part | None:
+        """Draw a well-posed part whose clause is not in ``used_asks``; ``None`` if no draw gives one."""
         rng = stream(self.site.seed, "part", name, facts)
         for _ in range(DRAWS):
-            part = ask(self.site, rng, facts)
-            if part is not None and part.ask not in taken:
-                taken.add(part.ask)
+            part = make(self.site, rng, facts)
+            if part is not None and part.ask not in used_asks:
+                used_asks.add(part.ask)
                 return part
         return None
 
     def _compose(
-        self, rng: random.Random, name: str, shape: Sequence[int], taken: set[str]
+        self, rng: random.Random, name: str, shape: Sequence[int], used_asks: set[str]
     ) -> tuple[Part, ...] | None:
         large = rng.sample(self.large, len(self.large))
         small = rng.sample(self.small, len(self.small))
         parts: list[Part] = []
-        used, stated = set[str](), set[str]()
+        used_kinds, fact_texts = set[str](), set[str]()
         for size in shape:
-            candidates = [self.deed] if size > 3 else large if size == 3 else small
+            candidates = [self.form_task] if size > 3 else large if size == 3 else small
             while candidates:
-                kind, ask = candidates.pop()
-                if kind in used & self.once:
+                kind, make = candidates.pop()
+                if kind in used_kinds & self.once:
                     continue
-                part = self._draw(ask, f"{name} {kind}", size, taken)
-                if part is not None and stated.isdisjoint(fact.text for fact in part.facts):
+                part = self._draw(make, f"{name} {kind}", size, used_asks)
+                if part is not None and fact_texts.isdisjoint(fact.text for fact in part.facts):
                     parts.append(part)
-                    used.add(kind)
-                    stated |= {fact.text for fact in part.facts}
+                    used_kinds.add(kind)
+                    fact_texts |= {fact.text for fact in part.facts}
                     break
             else:
                 return None

@@ -1,6 +1,6 @@
-"""Tasks on two websites: what one says is compared with what the other says, or entered there.
+"""Tasks on two websites: compare an item of each, or enter a value of the first in a form of the second.
 
-The instruction names the second website's address; nothing leads there but the address.
+The instruction gives the address of the second website; no page links to it.
 """
 
 from __future__ import annotations
@@ -12,27 +12,28 @@ from dataclasses import dataclass
 
 from webgym.core.truth import Evidence, Home, Move, See
 from webgym.offline.engine.composer import DRAWS
-from webgym.offline.engine.form_tasks import entry, filled
-from webgym.offline.engine.lookup_tasks import Subject, comparison, gap, ranked
-from webgym.offline.engine.navigation import Site, go
+from webgym.offline.engine.form_tasks import draw_value, fill_form
+from webgym.offline.engine.lookup_tasks import Subject, comparison, numeric_difference, ranked
+from webgym.offline.engine.navigation import Site, go_to_item
 from webgym.offline.engine.spelling import first_up
 from webgym.offline.parts import Assignment, Fact, Part, exactly
 from webgym.offline.seeds import stream
 
-_KINDS = ("day", "time", "person")
-"""What can be carried: instructions say ``"for that day"``."""
+_CARRIED_KINDS = ("day", "time", "person")
+"""Kinds of values that a task takes from one website to a form of the other: ``"for that day"``."""
 
 _TAKES_NOUN = re.compile(r"\b(at|by|for|of|on|with) \{value\}")
-"""A phrase of a form in which ``"that day"`` can stand: not ``"for the patient {value}"``."""
+"""Matches a form's phrase in which ``"that day"`` can replace the value; not ``"for the patient
+{value}"``."""
 
 
-def assignments(one: Site, twin: Site | None, others: Sequence[Site]) -> Iterator[tuple[Site, Assignment]]:
-    """Tasks that begin on a website and go on on another.
+def assignments(first: Site, twin: Site | None, others: Sequence[Site]) -> Iterator[tuple[Site, Assignment]]:
+    """The tasks that start on a website and continue on another.
 
     Args:
-        one: where they begin.
-        twin: another website of its family, to compare with, if there is one.
-        others: websites of other families, with forms to fill in.
+        first: the website on which they start.
+        twin: another website of its family to compare with, if there is one.
+        others: websites of other families, whose forms are filled in.
 
     Yields:
         The second website, and the task.
@@ -41,58 +42,63 @@ def assignments(one: Site, twin: Site | None, others: Sequence[Site]) -> Iterato
         *([("compare", twin, compare), ("difference", twin, difference)] if twin else []),
         *((f"carry-{nth}", other, carry) for nth, other in enumerate(others, start=1)),
     ]
-    for name, two, ask in kinds:
-        rng = stream(one.seed, "cross-site", name, two.seed)
-        drawn = (ask(one, two, rng) for _ in range(DRAWS))
+    for name, second, ask in kinds:
+        rng = stream(first.seed, "cross-site", name, second.seed)
+        drawn = (ask(first, second, rng) for _ in range(DRAWS))
         part = next((part for part in drawn if part is not None), None)
         if part is not None:
-            yield two, Assignment(name, (part,))
+            yield second, Assignment(name, (part,))
 
 
-def _shared(one: Site, two: Site, fields: Sequence[str]) -> list[str]:
-    """Those of a website's fields that another has, in the same words and units."""
-    has_same_money = one.currency == two.currency
+def _shared(first: Site, second: Site, fields: Sequence[str]) -> list[str]:
+    """Those of ``fields`` that both websites have, with the same noun and units."""
+    has_same_money = first.currency == second.currency
     return [
-        of
-        for of in fields
-        if of in two.items.labels
-        and one.items.fields[of].noun == two.items.fields[of].noun
-        and one.items.fields[of].units == two.items.fields[of].units
-        and (has_same_money or one.items.fields[of].kind != "money")
+        field
+        for field in fields
+        if field in second.items.labels
+        and first.items.fields[field].noun == second.items.fields[field].noun
+        and first.items.fields[field].units == second.items.fields[field].units
+        and (has_same_money or first.items.fields[field].kind != "money")
     ]
 
 
-def _subjects(one: Site, two: Site, rng: random.Random) -> tuple[Subject, Subject] | None:
-    """An item of each, neither of which is called as the other is."""
-    first, second = (Subject(site, rng.choice(site.items.records), is_elsewhere=True) for site in (one, two))
-    names = [each.record.name.casefold() for each in (first, second)]
-    return None if names[0] in names[1] or names[1] in names[0] else (first, second)
+def _subjects(first: Site, second: Site, rng: random.Random) -> tuple[Subject, Subject] | None:
+    """An item of each website; ``None`` if the name of one contains the name of the other."""
+    subjects = [Subject(site, rng.choice(site.items.records), names_website=True) for site in (first, second)]
+    names = [subject.record.name.casefold() for subject in subjects]
+    return None if names[0] in names[1] or names[1] in names[0] else (subjects[0], subjects[1])
 
 
-def compare(one: Site, two: Site, rng: random.Random) -> Part | None:
-    """Which of two items, one on each website, has more or less of something."""
-    fields = _shared(one, two, [of for of in one.items.labels if one.items.fields[of].least])
-    found = _subjects(one, two, rng)
-    if not fields or found is None:
+def compare(first: Site, second: Site, rng: random.Random) -> Part | None:
+    """Compare a field of two items, one on each website."""
+    fields = _shared(
+        first, second, [field for field in first.items.labels if first.items.fields[field].least]
+    )
+    subjects = _subjects(first, second, rng)
+    if not fields or subjects is None:
         return None
-    return comparison(*found, rng.choice(fields), is_most=rng.random() < 0.5)
+    return comparison(*subjects, rng.choice(fields), is_most=rng.random() < 0.5)
 
 
-def difference(one: Site, two: Site, rng: random.Random) -> Part | None:
-    """By how much two items, one on each website, differ in something."""
-    fields, found = _shared(one, two, ranked(one, "money", "number", "minutes")), _subjects(one, two, rng)
-    return gap(*found, rng.choice(fields)) if fields and found is not None else None
+def difference(first: Site, second: Site, rng: random.Random) -> Part | None:
+    """Report a field of two items, one on each website, and the difference."""
+    fields, subjects = (
+        _shared(first, second, ranked(first, "money", "number", "minutes")),
+        _subjects(first, second, rng),
+    )
+    return numeric_difference(*subjects, rng.choice(fields)) if fields and subjects is not None else None
 
 
 @dataclass(frozen=True)
-class _Found:
-    """What one website says and the other asks for.
+class _Finding:
+    """A value of one website that is entered in a form of another.
 
     Attributes:
-        kind: of the input that takes it.
-        value: as it is entered.
-        noun: what it is to its item: ``"next interest day"``.
-        fact, moves: of finding it.
+        kind: kind of the input that takes it.
+        value: its text as it is entered.
+        noun: the noun of its field: ``"next interest day"``.
+        fact, moves: the fact that it was found, and the moves that find it.
     """
 
     kind: str
@@ -102,51 +108,55 @@ class _Found:
     moves: tuple[Move, ...]
 
 
-def carry(one: Site, two: Site, rng: random.Random) -> Part | None:
-    """A form of one website, filled in with what the other says."""
-    subject = Subject(one, rng.choice(one.items.records), is_elsewhere=True)
-    found = rng.choice([*_dates(subject), *_people(subject), None])
-    name = rng.choice(sorted(two.spec.forms))
-    form = two.spec.forms[name]
-    if found is None:
+def carry(first: Site, second: Site, rng: random.Random) -> Part | None:
+    """Fill in a form of the second website with a value of the first."""
+    subject = Subject(first, rng.choice(first.items.records), names_website=True)
+    finding = rng.choice([*_dates(subject), *_people(subject), None])
+    name = rng.choice(sorted(second.spec.forms))
+    form = second.spec.forms[name]
+    if finding is None:
         return None
     fitting = [
-        of for of, given in form.inputs.items() if given.kind == found.kind and _TAKES_NOUN.search(given.said)
+        input_name
+        for input_name, spec in form.inputs.items()
+        if spec.kind == finding.kind and _TAKES_NOUN.search(spec.said)
     ]
     if not fitting:
         return None
-    of = rng.choice(fitting)
-    choices = two.choices(form.inputs[of])
-    if choices and found.value not in choices:
+    input_name = rng.choice(fitting)
+    choices = second.choices(form.inputs[input_name])
+    if choices and finding.value not in choices:
         return None
-    values = {each: entry(two, given, rng) for each, given in form.inputs.items()} | {of: found.value}
-    called = values | {of: f"that {found.kind}"}
-    sent = filled(two, name, rng.choice(two.items.records), values, called)
-    whose = f"the {found.noun} of {subject.called}"
+    values = {key: draw_value(second, spec, rng) for key, spec in form.inputs.items()} | {
+        input_name: finding.value
+    }
+    wording = values | {input_name: f"that {finding.kind}"}
+    form_task = fill_form(second, name, rng.choice(second.items.records), values, wording)
+    phrase = f"the {finding.noun} of {subject.full_name}"
     return Part(
-        f"find out {whose}; then, on {two.brand}, {sent.ask}",
-        f"{first_up(sent.what)}, with {whose}",
-        (found.fact, *sent.facts),
-        (*found.moves, Home(two.start), *sent.moves),
+        f"find out {phrase}; then, on {second.brand}, {form_task.ask}",
+        f"{first_up(form_task.what)}, with {phrase}",
+        (finding.fact, *form_task.facts),
+        (*finding.moves, Home(second.start), *form_task.moves),
     )
 
 
-def _dates(subject: Subject) -> Iterator[_Found]:
+def _dates(subject: Subject) -> Iterator[_Finding]:
     items = subject.site.items
-    for of in items.labels:
-        kind = items.fields[of].kind
-        if kind in _KINDS:
-            value, noun = subject.record.fields[of].text, items.fields[of].noun
-            yield _Found(kind, value, noun, subject.fact(of, asked=False), subject.moves(of))
+    for field in items.labels:
+        kind = items.fields[field].kind
+        if kind in _CARRIED_KINDS:
+            value, noun = subject.record.fields[field].text, items.fields[field].noun
+            yield _Finding(kind, value, noun, subject.fact(field, in_answer=False), subject.moves(field))
 
 
-def _people(subject: Subject) -> Iterator[_Found]:
-    """Whom the item leads to: its author, its agent."""
+def _people(subject: Subject) -> Iterator[_Finding]:
+    """The people that the item links to, such as its author or agent."""
     site, record = subject.site, subject.record
-    for group, person in site.owners(record):
+    for group, person in site.related_records(record):
         if site.spec.groups[group].naming.kind != "person":
             continue
-        noun, view = site.spec.groups[group].noun, (site.owner_label(group), person.name)
+        noun, view = site.spec.groups[group].noun, (site.relation_label(group), person.name)
         evidence = Evidence(view, exactly(site.href(record)), site.host)
-        fact = Fact(f"The {noun} of {subject.called} is found", (evidence,))
-        yield _Found("person", person.name, noun, fact, (*go(site, record), See(view)))
+        fact = Fact(f"The {noun} of {subject.full_name} is found", (evidence,))
+        yield _Finding("person", person.name, noun, fact, (*go_to_item(site, record), See(view)))

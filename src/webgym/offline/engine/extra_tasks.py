@@ -1,6 +1,7 @@
-"""What is asked about all that a specified website has beside its items.
+"""Tasks on what only some specified websites have: groups, rows, a cart, an account, files, a chart, a map.
 
-Every function makes a part with so many facts, or none if the draw does not give a well-posed one.
+Every function takes the website, a random generator and a number of facts, and returns a part with that many
+facts, or ``None`` if the draw gives no well-posed part.
 """
 
 from __future__ import annotations
@@ -10,162 +11,206 @@ from collections.abc import Sequence
 
 from webgym.core.truth import Choose, Click, Fill, Move, See, StateCheck
 from webgym.offline.engine.extras import Pin
-from webgym.offline.engine.navigation import Site, chart_moves, fact, go, look, unfold
+from webgym.offline.engine.navigation import (
+    Site,
+    field_fact,
+    go_to_item,
+    read_bar,
+    unfold,
+    view_fields,
+)
+from webgym.offline.engine.records import Sheet
+from webgym.offline.engine.spec import RowsSpec
 from webgym.offline.engine.spelling import count as counted
 from webgym.offline.engine.spelling import listed
 from webgym.offline.engine.table import Record
 from webgym.offline.parts import Fact, Part, exactly, shown
 
+_Rows = tuple[str, Record, RowsSpec, Sheet]
+"""Rows of an item: their kind, the item, their specification, and the rows themselves."""
 
-def member(site: Site, rng: random.Random, size: int) -> Part | None:
-    """Some fields of a record of a group."""
+
+def _see_fields(sheet: Sheet, record: Record, fields: Sequence[str]) -> tuple[See, ...]:
+    return tuple(See((sheet.labels[field], record.fields[field].text)) for field in fields)
+
+
+# --- groups ----------------------------------------------------------------------------------------------
+
+
+def group_record(site: Site, rng: random.Random, size: int) -> Part | None:
+    """Look up fields of a record of a group."""
     group = rng.choice(list(site.groups))
     spec, sheet = site.spec.groups[group], site.groups[group]
     if size > min(3, len(sheet.labels)):
         return None
-    record, fields = rng.choice(sheet.records), sheet.some(rng, size)
-    place = exactly(site.group_href(group, record))
+    record, fields = rng.choice(sheet.records), sheet.draw_fields(rng, size)
+    address = site.group_href(group, record)
     return Part(
         f"look up {sheet.nouns(fields)} of the {spec.singular} {record.name}",
         f"{record.name}: {sheet.nouns(fields)}",
-        tuple(sheet.fact(record, of, place) for of in fields),
-        (
-            Click(path=site.directory(group)),
-            Click(path=site.group_href(group, record)),
-            *(See((sheet.labels[of], record.fields[of].text)) for of in fields),
-        ),
-        f"For {record.name}, {sheet.told(record, fields)}.",
+        tuple(sheet.fact(record, field, exactly(address)) for field in fields),
+        (Click(path=site.directory(group)), Click(path=address), *_see_fields(sheet, record, fields)),
+        f"For {record.name}, {sheet.values_text(record, fields)}.",
     )
 
 
-def owner(site: Site, rng: random.Random, size: int) -> Part | None:
-    """What an item leads to, and some of its fields."""
-    group = rng.choice([name for name, each in site.spec.groups.items() if each.noun])
+def related_record(site: Site, rng: random.Random, size: int) -> Part | None:
+    """Find the record of a group that an item links to, and look up fields of it."""
+    group = rng.choice([name for name, spec in site.spec.groups.items() if spec.noun])
     sheet, noun = site.groups[group], site.spec.groups[group].noun
     if size not in (2, 3) or size - 1 > len(sheet.labels):
         return None
-    record, fields = rng.choice(site.items.records), sheet.some(rng, size - 1)
-    found = site.owner(group, record)
-    place = exactly(site.group_href(group, found))
+    record, fields = rng.choice(site.items.records), sheet.draw_fields(rng, size - 1)
+    related = site.related(group, record)
+    address = site.group_href(group, related)
+    view = (site.relation_label(group), related.name)
     named = Fact(
         f"The {noun} of {record.name} is found",
-        (shown(exactly(site.href(record)), site.owner_label(group), found.name),),
-        answer=(found.name,),
-        wrong=tuple(each.name for each in sheet.records if each != found)[:4],
+        (shown(exactly(site.href(record)), *view),),
+        answer=(related.name,),
+        wrong=tuple(other.name for other in sheet.records if other != related)[:4],
     )
     return Part(
         f"find out the {noun} of {record.name}, and look up {sheet.nouns(fields)} of that {noun}",
         f"{noun} of {record.name}",
-        (named, *(sheet.fact(found, of, place, about=f"that {noun}") for of in fields)),
         (
-            *go(site, record),
-            See((site.owner_label(group), found.name)),
-            Click(path=site.group_href(group, found)),
-            *(See((sheet.labels[of], found.fields[of].text)) for of in fields),
+            named,
+            *(sheet.fact(related, field, exactly(address), about=f"that {noun}") for field in fields),
         ),
-        f"It is {found.name}: {sheet.told(found, fields)}.",
+        (
+            *go_to_item(site, record),
+            See(view),
+            Click(path=address),
+            *_see_fields(sheet, related, fields),
+        ),
+        f"It is {related.name}: {sheet.values_text(related, fields)}.",
     )
 
 
-def _to_rows(site: Site, record: Record, kind: str, texts: Sequence[str]) -> tuple[Move, ...]:
+# --- rows ------------------------------------------------------------------------------------------------
+
+
+def _draw_rows(site: Site, rng: random.Random) -> _Rows:
+    kind, item = rng.choice(list(site.spec.rows)), rng.choice(site.items.records)
+    return kind, item, site.spec.rows[kind], site.rows(kind, item)
+
+
+def _go_to_rows(site: Site, item: Record, kind: str, texts: Sequence[str]) -> tuple[Move, ...]:
     is_first = not site.sections() and kind == next(iter(site.spec.rows))
-    return (*go(site, record), *unfold(site, site.rows_label(kind), is_first=is_first), See(tuple(texts)))
+    return (
+        *go_to_item(site, item),
+        *unfold(site, site.rows_label(kind), is_first=is_first),
+        See(tuple(texts)),
+    )
 
 
-def line(site: Site, rng: random.Random, size: int) -> Part | None:
-    """Fields of one of the lines that belong to an item."""
-    kind, record = rng.choice(list(site.spec.rows)), rng.choice(site.items.records)
-    spec, sheet = site.spec.rows[kind], site.rows(kind, record)
+def row(site: Site, rng: random.Random, size: int) -> Part | None:
+    """Look up fields of one row of an item."""
+    kind, item, spec, sheet = _draw_rows(site, rng)
     if size > min(2, len(sheet.labels)):
         return None
-    row, fields = rng.choice(sheet.records), sheet.some(rng, size)
-    values = [row.fields[of].text for of in fields]
+    record, fields = rng.choice(sheet.records), sheet.draw_fields(rng, size)
+    values = [record.fields[field].text for field in fields]
     return Part(
-        spec.look_up.format(item=record.name, name=row.name, fields=sheet.nouns(fields)),
-        f"{spec.plural} of {record.name}: {row.name}",
-        tuple(sheet.fact(row, of, exactly(site.href(record)), row.name) for of in fields),
-        _to_rows(site, record, kind, (row.name, *values)),
-        f"For {row.name}, {sheet.told(row, fields)}.",
+        spec.look_up.format(item=item.name, name=record.name, fields=sheet.nouns(fields)),
+        f"{spec.plural} of {item.name}: {record.name}",
+        tuple(sheet.fact(record, field, exactly(site.href(item)), record.name) for field in fields),
+        _go_to_rows(site, item, kind, (record.name, *values)),
+        f"For {record.name}, {sheet.values_text(record, fields)}.",
     )
 
 
-def which(site: Site, rng: random.Random, size: int) -> Part | None:
-    """Which line has the most or the least of something."""
-    kind, record = rng.choice(list(site.spec.rows)), rng.choice(site.items.records)
-    spec, sheet = site.spec.rows[kind], site.rows(kind, record)
-    fields = [of for of, each in sheet.fields.items() if each.least]
+def _over_all_rows(
+    site: Site,
+    rows: _Rows,
+    ask: str,
+    description: str,
+    text: str,
+    answer: Sequence[str],
+    wrong: Sequence[str] = (),
+) -> Part:
+    """A part of one fact that requires seeing all rows of an item; ``answer`` lists its spellings."""
+    kind, item, _, sheet = rows
+    names = [record.name for record in sheet.records]
+    evidence = shown(exactly(site.href(item)), *names)
+    return Part(
+        ask,
+        description,
+        (Fact(text, (evidence,), answer=tuple(answer), wrong=tuple(wrong)),),
+        _go_to_rows(site, item, kind, names),
+        f"It is {answer[0]}.",
+    )
+
+
+def extreme_row(site: Site, rng: random.Random, size: int) -> Part | None:
+    """Find the row of an item with the highest or the lowest value of a field."""
+    rows = _draw_rows(site, rng)
+    _, item, spec, sheet = rows
+    fields = [name for name, field in sheet.fields.items() if field.least]
     if size != 1 or not fields or not spec.which:
         return None
-    of, is_most = rng.choice(fields), rng.random() < 0.5
-    best, second = sorted(sheet.records, key=lambda each: each.rank(of), reverse=is_most)[:2]
-    if best.rank(of) == second.rank(of):
+    field, is_most = rng.choice(fields), rng.random() < 0.5
+    best, second = sorted(sheet.records, key=lambda record: record.rank(field), reverse=is_most)[:2]
+    if best.rank(field) == second.rank(field):
         return None
-    word = sheet.fields[of].most if is_most else sheet.fields[of].least
-    order = f"with the {word} {sheet.fields[of].noun}"
-    everyone = [row.name for row in sheet.records]
-    return Part(
-        spec.which.format(item=record.name, order=order),
-        f"{spec.plural} of {record.name}: the one {order}",
-        (
-            Fact(
-                f"Of the {spec.plural} of {record.name}, the one {order} is found",
-                (shown(exactly(site.href(record)), *everyone),),
-                answer=(best.name,),
-                wrong=tuple(name for name in everyone if name != best.name),
-            ),
-        ),
-        _to_rows(site, record, kind, everyone),
-        f"It is {best.name}.",
+    word = sheet.fields[field].most if is_most else sheet.fields[field].least
+    order = f"with the {word} {sheet.fields[field].noun}"
+    return _over_all_rows(
+        site,
+        rows,
+        spec.which.format(item=item.name, order=order),
+        f"{spec.plural} of {item.name}: the one {order}",
+        f"Of the {spec.plural} of {item.name}, the one {order} is found",
+        answer=(best.name,),
+        wrong=[record.name for record in sheet.records if record.name != best.name],
     )
 
 
-def tally(site: Site, rng: random.Random, size: int) -> Part | None:
-    """How many of the lines say something."""
-    kind, record = rng.choice(list(site.spec.rows)), rng.choice(site.items.records)
-    spec, sheet = site.spec.rows[kind], site.rows(kind, record)
-    fields = [of for of, each in sheet.fields.items() if each.having]
+def count_rows(site: Site, rng: random.Random, size: int) -> Part | None:
+    """Count the rows of an item with one value of a field."""
+    rows = _draw_rows(site, rng)
+    _, item, spec, sheet = rows
+    fields = [name for name, field in sheet.fields.items() if field.having]
     if size != 1 or not fields or not spec.tally:
         return None
-    of = rng.choice(fields)
-    value = rng.choice(sheet.options[of])
-    total = sum(row.fields[of].text == value for row in sheet.records)
-    having, everyone = sheet.fields[of].having.format(value=value), [row.name for row in sheet.records]
-    return Part(
-        spec.tally.format(item=record.name, having=having),
-        f"{spec.plural} of {record.name} that {having}",
-        (
-            Fact(
-                f"The number of {spec.plural} of {record.name} that {having} is found",
-                (shown(exactly(site.href(record)), *everyone),),
-                answer=counted(total, *spec.plural.split()[-1:]),
-            ),
-        ),
-        _to_rows(site, record, kind, everyone),
-        f"It is {total}.",
+    field = rng.choice(fields)
+    value = rng.choice(sheet.options[field])
+    total = sum(record.fields[field].text == value for record in sheet.records)
+    having = sheet.fields[field].having.format(value=value)
+    return _over_all_rows(
+        site,
+        rows,
+        spec.tally.format(item=item.name, having=having),
+        f"{spec.plural} of {item.name} that {having}",
+        f"The number of {spec.plural} of {item.name} that {having} is found",
+        answer=counted(total, *spec.plural.split()[-1:]),
     )
 
 
-def put(site: Site, rng: random.Random, size: int) -> Part | None:
-    """Some items in the cart, and what they cost together."""
+# --- cart, account, files ---------------------------------------------------------------------------------
+
+
+def fill_cart(site: Site, rng: random.Random, size: int) -> Part | None:
+    """Add items to the cart, and say the total."""
     if size not in (2, 3):
         return None
     chosen = {record.name: (record, rng.randint(1, 4)) for record in rng.sample(site.items.records, size - 1)}
-    held = StateCheck(("cart",), {name: count for name, (_, count) in chosen.items()})
+    whole_cart = StateCheck(("cart",), {name: count for name, (_, count) in chosen.items()})
     place, total = exactly(site.path("/~cart")), sum(site.price(record) * n for record, n in chosen.values())
     facts, moves = list[Fact](), list[Move]()
     for name, (record, n) in chosen.items():
         view = (name, f"{n} × {site.money(site.price(record))}")
-        state = (StateCheck(("cart", name), n), *(() if facts else (held,)))
+        state = (StateCheck(("cart", name), n), *(() if facts else (whole_cart,)))
         facts.append(Fact(f"{n} of {name} are in the cart", (shown(place, *view),), state))
-        moves += [*go(site, record), *((Choose(site.says["quantity"], str(n)),) if n > 1 else ())]
+        moves += [*go_to_item(site, record), *((Choose(site.says["quantity"], str(n)),) if n > 1 else ())]
         moves += [Click(name=site.says["add"], role="button"), See(view)]
     view = (site.says["total"], site.money(total))
     answer = (site.money(total), f"{total:,}", str(total))
     facts.append(Fact("What the cart comes to is given", (shown(place, *view),), answer=answer))
-    said = listed([f"{n} of {name}" for name, (_, n) in chosen.items()])
+    contents = listed([f"{n} of {name}" for name, (_, n) in chosen.items()])
     return Part(
-        f"put {said} in the cart, and say what it comes to then",
-        f"Cart: {said}",
+        f"put {contents} in the cart, and say what it comes to then",
+        f"Cart: {contents}",
         tuple(facts),
         (*moves, See(view)),
         f"It comes to {site.money(total)}.",
@@ -173,11 +218,11 @@ def put(site: Site, rng: random.Random, size: int) -> Part | None:
 
 
 def account(site: Site, rng: random.Random, size: int) -> Part | None:
-    """What a page behind the sign-in tells."""
-    sheet = site.member
+    """Sign in, and look up fields of the account page."""
+    sheet = site.account_sheet
     if size not in (2, 3) or size - 1 > len(sheet.labels):
         return None
-    fields, (record,) = sheet.some(rng, size - 1), sheet.records
+    fields, (record,) = sheet.draw_fields(rng, size - 1), sheet.records
     place = exactly(site.path("/~account"))
     return Part(
         f'sign in as "{site.user}" with the password "{site.password}", '
@@ -189,39 +234,39 @@ def account(site: Site, rng: random.Random, size: int) -> Part | None:
                 (shown(place, site.account_label(), f"Hello, {site.user}"),),
                 (StateCheck(("signed in",), site.user),),
             ),
-            *(sheet.fact(record, of, place, about="the account") for of in fields),
+            *(sheet.fact(record, field, place, about="the account") for field in fields),
         ),
         (
             Click(path=site.path("/~account")),
             Fill(site.says["user"], site.user),
             Fill(site.says["password"], site.password),
             Click(name=site.says["enter"], role="button"),
-            *(See((sheet.labels[of], record.fields[of].text)) for of in fields),
+            *_see_fields(sheet, record, fields),
         ),
-        f"In the account, {sheet.told(record, fields)}.",
+        f"In the account, {sheet.values_text(record, fields)}.",
     )
 
 
-def files(site: Site, rng: random.Random, size: int) -> Part | None:
-    """Some files in another folder."""
+def move_files(site: Site, rng: random.Random, size: int) -> Part | None:
+    """Move files into another folder."""
     spec = site.spec.files
     if size > 3 or spec is None:
         return None
     folder = rng.choice(spec.folders)
-    elsewhere = [name for name, kept in site.files.items() if kept != folder]
+    elsewhere = [name for name, current in site.files.items() if current != folder]
     if len(elsewhere) < size:
         return None
     chosen = rng.sample(elsewhere, size)
-    place, held = exactly(site.path("/~files")), StateCheck(("files",), dict.fromkeys(chosen, folder))
-    said = listed([f'"{name}"' for name in chosen])
+    place, all_moved = exactly(site.path("/~files")), StateCheck(("files",), dict.fromkeys(chosen, folder))
+    file_names = listed([f'"{name}"' for name in chosen])
     return Part(
-        f'move the {"file" if size == 1 else "files"} {said} into the folder "{folder}"',
-        f"Files: {said}",
+        f'move the {"file" if size == 1 else "files"} {file_names} into the folder "{folder}"',
+        f"Files: {file_names}",
         tuple(
             Fact(
                 f'"{name}" is in the folder "{folder}"',
                 (shown(place, name, folder),),
-                (StateCheck(("files", name), folder), *(() if nth else (held,))),
+                (StateCheck(("files", name), folder), *(() if nth else (all_moved,))),
             )
             for nth, name in enumerate(chosen)
         ),
@@ -235,8 +280,11 @@ def files(site: Site, rng: random.Random, size: int) -> Part | None:
     )
 
 
-def bar(site: Site, rng: random.Random, size: int) -> Part | None:
-    """What one bar of a chart tells, or which bar tells the most or the least."""
+# --- chart and map ----------------------------------------------------------------------------------------
+
+
+def chart_bar(site: Site, rng: random.Random, size: int) -> Part | None:
+    """Read the value of one bar of an item's chart, or find the month with the highest or lowest bar."""
     chart = site.spec.chart
     if size != 1 or chart is None:
         return None
@@ -245,14 +293,14 @@ def bar(site: Site, rng: random.Random, size: int) -> Part | None:
     is_most = rng.choice((True, False, None))
     if is_most is None:
         month = rng.choice(list(values))
-        what = f"The {noun} of {record.name} in {month} is read from the chart"
+        text = f"The {noun} of {record.name} in {month} is read from the chart"
         ask = f"read the {noun} of {record.name} in {month} from the chart"
         wrong: tuple[str, ...] = ()
         answer, says = values[month].options, f"It is {values[month].text}."
     else:
-        ranked = sorted(values, key=lambda each: values[each].rank or 0, reverse=is_most)
+        ranked = sorted(values, key=lambda name: values[name].rank or 0, reverse=is_most)
         month, word = ranked[0], chart.field.most if is_most else chart.field.least
-        what = f"The month with the {word} {noun} of {record.name} is found in the chart"
+        text = f"The month with the {word} {noun} of {record.name} is found in the chart"
         ask = (
             f"find the month with the {word} {noun} in the chart of {record.name}, click its bar, and name it"
         )
@@ -261,48 +309,48 @@ def bar(site: Site, rng: random.Random, size: int) -> Part | None:
     return Part(
         ask,
         f"Chart of {record.name}: {noun}",
-        (Fact(what, (view,), (), answer, wrong),),
-        (*go(site, record), *chart_moves(site, record, month)),
+        (Fact(text, (view,), (), answer, wrong),),
+        (*go_to_item(site, record), *read_bar(site, record, month)),
         says,
     )
 
 
 _SIDES = ("north", "south", "west", "east")
-_CLEARLY = 6
-"""Percent of the map by which a pin is farther than the next."""
+_LEAST_MARGIN = 6
+"""Least distance of the farthest pin from the second, in percent of the map."""
 
 
-def pin(site: Site, rng: random.Random, size: int) -> Part | None:
-    """The item farthest to one side of the map, and more about it."""
+def extreme_pin(site: Site, rng: random.Random, size: int) -> Part | None:
+    """Find the item whose pin is farthest to one side of the map, and look up fields of it."""
     side = rng.choice(_SIDES)
 
-    def far(each: Pin) -> int:
-        place = each.top if side in ("north", "south") else each.left
-        return place if side in ("south", "east") else -place
+    def distance(pin: Pin) -> int:
+        coordinate = pin.top if side in ("north", "south") else pin.left
+        return coordinate if side in ("south", "east") else -coordinate
 
-    best, second = sorted(site.pins, key=far, reverse=True)[:2]
-    if size > 3 or far(best) - far(second) < _CLEARLY:
+    best, second = sorted(site.pins, key=distance, reverse=True)[:2]
+    if size > 3 or distance(best) - distance(second) < _LEAST_MARGIN:
         return None
     record, place = best.record, exactly(site.path("/~map"))
-    fields = site.items.some(rng, size - 1)
-    also = f", and give the name and {site.items.nouns(fields)}" if fields else ", and give its name"
-    told = f": {site.items.told(record, fields)}" if fields else ""
+    fields = site.items.draw_fields(rng, size - 1)
+    request = f", and give the name and {site.items.nouns(fields)}" if fields else ", and give its name"
+    values = f": {site.items.values_text(record, fields)}" if fields else ""
     singular = site.spec.singular
-    found = Fact(
+    named = Fact(
         f"The {singular} farthest {side} on the map is found",
         (shown(place, f"Here: {record.name}"),),
         answer=(record.name,),
-        wrong=tuple(each.record.name for each in site.pins if each != best),
+        wrong=tuple(pin.record.name for pin in site.pins if pin != best),
     )
     return Part(
-        f"find the {singular} whose pin is farthest {side} on the map{also}",
+        f"find the {singular} whose pin is farthest {side} on the map{request}",
         f"Map: farthest {side}",
-        (found, *(fact(site, record, of, about=f"that {singular}") for of in fields)),
+        (named, *(field_fact(site, record, field, about=f"that {singular}") for field in fields)),
         (
             Click(path=site.path("/~map")),
             Click(name=f"Pin {site.pins.index(best) + 1}", role="button"),
             See((f"Here: {record.name}",)),
-            *((Click(path=site.href(record)), *look(site, record, fields)) if fields else ()),
+            *((Click(path=site.href(record)), *view_fields(site, record, fields)) if fields else ()),
         ),
-        f"It is {record.name}{told}.",
+        f"It is {record.name}{values}.",
     )

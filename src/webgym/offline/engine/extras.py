@@ -1,6 +1,6 @@
-"""What some specified websites have beside items: groups, what people left, a cart, an account, files, a map.
+"""Optional features of specified websites: groups, rows, a cart, an account, files, charts and a map.
 
-Every website has the pages; those without such a thing answer that there is no such page.
+Every website has the routes; a website without the feature answers with 404.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from webgym.offline import names
-from webgym.offline.engine.records import Sheet, named, sheet, written
+from webgym.offline.engine.records import Sheet, draw_names, draw_sheet, numeric_value
 from webgym.offline.engine.spec import Spec
 from webgym.offline.engine.table import Record, Value
 from webgym.offline.seeds import number, pick, stream
@@ -20,13 +20,13 @@ from webgym.offline.website import Response, State, Visit, Website, page, redire
 
 MOST_PIECES = 6
 MONTHS = tuple(f"{date(2025 + month // 12, month % 12 + 1, 1):%b %Y}" for month in range(8, 16))
-"""Of charts: the eight before the day that it is on the offline web."""
+"""Months of charts: the eight before today's date of the offline web."""
 PINS = 12
-"""Items on a map."""
+"""Number of items on a map."""
 
 
 class Pin(NamedTuple):
-    """An item on a map, so many percent from its left and from its top."""
+    """An item on a map; ``left`` and ``top`` are distances from the map's edges, in percent of its size."""
 
     record: Record
     left: int
@@ -35,13 +35,13 @@ class Pin(NamedTuple):
 
 @dataclass
 class Extras(Website):
-    """Their pages, and what the server holds of them.
+    """Pages, records and server state of the optional features.
 
     Attributes:
-        spec: of its sector.
-        currency: sign before money.
-        items: its items, in the order of the unfiltered list.
-        groups: its other records, by group.
+        spec: the specification, with the changes of the website's sector.
+        currency: sign before amounts of money.
+        items: the items, in the order of the unfiltered list.
+        groups: the records of each group.
     """
 
     spec: Spec = field(init=False)
@@ -54,19 +54,20 @@ class Extras(Website):
         return self.path("/~one/{key}", key=slug(record.name))
 
     def extras_report(self, state: State) -> dict[str, Any]:
-        """What is in the cart, by item; who is signed in."""
-        held: dict[str, Any] = {}
+        """The state of the optional features: number of each item in the cart, moved files, signed-in
+        user."""
+        report: dict[str, Any] = {}
         if self.spec.cart:
-            held["cart"] = {self.by_key[key].name: count for key, count in state.get("cart", {}).items()}
+            report["cart"] = {self.by_key[key].name: count for key, count in state.get("cart", {}).items()}
         if self.spec.files:
-            held["files"] = dict(state.get("files", {}))
+            report["files"] = dict(state.get("files", {}))
         if self.spec.account:
-            held["signed in"] = self.user if state.get("signed in") else None
-        return held
+            report["signed in"] = self.user if state.get("signed in") else None
+        return report
 
     @cached_property
     def by_key(self) -> dict[str, Record]:
-        """Items by the part of their address."""
+        """Items, by the part of their address that names them."""
         return {slug(record.name): record for record in self.items.records}
 
     # --- groups ----------------------------------------------------------------------------------
@@ -79,20 +80,20 @@ class Extras(Website):
         """Address of a record of a group."""
         return f"{self.directory(group)}/{slug(record.name)}"
 
-    def owner(self, group: str, record: Record) -> Record:
-        """The record of a group that an item leads to."""
+    def related(self, group: str, record: Record) -> Record:
+        """The record of a group that an item links to."""
         return pick(self.groups[group].records, self.seed, group, "of", record.name)
 
-    def owners(self, record: Record) -> list[tuple[str, Record]]:
-        """All that an item leads to, by group."""
-        return [(name, self.owner(name, record)) for name, each in self.spec.groups.items() if each.noun]
+    def related_records(self, record: Record) -> list[tuple[str, Record]]:
+        """All records that an item links to, with their groups."""
+        return [(name, self.related(name, record)) for name, spec in self.spec.groups.items() if spec.noun]
 
-    def owner_label(self, group: str) -> str:
-        """What an item's page calls it."""
+    def relation_label(self, group: str) -> str:
+        """The label of that link on an item's page."""
         return self.spec.groups[group].noun.capitalize()
 
     def _group(self, word: str) -> str | None:
-        return next((name for name, each in self.spec.groups.items() if slug(each.plural) == word), None)
+        return next((name for name, spec in self.spec.groups.items() if slug(spec.plural) == word), None)
 
     @page("/~more/{group}")
     def group_list(self, visit: Visit, group: str) -> Response:
@@ -104,40 +105,40 @@ class Extras(Website):
     def group_page(self, visit: Visit, group: str, key: str) -> Response:
         """One record of a group."""
         name = self._group(group)
-        found = self.groups[name].records if name else ()
-        record = next((each for each in found if slug(each.name) == key), None)
+        records = self.groups[name].records if name else ()
+        record = next((record for record in records if slug(record.name) == key), None)
         if record is None:
             return self.missing(visit)
         return self.render("engine/member.html", visit, name=name, record=record)
 
-    # --- lines -----------------------------------------------------------------------------------
+    # --- rows ------------------------------------------------------------------------------------
 
     def rows(self, kind: str, record: Record) -> Sheet:
-        """The lines that belong to an item."""
+        """The rows of an item."""
         spec, rng = self.spec.rows[kind], stream(self.seed, kind, record.name)
-        called = named(spec.naming, rng, rng.randint(*spec.count))
-        return sheet(
-            spec.fields, called, self.currency, self.seed, kind, record.name, labelled_by=(self.seed, kind)
+        row_names = draw_names(spec.naming, rng, rng.randint(*spec.count))
+        return draw_sheet(
+            spec.fields, row_names, self.currency, self.seed, kind, record.name, labelled_by=(self.seed, kind)
         )
 
     def rows_label(self, kind: str) -> str:
-        """What the website calls them."""
+        """Heading of the section that shows the rows."""
         return pick(self.spec.rows[kind].labels, self.seed, "rows", kind)
 
     # --- cart ------------------------------------------------------------------------------------
 
     def price(self, record: Record) -> int:
-        """What an item costs."""
+        """The price of an item."""
         assert self.spec.cart is not None
         return int(record.rank(self.spec.cart.price))
 
     def money(self, amount: int) -> str:
-        """An amount."""
+        """An amount of money as text, with its currency."""
         return f"{self.currency}{amount:,}"
 
     @page("/~cart")
     def cart(self, visit: Visit) -> Response:
-        """What is in the cart."""
+        """The cart."""
         if self.spec.cart is None:
             return self.missing(visit)
         lines = [(self.by_key[key], count) for key, count in visit.state.get("cart", {}).items()]
@@ -146,9 +147,9 @@ class Extras(Website):
 
     @page("/~cart", method="POST")
     def change_cart(self, visit: Visit) -> Response:
-        """Put an item into the cart, or take it out."""
+        """Set the number of an item in the cart; 0 removes it."""
         key, count = visit.form.get("item", ""), visit.form.get("count", "")
-        allowed = [str(each) for each in range(MOST_PIECES + 1)]
+        allowed = [str(pieces) for pieces in range(MOST_PIECES + 1)]
         if self.spec.cart is None or key not in self.by_key or count not in allowed:
             return self.missing(visit)
         cart = visit.state.setdefault("cart", {})
@@ -162,7 +163,7 @@ class Extras(Website):
 
     @cached_property
     def user(self) -> str:
-        """Who has an account."""
+        """Name of the one user who has an account."""
         given, family = names.person(stream(self.seed, "user")).split(" ")
         return f"{given}{family[:3]}{number(self.seed, 'user number') % 90 + 10}"
 
@@ -173,19 +174,19 @@ class Extras(Website):
         return f"{rng.choice(names.FIRST).lower()}-{rng.randint(100, 999)}"
 
     @cached_property
-    def member(self) -> Sheet:
-        """What the account's page tells."""
+    def account_sheet(self) -> Sheet:
+        """The fields of the account page, as a sheet of one record."""
         assert self.spec.account is not None
-        return sheet(self.spec.account.fields, [self.user], self.currency, self.seed, "account")
+        return draw_sheet(self.spec.account.fields, [self.user], self.currency, self.seed, "account")
 
     def account_label(self) -> str:
-        """What the website calls the account's page."""
+        """Title of the account page."""
         assert self.spec.account is not None
         return pick(self.spec.account.labels, self.seed, "account")
 
     @page("/~account")
     def account(self, visit: Visit) -> Response:
-        """The account's page; the sign-in, for whoever has not signed in."""
+        """The account page, or the sign-in form for a visitor who is not signed in."""
         if self.spec.account is None:
             return self.missing(visit)
         if not visit.state.get("signed in"):
@@ -194,11 +195,11 @@ class Extras(Website):
 
     @page("/~account", method="POST")
     def sign_in(self, visit: Visit) -> Response:
-        """Let the user in, and nobody else."""
+        """Sign the user in, or show the form with an error."""
         if self.spec.account is None:
             return self.missing(visit)
         if (visit.form.get("user"), visit.form.get("password")) != (self.user, self.password):
-            error = "User name or password is wrong."
+            error = "Incorrect user name or password."
             return self.render("engine/sign_in.html", visit, status=422, error=error)
         visit.state["signed in"] = True
         return redirect(self.path("/~account"))
@@ -207,26 +208,28 @@ class Extras(Website):
 
     @cached_property
     def files(self) -> dict[str, str]:
-        """The folder of every file, by its name, before anything was moved."""
+        """The initial folder of every file, by the file's name."""
         spec, rng = self.spec.files, stream(self.seed, "files")
         assert spec is not None
-        return {name: rng.choice(spec.folders) for name in named(spec.naming, rng, rng.randint(*spec.count))}
+        return {
+            name: rng.choice(spec.folders) for name in draw_names(spec.naming, rng, rng.randint(*spec.count))
+        }
 
     def files_label(self) -> str:
-        """What the website calls the list of files."""
+        """Title of the list of files."""
         assert self.spec.files is not None
         return pick(self.spec.files.labels, self.seed, "files label")
 
     @page("/~files")
     def file_list(self, visit: Visit) -> Response:
-        """All files, with boxes to choose some."""
+        """The list of files, with a checkbox each."""
         if self.spec.files is None:
             return self.missing(visit)
         return self.render("engine/files.html", visit, files=self.files | visit.state.get("files", {}))
 
     @page("/~files", method="POST")
     def move_files(self, visit: Visit) -> Response:
-        """Put the chosen files into a folder."""
+        """Move the selected files into a folder."""
         if self.spec.files is None or visit.form.get("folder") not in self.spec.files.folders:
             return self.missing(visit)
         moved = visit.state.setdefault("files", {})
@@ -238,15 +241,15 @@ class Extras(Website):
     # --- charts and the map ----------------------------------------------------------------------
 
     def chart(self, record: Record) -> dict[str, Value]:
-        """What an item's bars tell, by month; no two are the same."""
+        """The values of an item's chart, by month; all different."""
         assert self.spec.chart is not None
         spec, rng = self.spec.chart.field, stream(self.seed, "chart", record.name)
         numbers = rng.sample(range(spec.low, spec.high + 1, spec.step), len(MONTHS))
-        values = [written(spec, number, self.currency) for number in numbers]
+        values = [numeric_value(spec, number, self.currency) for number in numbers]
         return dict(zip(MONTHS, values, strict=True))
 
     def chart_label(self) -> str:
-        """What the website calls the section with the chart."""
+        """Heading of the section with the chart."""
         assert self.spec.chart is not None
         return pick(self.spec.chart.labels, self.seed, "chart label")
 
@@ -264,11 +267,11 @@ class Extras(Website):
         ]
 
     def map_label(self) -> str:
-        """What the website calls the map."""
+        """Title of the map page."""
         assert self.spec.map is not None
         return pick(self.spec.map.labels, self.seed, "map label")
 
     @page("/~map")
     def map(self, visit: Visit) -> Response:
-        """The map."""
+        """The map page."""
         return self.missing(visit) if self.spec.map is None else self.render("engine/map.html", visit)

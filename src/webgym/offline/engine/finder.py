@@ -1,7 +1,7 @@
-"""Finding things in a list: filters and an order, the three ways websites offer them.
+"""Filters and sort order of a list.
 
-A :class:`Finder` is what the pages, the moves of a solution and the evidence of a fact share, so that
-they cannot disagree on how an address of a filtered list looks. Its markup is in ``finder.html``.
+Pages, moves of solutions and evidence of facts all use the same :class:`Finder`, so that they agree on the
+address of a filtered list. Its markup is in ``finder.html``.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ STYLES: tuple[Style, ...] = ("auto", "button", "links")
 
 @dataclass(frozen=True)
 class Facet:
-    """One thing to filter by, or the order.
+    """One filter of a list, or its sort order.
 
     Attributes:
-        name: the query parameter.
-        label: what the page calls it.
-        options: (value, text); values need no quoting in an address.
-        default: text of the choice that filters nothing.
+        name: name of the query parameter.
+        label: its label on the page.
+        options: pairs of value and text on the page; values need no quoting in an address.
+        default: text of the option that does not filter.
     """
 
     name: str
@@ -36,21 +36,21 @@ class Facet:
     default: str = "Any"
 
     def text(self, value: str) -> str:
-        """What the page calls a value."""
+        """The text of a value on the page."""
         return dict(self.options)[value]
 
 
 @dataclass(frozen=True)
 class Finder:
-    """Filters and orders of one list.
+    """The filters and the sort order of one list.
 
     Attributes:
-        path: of the list.
-        facets: the filters, in the order of the page.
-        sort: the order; its first option is the one that no parameter means.
-        style: ``auto`` are dropdowns that send themselves, ``button`` are dropdowns with a button,
-            ``links`` are lists of links.
-        apply: text of the button.
+        path: path of the list.
+        facets: the filters, in page order.
+        sort: the sort order; its first option is the default, without a parameter.
+        style: ``auto``: dropdowns that apply at once; ``button``: dropdowns with a button; ``links``: lists
+            of links.
+        apply: label of the button.
     """
 
     path: str
@@ -59,36 +59,37 @@ class Finder:
     style: Style
     apply: str
 
-    def asked(self, visit: Visit) -> dict[str, str]:
-        """The valid choices of a request, in the order of the page, with the words searched for as ``q``."""
-        found = {"q": visit.query["q"].strip()} if visit.query.get("q", "").strip() else {}
+    def query(self, visit: Visit) -> dict[str, str]:
+        """The valid query parameters of a request, in page order; ``q`` is the search text."""
+        words = visit.query.get("q", "").strip()
+        query = {"q": words} if words else {}
         for facet in (*self.facets, self.sort):
             value = visit.query.get(facet.name, "")
             if value in dict(facet.options):
-                found[facet.name] = value
-        return found
+                query[facet.name] = value
+        return query
 
-    def link(self, asked: Mapping[str, str], name: str, value: str) -> str:
-        """Address of the list with one choice changed; an empty value takes it back."""
-        changed = {**asked, name: value}
+    def link(self, query: Mapping[str, str], name: str, value: str) -> str:
+        """Address of the list with one parameter changed; an empty value removes it."""
+        changed = {**query, name: value}
         order = ["q", *(facet.name for facet in self.facets), self.sort.name]
-        query = {key: changed[key] for key in order if changed.get(key)}
-        return f"{self.path}?{urlencode(query)}" if query else self.path
+        parameters = {key: changed[key] for key in order if changed.get(key)}
+        return f"{self.path}?{urlencode(parameters)}" if parameters else self.path
 
     def moves(self, **chosen: str) -> tuple[Move, ...]:
-        """From the unfiltered list to the list with these choices."""
+        """Moves from the unfiltered list to the list with these filters and this order."""
         moves: list[Move] = []
-        asked: dict[str, str] = {}
+        query: dict[str, str] = {}
         for facet in self.facets:
             value = chosen.get(facet.name)
             if value is None:
                 continue
             if self.style == "links":
-                moves.append(Click(path=self.link(asked, facet.name, value)))
+                moves.append(Click(path=self.link(query, facet.name, value)))
             else:
                 moves.append(Choose(facet.label, facet.text(value)))
-            asked[facet.name] = value
-        if self.style == "button" and asked:
+            query[facet.name] = value
+        if self.style == "button" and query:
             moves.append(Click(name=self.apply, role="button"))
         order = chosen.get(self.sort.name)
         if order is not None and order != self.sort.options[0][0]:
@@ -96,6 +97,8 @@ class Finder:
         return tuple(moves)
 
     def regex(self, **chosen: str) -> str:
-        """What the address of the list with at least these choices looks like."""
-        wanted = "".join(f"(?=(?:.*&)?{name}={re.escape(value)}(?:&|$))" for name, value in chosen.items())
-        return re.escape(self.path) + (rf"\?{wanted}" if wanted else r"(?:\?|$)")
+        """Regular expression for addresses of the list with at least these parameters."""
+        lookaheads = "".join(
+            f"(?=(?:.*&)?{name}={re.escape(value)}(?:&|$))" for name, value in chosen.items()
+        )
+        return re.escape(self.path) + (rf"\?{lookaheads}" if lookaheads else r"(?:\?|$)")

@@ -1,4 +1,4 @@
-"""What is asked to be done on a specified website: items saved, forms filled in and sent."""
+"""Tasks that change what a specified website stores: save items, fill in and send forms."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import date
 
 from webgym.core.truth import Choose, Click, Fill, Move, See, StateCheck
-from webgym.offline.engine.navigation import Site, go
+from webgym.offline.engine.navigation import Site, go_to_item
 from webgym.offline.engine.spec import TYPED, InputSpec
 from webgym.offline.engine.spelling import days, first_up, listed
 from webgym.offline.engine.table import Record
@@ -18,15 +18,19 @@ from webgym.offline.website import slug
 
 
 def save(site: Site, rng: random.Random, size: int) -> Part | None:
-    """Some items on the saved list."""
+    """Save items."""
     if size > 3:
         return None
     chosen = rng.sample(site.items.records, size)
-    held = StateCheck(("saved",), {record.name: True for record in chosen})
+    whole_list = StateCheck(("saved",), {record.name: True for record in chosen})
     place, title = exactly(site.path("/~saved")), site.says["saved"]
     moves: list[Move] = []
     for record in chosen:
-        moves += [*go(site, record), Click(name=site.says["save"], role="button"), See((title, record.name))]
+        moves += [
+            *go_to_item(site, record),
+            Click(name=site.says["save"], role="button"),
+            See((title, record.name)),
+        ]
     return Part(
         f"save {listed([record.name for record in chosen])} for later",
         f"Saved: {listed([record.name for record in chosen])}",
@@ -34,7 +38,7 @@ def save(site: Site, rng: random.Random, size: int) -> Part | None:
             Fact(
                 f"{record.name} is saved",
                 (shown(place, title, record.name),),
-                (StateCheck(("saved", record.name), True), *((held,) if not nth else ())),
+                (StateCheck(("saved", record.name), True), *((whole_list,) if not nth else ())),
             )
             for nth, record in enumerate(chosen)
         ),
@@ -43,14 +47,14 @@ def save(site: Site, rng: random.Random, size: int) -> Part | None:
 
 
 def send(site: Site, rng: random.Random, size: int) -> Part | None:
-    """A form, filled in and sent; with the number of what was sent, where one more fact is wanted."""
+    """Fill in and send a form, and say its reference number where ``size`` has room for one more fact."""
     fitting = [name for name, form in site.spec.forms.items() if size - len(form.inputs) in (0, 1)]
     if not fitting:
         return None
     name = rng.choice(fitting)
     form, record = site.spec.forms[name], rng.choice(site.items.records)
-    values = {of: entry(site, given, rng) for of, given in form.inputs.items()}
-    sent = filled(site, name, record, values, values)
+    values = {input_name: draw_value(site, spec, rng) for input_name, spec in form.inputs.items()}
+    sent = fill_form(site, name, record, values, values)
     ask, facts, moves, says = sent.ask, list(sent.facts), list(sent.moves), ""
     if size > len(values):
         title, number = site.word(name, "reference"), site.reference(name, sent.about, values)
@@ -62,15 +66,15 @@ def send(site: Site, rng: random.Random, size: int) -> Part | None:
 
 
 @dataclass(frozen=True)
-class Filled:
-    """A form that is filled in and sent.
+class FilledForm:
+    """The parts of a task that fills in and sends a form.
 
     Attributes:
         ask: the clause that asks for it.
-        about: name of the item that it is about; ``""`` for none.
-        what: ``"the booking for Millham Rock"``.
-        place: pattern of the address that shows what was sent.
-        facts, moves: of it.
+        about: name of the item that the form is about; ``""`` for none.
+        what: what is sent: ``"the booking for Millham Rock"``.
+        place: regular expression for the address of the confirmation page.
+        facts, moves: of the task.
     """
 
     ask: str
@@ -81,63 +85,67 @@ class Filled:
     moves: tuple[Move, ...]
 
 
-def filled(
-    site: Site, name: str, record: Record, values: Mapping[str, str], called: Mapping[str, str]
-) -> Filled:
-    """A form, filled in and sent.
+def fill_form(
+    site: Site, name: str, record: Record, values: Mapping[str, str], wording: Mapping[str, str]
+) -> FilledForm:
+    """A task that fills in and sends a form.
 
     Args:
         site: the website.
         name: of the form.
         record: the item that it is about, if it is about one.
         values: to enter, by input.
-        called: what the task calls each value: the value, or words from which it is found out.
+        wording: what the instruction says for each value: the value, or a phrase that refers to it.
     """
     form = site.spec.forms[name]
     key, about = (slug(record.name), record.name) if form.is_about_item else ("", "")
     place = exactly(f"{site.address(name, key)}/done")
     what = f"the {form.thing}{f' for {about}' if about else ''}"
-    everything = StateCheck(("sent", name), {about: dict(values)})
+    whole_form = StateCheck(("sent", name), {about: dict(values)})
     facts = [
         Fact(
-            f"{first_up(what)} {form.inputs[of].said.format(value=called[of])} is sent",
-            (shown(place, site.input_label(name, of), value),),
-            (StateCheck(("sent", name, about, of), value), *((everything,) if not nth else ())),
+            f"{first_up(what)} {form.inputs[input_name].said.format(value=wording[input_name])} is sent",
+            (shown(place, site.input_label(name, input_name), value),),
+            (StateCheck(("sent", name, about, input_name), value), *((whole_form,) if not nth else ())),
         )
-        for nth, (of, value) in enumerate(values.items())
+        for nth, (input_name, value) in enumerate(values.items())
     ]
-    said = listed([form.inputs[of].said.format(value=value) for of, value in called.items()])
-    moves: list[Move] = [*(go(site, record) if about else ()), Click(path=site.address(name, key))]
-    for of, given in form.inputs.items():
-        moves += _enter(site, name, of, given, values[of])
+    clauses = listed(
+        [form.inputs[input_name].said.format(value=value) for input_name, value in wording.items()]
+    )
+    moves: list[Move] = [*(go_to_item(site, record) if about else ()), Click(path=site.address(name, key))]
+    for input_name, spec in form.inputs.items():
+        moves += _enter(site, name, input_name, spec, values[input_name])
     moves += [Click(name=site.word(name, "send"), role="button"), See((site.word(name, "done"),))]
-    moves += [See((site.input_label(name, of), value)) for of, value in values.items()]
-    return Filled(f"{form.ask.format(item=about)} {said}", about, what, place, tuple(facts), tuple(moves))
+    moves += [See((site.input_label(name, input_name), value)) for input_name, value in values.items()]
+    return FilledForm(
+        f"{form.ask.format(item=about)} {clauses}", about, what, place, tuple(facts), tuple(moves)
+    )
 
 
-def entry(site: Site, given: InputSpec, rng: random.Random) -> str:
+def draw_value(site: Site, spec: InputSpec, rng: random.Random) -> str:
     """What a task enters."""
-    match given.kind:
+    match spec.kind:
         case "person":
             return person(rng)
         case "email":
             first, last = person(rng).lower().split(" ")
             return f"{first}.{last}@{rng.choice(('mailbox', 'postal', 'letters'))}.example"
         case "phrase":
-            return rng.choice(given.options)
+            return rng.choice(spec.options)
         case _:
-            return rng.choice(site.choices(given))
+            return rng.choice(site.choices(spec))
 
 
-def _enter(site: Site, form: str, of: str, given: InputSpec, value: str) -> Iterator[Move]:
-    label = site.input_label(form, of)
-    if given.kind in TYPED or (given.kind == "number" and site.has_sliders):
+def _enter(site: Site, form: str, input_name: str, spec: InputSpec, value: str) -> Iterator[Move]:
+    label = site.input_label(form, input_name)
+    if spec.kind in TYPED or (spec.kind == "number" and site.has_sliders):
         yield Fill(label, value)
-    elif given.kind == "day" and site.has_calendar:
+    elif spec.kind == "day" and site.has_calendar:
         yield Click(name=label, role="button")
-        months = site.calendar(given)
-        at = next(nth for nth, (_, month) in enumerate(months) if _day(value, month))
-        yield from [Click(name="Next month", role="button")] * at
+        months = site.calendar(spec)
+        months_ahead = next(nth for nth, (_, month) in enumerate(months) if _day(value, month))
+        yield from [Click(name="Next month", role="button")] * months_ahead
         yield Click(name=value, role="button")
     else:
         yield Choose(label, value)

@@ -1,6 +1,7 @@
-"""What is asked about the items of a specified website.
+"""Tasks on the items of a specified website: look up and compare fields.
 
-Every function makes a part with so many facts, or none if the draw does not give a well-posed one.
+Most functions take the website, a random generator and a number of facts, and return a part with that many
+facts, or ``None`` if the draw gives no well-posed part.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from dataclasses import dataclass, replace
 import msgspec
 
 from webgym.core.truth import Home, Move
-from webgym.offline.engine.navigation import Site, fact, go, look
+from webgym.offline.engine.navigation import Site, field_fact, go_to_item, view_fields
 from webgym.offline.engine.records import written
 from webgym.offline.engine.table import Record
 from webgym.offline.parts import Fact, Part
@@ -19,142 +20,140 @@ from webgym.offline.parts import Fact, Part
 
 @dataclass(frozen=True)
 class Subject:
-    """An item that is asked about.
+    """An item that a task is about.
 
     Attributes:
         site: its website.
         record: the item.
-        is_elsewhere: whether the task is about several websites, and has to say which one has the item.
+        names_website: whether instructions name the website too, as tasks on several websites must.
     """
 
     site: Site
     record: Record
-    is_elsewhere: bool = False
+    names_website: bool = False
 
     @property
-    def called(self) -> str:
-        """What instructions call it."""
-        return f"{self.record.name} on {self.site.brand}" if self.is_elsewhere else self.record.name
+    def full_name(self) -> str:
+        """Its name in instructions."""
+        return f"{self.record.name} on {self.site.brand}" if self.names_website else self.record.name
 
-    def fact(self, of: str, *, asked: bool = True) -> Fact:
-        """A field of it was seen."""
-        found = fact(self.site, self.record, of, about=self.called, asked=asked)
-        if not self.is_elsewhere:
-            return found
-        views = (msgspec.structs.replace(each, host=self.site.host) for each in found.evidence)
-        return replace(found, evidence=tuple(views))
+    def fact(self, field: str, *, in_answer: bool = True) -> Fact:
+        """The fact that a field of it was found; ``in_answer`` if the answer must contain the value."""
+        fact = field_fact(self.site, self.record, field, about=self.full_name, in_answer=in_answer)
+        if not self.names_website:
+            return fact
+        views = (msgspec.structs.replace(view, host=self.site.host) for view in fact.evidence)
+        return replace(fact, evidence=tuple(views))
 
-    def moves(self, of: str) -> tuple[Move, ...]:
-        """Until a field of it was in view."""
-        there = (Home(self.site.start),) if self.is_elsewhere else ()
-        return (*there, *go(self.site, self.record), *look(self.site, self.record, [of]))
+    def moves(self, field: str) -> tuple[Move, ...]:
+        """The moves that bring a field of it into view."""
+        there = (Home(self.site.start),) if self.names_website else ()
+        return (*there, *go_to_item(self.site, self.record), *view_fields(self.site, self.record, [field]))
 
 
 # --- single items -----------------------------------------------------------------------------------
 
 
 def ranked(site: Site, *kinds: str) -> list[str]:
-    """The fields that have an order."""
+    """The fields of these kinds; without kinds, all whose values can be ordered."""
     return [
-        of
-        for of in site.items.labels
-        if site.items.fields[of].kind in (kinds or ("number", "money", "year", "minutes", "day"))
+        field
+        for field in site.items.labels
+        if site.items.fields[field].kind in (kinds or ("number", "money", "year", "minutes", "day"))
     ]
 
 
 def facts(site: Site, rng: random.Random, size: int) -> Part | None:
-    """Some fields of an item."""
+    """Look up fields of an item."""
     if size > min(3, len(site.items.labels)):
         return None
-    record, fields = rng.choice(site.items.records), site.items.some(rng, size)
+    record, fields = rng.choice(site.items.records), site.items.draw_fields(rng, size)
     return Part(
         f"look up {site.items.nouns(fields)} of {record.name}",
         f"{record.name}: {site.items.nouns(fields)}",
-        tuple(fact(site, record, of) for of in fields),
-        (*go(site, record), *look(site, record, fields)),
-        f"For {record.name}, {site.items.told(record, fields)}.",
+        tuple(field_fact(site, record, field) for field in fields),
+        (*go_to_item(site, record), *view_fields(site, record, fields)),
+        f"For {record.name}, {site.items.values_text(record, fields)}.",
     )
 
 
 def either(site: Site, rng: random.Random, size: int) -> Part | None:
-    """Which of two values a choice has."""
-    choices = [of for of in site.items.labels if len(site.items.options[of]) > 1]
+    """Decide which of two values a choice field of an item has."""
+    choices = [field for field in site.items.labels if len(site.items.options[field]) > 1]
     if size != 1 or not choices:
         return None
-    record, of = rng.choice(site.items.records), rng.choice(choices)
-    value = record.fields[of].text
-    other = rng.choice([each for each in site.items.options[of] if each != value])
+    record, field = rng.choice(site.items.records), rng.choice(choices)
+    value = record.fields[field].text
+    other = rng.choice([option for option in site.items.options[field] if option != value])
     one, two = rng.sample([value, other], 2)
-    noun = site.items.fields[of].noun
+    noun = site.items.fields[field].noun
     return Part(
         f'check whether the {noun} of {record.name} is "{one}" or "{two}"',
         f"{record.name}: {noun}",
-        (fact(site, record, of),),
-        (*go(site, record), *look(site, record, [of])),
+        (field_fact(site, record, field),),
+        (*go_to_item(site, record), *view_fields(site, record, [field])),
         f"It is {value}.",
     )
 
 
 def compare(site: Site, rng: random.Random, size: int) -> Part | None:
-    """Which of two items has more or less of something."""
+    """Compare a field of two items."""
     if size != 3:
         return None
-    of, is_most = (
-        rng.choice([of for of in site.items.labels if site.items.fields[of].least]),
-        rng.random() < 0.5,
-    )
-    one, two = rng.sample(site.items.records, 2)
-    return comparison(Subject(site, one), Subject(site, two), of, is_most=is_most)
+    comparable = [field for field in site.items.labels if site.items.fields[field].least]
+    field, is_most = rng.choice(comparable), rng.random() < 0.5
+    first, second = rng.sample(site.items.records, 2)
+    return comparison(Subject(site, first), Subject(site, second), field, is_most=is_most)
 
 
-def comparison(one: Subject, two: Subject, of: str, *, is_most: bool) -> Part | None:
-    """Which of two has more or less of something; none if they have as much."""
-    if one.record.rank(of) == two.record.rank(of):
+def comparison(first: Subject, second: Subject, field: str, *, is_most: bool) -> Part | None:
+    """A part that compares a field of two items; ``None`` if the values are equal."""
+    if first.record.rank(field) == second.record.rank(field):
         return None
-    spec = one.site.items.fields[of]
+    spec = first.site.items.fields[field]
     word = spec.most if is_most else spec.least
-    best, other = sorted((one, two), key=lambda each: each.record.rank(of), reverse=is_most)
+    best, other = sorted((first, second), key=lambda subject: subject.record.rank(field), reverse=is_most)
     named = Fact(
         f"The one with the {word} {spec.noun} is named",
-        best.fact(of, asked=False).evidence,
+        best.fact(field, in_answer=False).evidence,
         answer=(best.record.name,),
         wrong=(other.record.name,),
     )
     return Part(
-        f"look up the {spec.noun} of both {one.called} and {two.called}, "
+        f"look up the {spec.noun} of both {first.full_name} and {second.full_name}, "
         f"and name only the one with the {word} {spec.noun}",
-        f"{spec.noun}: {one.called} or {two.called}",
-        (one.fact(of, asked=False), two.fact(of, asked=False), named),
-        (*one.moves(of), *two.moves(of)),
+        f"{spec.noun}: {first.full_name} or {second.full_name}",
+        (first.fact(field, in_answer=False), second.fact(field, in_answer=False), named),
+        (*first.moves(field), *second.moves(field)),
         f"It is {best.record.name}.",
     )
 
 
 def difference(site: Site, rng: random.Random, size: int) -> Part | None:
-    """Something of two items, and by how much they differ."""
+    """Report a field of two items, and the difference."""
     fields = ranked(site, "money", "number", "minutes")
     if size != 3 or not fields:
         return None
-    of = rng.choice(fields)
-    one, two = rng.sample(site.items.records, 2)
-    return gap(Subject(site, one), Subject(site, two), of)
+    field = rng.choice(fields)
+    first, second = rng.sample(site.items.records, 2)
+    return numeric_difference(Subject(site, first), Subject(site, second), field)
 
 
-def gap(one: Subject, two: Subject, of: str) -> Part | None:
-    """By how much two differ in something; none if the difference is one of the values."""
-    ranks = one.record.rank(of), two.record.rank(of)
-    between = int(abs(ranks[0] - ranks[1]))
-    if between in (0, *ranks):
+def numeric_difference(first: Subject, second: Subject, field: str) -> Part | None:
+    """A part on the difference of a field of two items; ``None`` if it is 0 or equals one of the values."""
+    ranks = first.record.rank(field), second.record.rank(field)
+    distance = int(abs(ranks[0] - ranks[1]))
+    if distance in (0, *ranks):
         return None
-    spec = one.site.items.fields[of]
-    value = written(spec, between, one.site.currency)
-    facts = one.fact(of), two.fact(of)
-    views = tuple(view for each in facts for view in each.evidence)
-    said = [f"{each.record.name} has {each.record.fields[of].text}" for each in (one, two)]
+    spec = first.site.items.fields[field]
+    value = written(spec, distance, first.site.currency)
+    facts = first.fact(field), second.fact(field)
+    views = tuple(view for fact in facts for view in fact.evidence)
+    values = [f"{subject.record.name} has {subject.record.fields[field].text}" for subject in (first, second)]
     return Part(
-        f"report the {spec.noun} of {one.called} and of {two.called}, and the difference",
-        f"{spec.noun} of {one.called} and {two.called}",
+        f"report the {spec.noun} of {first.full_name} and of {second.full_name}, and the difference",
+        f"{spec.noun} of {first.full_name} and {second.full_name}",
         (*facts, Fact(f"The difference in {spec.noun} is worked out", views, answer=value.options)),
-        (*one.moves(of), *two.moves(of)),
-        f"{said[0]} and {said[1]}, a difference of {value.text}.",
+        (*first.moves(field), *second.moves(field)),
+        f"{values[0]} and {values[1]}, a difference of {value.text}.",
     )

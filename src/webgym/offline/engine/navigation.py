@@ -1,4 +1,4 @@
-"""Ways through a specified website, and what proves that a field of an item was seen."""
+"""Moves through a specified website, and facts about the fields of its items."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from webgym.offline.parts import Fact, exactly
 Site = SpecifiedWebsite
 
 
-def go(site: Site, record: Record) -> tuple[Move, ...]:
-    """To an item's page, from anywhere."""
+def go_to_item(site: Site, record: Record) -> tuple[Move, ...]:
+    """Moves from any page to the page of an item, through the search."""
     return Fill(site.says["search"], record.name), Click(path=site.href(record))
 
 
 def unfold(site: Site, title: str, *, is_first: bool = False) -> tuple[Move, ...]:
-    """Open a section of an item's page, where that is needed."""
+    """Moves that open a section of an item's page; none where it is open already."""
     if is_first or site.look.detail == "plain":
         return ()
     return (Click(name=title, role="tab" if site.look.detail == "tabs" else None),)
 
 
-def chart_moves(site: Site, record: Record, month: str) -> tuple[Move, ...]:
-    """From an item's page, until the bar of a month tells its value."""
+def read_bar(site: Site, record: Record, month: str) -> tuple[Move, ...]:
+    """Moves that show the value of a month's bar on an item's page."""
     is_first = not site.sections() and not site.spec.rows
     return (
         *unfold(site, site.chart_label(), is_first=is_first),
@@ -34,18 +34,18 @@ def chart_moves(site: Site, record: Record, month: str) -> tuple[Move, ...]:
     )
 
 
-def look(site: Site, record: Record, fields: Sequence[str]) -> tuple[Move, ...]:
-    """From an item's page, until each of these fields was in view."""
+def view_fields(site: Site, record: Record, fields: Sequence[str]) -> tuple[Move, ...]:
+    """Moves that bring each of these fields of an item into view on its page."""
     moves: list[Move] = []
     sections = site.sections()
     for section in ("", *sections):
-        wanted = [of for of in fields if site.items.fields[of].section == section]
+        wanted = [field for field in fields if site.items.fields[field].section == section]
         if wanted and section:
             moves += unfold(site, site.says[section], is_first=section == sections[0])
-        moves += [See(site.items.view(record, of)) for of in wanted]
+        moves += [See(site.items.view(record, field)) for field in wanted]
     return tuple(moves)
 
 
-def fact(site: Site, record: Record, of: str, *, about: str = "", asked: bool = True) -> Fact:
-    """A field of an item was seen, and told where it is asked for."""
-    return site.items.fact(record, of, exactly(site.href(record)), about=about, asked=asked)
+def field_fact(site: Site, record: Record, field: str, *, about: str = "", in_answer: bool = True) -> Fact:
+    """The fact that a field of an item was found; see :meth:`~webgym.offline.engine.records.Sheet.fact`."""
+    return site.items.fact(record, field, exactly(site.href(record)), about=about, in_answer=in_answer)

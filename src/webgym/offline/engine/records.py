@@ -1,4 +1,4 @@
-"""Records of a specified website: values that are drawn, and how pages and answers write them."""
+"""Records of a specified website: draw values, and write them for pages and answers."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from webgym.offline.website import TODAY
 
 @dataclass(frozen=True)
 class Sheet:
-    """Records with the same fields.
+    """A table of records with the same fields.
 
     Attributes:
-        fields: those that this website has, by name, in the order of the page.
-        labels: what it calls them.
-        options: of choices; empty for other fields.
+        fields: specifications of the fields that this website has, by name, in page order.
+        labels: the text that pages show beside each value, by field.
+        options: possible values of each choice field; empty for other fields.
         records: all of them.
     """
 
@@ -34,46 +34,46 @@ class Sheet:
     records: tuple[Record, ...]
 
     def nouns(self, fields: Sequence[str]) -> str:
-        """``"the rent and the deposit"``."""
-        return the([self.fields[of].noun for of in fields])
+        """The nouns of fields: ``"the rent and the deposit"``."""
+        return the([self.fields[field].noun for field in fields])
 
-    def view(self, record: Record, of: str) -> tuple[str, ...]:
-        """What a page shows together where it shows a field: its label and value, or its sentence."""
-        text, sentence = record.fields[of].text, self.fields[of].prose
-        return (sentence.format(value=text),) if sentence else (self.labels[of], text)
+    def view(self, record: Record, field: str) -> tuple[str, ...]:
+        """The texts by which a page shows a field: its label and value, or its sentence."""
+        text, sentence = record.fields[field].text, self.fields[field].prose
+        return (sentence.format(value=text),) if sentence else (self.labels[field], text)
 
-    def told(self, record: Record, fields: Sequence[str]) -> str:
-        """``"the rent is €900 and the deposit is €1,800"``."""
-        return listed([f"the {self.fields[of].noun} is {record.fields[of].text}" for of in fields])
+    def values_text(self, record: Record, fields: Sequence[str]) -> str:
+        """The values of fields: ``"the rent is €900 and the deposit is €1,800"``."""
+        return listed([f"the {self.fields[field].noun} is {record.fields[field].text}" for field in fields])
 
-    def some(self, rng: random.Random, count: int) -> list[str]:
-        """So many of its fields, in order."""
+    def draw_fields(self, rng: random.Random, count: int) -> list[str]:
+        """``count`` random fields, in page order."""
         return sorted(rng.sample(list(self.labels), count), key=list(self.labels).index)
 
     def fact(
-        self, record: Record, of: str, path: str, *with_it: str, about: str = "", asked: bool = True
+        self, record: Record, field: str, path: str, *texts: str, about: str = "", in_answer: bool = True
     ) -> Fact:
-        """A field of a record was seen, and told where it is asked for.
+        """The fact that a field of a record was found.
 
         Args:
             record: the record.
-            of: its field.
-            path: pattern of the address that shows it.
-            with_it: what else must be in view with it.
-            about: whose it is, where its name would give an answer away.
-            asked: whether the answer must have it.
+            field: name of the field.
+            path: regular expression for the address of the page that shows it.
+            texts: other texts that must be in view at the same time.
+            about: what the fact's text calls the record, where its name would reveal an answer.
+            in_answer: whether the answer must contain the value.
         """
-        value = record.fields[of]
-        others = tuple(each for each in self.options[of] if each != value.text)
+        value = record.fields[field]
+        others = tuple(option for option in self.options[field] if option != value.text)
         return Fact(
-            f"The {self.fields[of].noun} of {about or record.called} is found",
-            (shown(path, *with_it, *self.view(record, of)),),
-            answer=value.options if asked else (),
-            wrong=others if asked else (),
+            f"The {self.fields[field].noun} of {about or record.full_name} is found",
+            (shown(path, *texts, *self.view(record, field)),),
+            answer=value.options if in_answer else (),
+            wrong=others if in_answer else (),
         )
 
 
-def sheet(
+def draw_sheet(
     fields: Mapping[str, FieldSpec],
     names: Sequence[str],
     currency: str,
@@ -83,45 +83,53 @@ def sheet(
     """Draw records with these names.
 
     Args:
-        fields: that they may have; optional ones are drawn.
-        names: of the records.
-        currency: sign that stands before money.
-        seeds: of this sheet.
-        labelled_by: of what it shares with other sheets: labels, options, and which fields there are.
+        fields: specifications of the possible fields; an optional field is on two of three websites.
+        names: names of the records.
+        currency: sign before amounts of money.
+        seeds: seed of the values.
+        labelled_by: seed of the labels, the options and the presence of fields, where several sheets
+            share them; ``seeds`` if empty.
     """
-    by = labelled_by or seeds
-    has = {name: each for name, each in fields.items() if not each.optional or pick((1, 1, 0), *by, name)}
-    labels = {name: pick(each.labels, *by, "label", name) for name, each in has.items()}
-    options = {name: options_of(each, stream(*by, "options", name)) for name, each in has.items()}
+    label_seeds = labelled_by or seeds
+    present = {
+        name: spec
+        for name, spec in fields.items()
+        if not spec.optional or pick((1, 1, 0), *label_seeds, name)
+    }
+    labels = {name: pick(spec.labels, *label_seeds, "label", name) for name, spec in present.items()}
+    options = {
+        name: options_of(spec, stream(*label_seeds, "options", name)) for name, spec in present.items()
+    }
 
     def record(name: str) -> Record:
         rng = stream(*seeds, "item", name)
-        return Record(name, {of: draw(each, options[of], currency, rng) for of, each in has.items()})
+        values = {field: draw_value(spec, options[field], currency, rng) for field, spec in present.items()}
+        return Record(name, values)
 
-    return Sheet(has, labels, options, tuple(map(record, names)))
+    return Sheet(present, labels, options, tuple(map(record, names)))
 
 
-def following(drawn: Sheet, follows: Mapping[str, Mapping[str, Sequence[str]]]) -> Sheet:
-    """The same with the values that follow from a record's name: a "Ward Nurse" works in nursing."""
+def with_implied_values(drawn: Sheet, follows: Mapping[str, Mapping[str, Sequence[str]]]) -> Sheet:
+    """The sheet with the values that a record's name implies: a "Ward Nurse" works in nursing."""
 
-    def right(record: Record) -> Record:
+    def corrected(record: Record) -> Record:
         fields = dict(record.fields)
-        for of, words in follows.items():
+        for field, words in follows.items():
             for value, endings in words.items():
                 if record.name.endswith(tuple(endings)):
-                    fields[of] = Value(value)
+                    fields[field] = Value(value)
         return replace(record, fields=fields)
 
-    options = dict(drawn.options) | {of: tuple(words) for of, words in follows.items()}
-    return replace(drawn, options=options, records=tuple(map(right, drawn.records))) if follows else drawn
+    options = dict(drawn.options) | {field: tuple(words) for field, words in follows.items()}
+    return replace(drawn, options=options, records=tuple(map(corrected, drawn.records))) if follows else drawn
 
 
-def named(naming: NamingSpec, rng: random.Random, count: int) -> list[str]:
-    """So many different names."""
+def draw_names(naming: NamingSpec, rng: random.Random, count: int) -> list[str]:
+    """``count`` different names."""
     match naming.kind:
         case "words":
             pairs = product(naming.first, naming.second)
-            return rng.sample([f"{one}{naming.between}{two}" for one, two in pairs], count)
+            return rng.sample([f"{first}{naming.between}{second}" for first, second in pairs], count)
         case "list":
             return rng.sample(naming.first, count)
         case "person":
@@ -131,56 +139,56 @@ def named(naming: NamingSpec, rng: random.Random, count: int) -> list[str]:
         case "brand":
             stems = rng.sample([a + b for a, b in product(names.FIRST, names.SECOND)], count)
 
-    def whole(stem: str) -> str:
-        before = f"{rng.choice(naming.first)} " if naming.first else ""
-        behind = f" {rng.choice(naming.second)}" if naming.second else ""
-        return f"{before}{stem}{behind}"
+    def full_name(stem: str) -> str:
+        prefix = f"{rng.choice(naming.first)} " if naming.first else ""
+        suffix = f" {rng.choice(naming.second)}" if naming.second else ""
+        return f"{prefix}{stem}{suffix}"
 
-    return [whole(stem) for stem in stems]
+    return [full_name(stem) for stem in stems]
 
 
 def options_of(spec: FieldSpec, rng: random.Random) -> tuple[str, ...]:
-    """The options of a choice that a website has."""
+    """The options of a choice field on one website, in the order of the specification."""
     chosen = set(rng.sample(spec.options, min(spec.take or len(spec.options), len(spec.options))))
     return tuple(option for option in spec.options if option in chosen)
 
 
-def draw(spec: FieldSpec, options: Sequence[str], currency: str, rng: random.Random) -> Value:
-    """A value of a field.
+def draw_value(spec: FieldSpec, options: Sequence[str], currency: str, rng: random.Random) -> Value:
+    """Draw a value of a field.
 
     Args:
         spec: the field.
-        options: of a choice, that the website has.
-        currency: sign that stands before money.
-        rng: draws.
+        options: of a choice field, on this website.
+        currency: sign before amounts of money.
+        rng: source of randomness.
     """
     if spec.kind == "choice":
         return Value(rng.choice(options))
-    return written(spec, rng.randrange(spec.low, spec.high + 1, spec.step), currency)
+    return numeric_value(spec, rng.randrange(spec.low, spec.high + 1, spec.step), currency)
 
 
-def written(spec: FieldSpec, number: int, currency: str) -> Value:
-    """A number of a field, in the words of pages and of answers; its rank is the number."""
-    ways: tuple[str, ...]
+def numeric_value(spec: FieldSpec, number: int, currency: str) -> Value:
+    """The value of a numeric field: the text on pages, other spellings in answers, and the number as rank."""
+    spellings: tuple[str, ...]
     match spec.kind:
         case "money":
             text = f"{currency}{number:,}"
-            ways = (f"{number:,}", str(number)) if number >= BARE_FROM else ()
+            spellings = (f"{number:,}", str(number)) if number >= BARE_FROM else ()
         case "year":
-            text, ways = str(number), ()
+            text, spellings = str(number), ()
         case "day":
-            text, *others = days(TODAY + timedelta(days=number))
-            ways = tuple(others)
+            text, *rest = days(TODAY + timedelta(days=number))
+            spellings = tuple(rest)
         case "time":
-            text, *others = times(number)
-            ways = tuple(others)
+            text, *rest = times(number)
+            spellings = tuple(rest)
         case "minutes":
-            text, *others = minutes(number)
-            ways = tuple(others)
+            text, *rest = minutes(number)
+            spellings = tuple(rest)
         case _ if spec.units:
-            text, *others = quantity(f"{number:,}", *spec.units)
-            ways = (*others, *quantity(str(number), *spec.units))
+            text, *rest = quantity(f"{number:,}", *spec.units)
+            spellings = (*rest, *quantity(str(number), *spec.units))
         case _:
-            text, *others = (f"{number:,}", str(number), *count(number))
-            ways = tuple(others)
-    return Value(text, tuple(dict.fromkeys(way for way in ways if way != text)), number)
+            text, *rest = (f"{number:,}", str(number), *count(number))
+            spellings = tuple(rest)
+    return Value(text, tuple(dict.fromkeys(spelling for spelling in spellings if spelling != text)), number)

@@ -1,4 +1,7 @@
-"""A large website as a specification: fields, forms and words, read from a TOML file beside the family."""
+"""The specification of a family of large websites: fields, forms and texts.
+
+It is read from ``spec.toml`` in the family's package.
+"""
 
 from __future__ import annotations
 
@@ -23,19 +26,20 @@ class FieldSpec(Table, frozen=True, kw_only=True):
 
     Attributes:
         noun: what instructions call it, without an article: ``"monthly rent"``.
-        labels: what pages call it; each website takes one.
-        kind: what its values are.
+        labels: possible labels on pages; each website uses one.
+        kind: type of its values.
         section: key of the section of the item's page that shows it; ``""`` for the summary at the top.
-        options: of a choice.
-        take: so many of the options are on one website; 0 takes all.
-        low, high, step: of numbers and money; days from today; minutes of a day or of a duration.
-        units: of a number; pages write the first, answers may use any.
-        having: clause for items with a value of this choice, with ``{value}``; the list has a filter for it.
-        least, most: superlatives: ``"cheapest"``.
-        orders: what the list calls its orders by this field.
-        card: whether the list shows it.
-        optional: whether some websites do without it.
-        prose: a sentence with ``{value}`` that says it in the section's text, instead of a row of its table.
+        options: possible values of a choice field.
+        take: number of the options that each website uses; 0 uses all.
+        low, high, step: range of the values, with ``high`` included. ``number`` and ``money``: the amount;
+            ``day``: days from today; ``time``: minutes since midnight; ``minutes``: a duration.
+        units: units of a number; pages write the first, answers may use any.
+        having: clause for items with a value of a choice field, with ``{value}``; the list then has a filter.
+        least, most: superlatives for the lowest and the highest value: ``"lowest"``.
+        orders: texts of the list's sort options, ascending and descending; empty for none.
+        card: whether the list shows the field.
+        optional: whether some websites lack the field.
+        prose: a sentence with ``{value}`` that shows the value in the section's text, not in its table.
     """
 
     noun: str
@@ -62,8 +66,10 @@ class FieldSpec(Table, frozen=True, kw_only=True):
             self.kind != "choice" and self.low >= self.high and "low must be less than high",
             bool(self.having)
             and _placeholders(self.having) != {"value"}
-            and "having must have {value} alone",
-            bool(self.prose) and _placeholders(self.prose) != {"value"} and "prose must have {value} alone",
+            and "having must have the placeholder {value} and no other",
+            bool(self.prose)
+            and _placeholders(self.prose) != {"value"}
+            and "prose must have the placeholder {value} and no other",
             bool(self.prose) and not self.section and "prose needs a section",
             bool(self.least) != bool(self.most) and "least and most belong together",
             any(self.orders) and not (self.card and self.least) and "an order needs card, least and most",
@@ -76,11 +82,11 @@ class InputSpec(Table, frozen=True, kw_only=True):
     """An input of a form.
 
     Attributes:
-        labels: what pages call it.
-        kind: what is entered.
-        said: how an instruction gives it, with ``{value}``: ``"on {value}"``.
-        options: of a choice, or phrases to be typed.
-        low, high, step: of numbers, days from today, and minutes of a day.
+        labels: possible labels on pages; each website uses one.
+        kind: type of the value.
+        said: phrase of the instruction, with ``{value}``: ``"on {value}"``.
+        options: options of a choice; of a ``phrase``, the texts that tasks enter.
+        low, high, step: range of the values, as in :class:`FieldSpec`.
     """
 
     labels: tuple[str, ...]
@@ -93,7 +99,7 @@ class InputSpec(Table, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if _placeholders(self.said) != {"value"}:
-            raise ValueError(f'"{self.said}" must have {{value}} alone')
+            raise ValueError(f'"{self.said}" must have the placeholder {{value}} and no other')
         if (self.kind in ("choice", "phrase")) != bool(self.options):
             raise ValueError(f"{self.labels[0]}: options belong to a choice or phrase, which needs them")
 
@@ -102,13 +108,13 @@ class FormSpec(Table, frozen=True, kw_only=True):
     """A form.
 
     Attributes:
-        ask: the clause that asks for it, with ``{item}`` where it is about an item.
-        thing: what is sent: ``"booking"``.
-        open: names of the link that leads to it.
-        send: names of the button that sends it.
-        done: headings of the page after it.
-        reference: what that page calls the number of what was sent.
-        inputs: by name, in the order of the page: those that are typed into come last.
+        ask: clause of the instruction; it has ``{item}`` if the form is about an item.
+        thing: noun for what is sent: ``"booking"``.
+        open: possible texts of the link to the form.
+        send: possible labels of the submit button.
+        done: possible headings of the confirmation page.
+        reference: possible labels of the reference number on that page.
+        inputs: inputs by name, in page order; text inputs come last.
     """
 
     ask: str
@@ -121,26 +127,26 @@ class FormSpec(Table, frozen=True, kw_only=True):
 
     @property
     def is_about_item(self) -> bool:
-        """Whether it is sent for an item, and its link stands on the item's page."""
+        """Whether it is about an item; the link to it then is on the item's page."""
         return "item" in _placeholders(self.ask)
 
     def __post_init__(self) -> None:
         if not _placeholders(self.ask) <= {"item"}:
-            raise ValueError(f'"{self.ask}" may have {{item}} alone')
-        typed = [each.kind in TYPED for each in self.inputs.values()]
+            raise ValueError(f'"{self.ask}" may have the placeholder {{item}} and no other')
+        typed = [spec.kind in TYPED for spec in self.inputs.values()]
         if typed != sorted(typed):
-            raise ValueError(f"{self.thing}: inputs that are typed into come last: Enter sends the form")
+            raise ValueError(f"{self.thing}: text inputs must come last, because Enter submits the form")
 
 
 class NamingSpec(Table, frozen=True, kw_only=True):
-    """How records are called.
+    """How records are named.
 
     Attributes:
-        kind: ``words`` joins one of ``first`` and one of ``second`` by ``between``; ``list`` takes
-            ``first``; ``person``, ``town`` and ``brand`` make up a name, with one of ``first`` before it
-            and one of ``second`` behind it, if there are any.
-        first, second: words.
-        between: stands between two words.
+        kind: ``words`` joins a word of ``first`` and a word of ``second`` with ``between``; ``list`` draws
+            from ``first``; ``person``, ``town`` and ``brand`` generate a name and add a word of ``first``
+            before it and a word of ``second`` after it, where these are not empty.
+        first, second: words; none twice.
+        between: separator of ``words``.
     """
 
     kind: Literal["words", "list", "person", "town", "brand"]
@@ -155,15 +161,15 @@ class NamingSpec(Table, frozen=True, kw_only=True):
 
 
 class GroupSpec(Table, frozen=True, kw_only=True):
-    """Other records with pages of their own, which items may lead to: employers, authors, branches.
+    """Records other than items, with pages of their own: employers, authors, branches.
 
     Attributes:
-        noun: what it is to an item: ``"employer"``; ``""`` where items do not lead to it.
-        singular, plural: what one is called.
-        labels: of the link to their list.
-        count: least and most of a website.
-        naming: how they are called.
-        fields: by name.
+        noun: noun for the record that an item links to: ``"employer"``; ``""`` if items link to none.
+        singular, plural: noun for the records.
+        labels: possible texts of the link to their list.
+        count: smallest and largest number on a website.
+        naming: how they are named.
+        fields: fields by name.
     """
 
     noun: str = ""
@@ -176,17 +182,19 @@ class GroupSpec(Table, frozen=True, kw_only=True):
 
 
 class RowsSpec(Table, frozen=True, kw_only=True):
-    """Lines that belong to an item and stand on its page: reviews, ingredients, stops.
+    """Rows of a table on an item's page: reviews, ingredients, stops.
 
     Attributes:
-        plural: what they are called.
-        labels: of the section that shows them.
-        count: least and most of an item; few enough to be in view together.
-        naming: how they are called, by their authors unless it says otherwise; an item has no name twice.
-        fields: by name.
-        look_up: asks for fields of one, with ``{item}``, ``{name}`` and ``{fields}``.
-        which: asks for the first in an order, with ``{item}`` and ``{order}``: ``"with the highest rating"``.
-        tally: asks how many there are of a kind, with ``{item}`` and ``{having}``.
+        plural: noun for the rows.
+        labels: possible headings of their section.
+        count: smallest and largest number per item; few enough to be in view together.
+        naming: how they are named; by default after people. An item has no name twice.
+        fields: fields by name.
+        look_up: clause that asks for fields of a row, with ``{item}``, ``{name}`` and ``{fields}``.
+        which: clause that asks for the row with the highest or lowest value, with ``{item}`` and ``{order}``,
+            such as ``"with the highest rating"``; empty for no such tasks.
+        tally: clause that asks for the number of rows with a value, with ``{item}`` and ``{having}``; empty
+            for no such tasks.
     """
 
     plural: str
@@ -207,21 +215,21 @@ class RowsSpec(Table, frozen=True, kw_only=True):
 
 
 class CartSpec(Table, frozen=True, kw_only=True):
-    """That items can be put into a cart.
+    """The shopping cart.
 
     Attributes:
-        price: the field that says what one costs.
+        price: name of the field with an item's price.
     """
 
     price: str
 
 
 class AccountSpec(Table, frozen=True, kw_only=True):
-    """A page behind a sign-in.
+    """An account page that requires signing in.
 
     Attributes:
-        labels: of the link to it.
-        fields: what it tells, by name.
+        labels: possible titles of the page.
+        fields: fields by name.
     """
 
     labels: tuple[str, ...]
@@ -229,13 +237,13 @@ class AccountSpec(Table, frozen=True, kw_only=True):
 
 
 class FilesSpec(Table, frozen=True, kw_only=True):
-    """A list of files that can be put into other folders.
+    """A list of files that can be moved to other folders.
 
     Attributes:
-        labels: of the link to it.
-        count: least and most of a website.
-        naming: how they are called.
-        folders: to put them into.
+        labels: possible titles of the list.
+        count: smallest and largest number of files on a website.
+        naming: how files are named.
+        folders: names of the folders.
     """
 
     labels: tuple[str, ...]
@@ -245,11 +253,11 @@ class FilesSpec(Table, frozen=True, kw_only=True):
 
 
 class ChartSpec(Table, frozen=True, kw_only=True):
-    """A bar for each of the last months on an item's page; a bar that is clicked tells its value.
+    """A bar chart of the last months on an item's page; a click on a bar shows its value.
 
     Attributes:
-        labels: of the section that shows it.
-        field: what a bar is; a number or money.
+        labels: possible headings of its section.
+        field: what the bars measure; a number or money.
     """
 
     labels: tuple[str, ...]
@@ -257,33 +265,35 @@ class ChartSpec(Table, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if self.field.kind not in ("number", "money") or not (self.field.least and self.field.most):
-            raise ValueError(f"{self.field.noun}: a chart is of numbers or money, with least and most")
+            raise ValueError(
+                f"{self.field.noun}: the field of a chart must have kind number or money, and least and most"
+            )
 
 
 class MapSpec(Table, frozen=True, kw_only=True):
-    """A map with pins; a pin that is clicked tells which item is there.
+    """A map with pins; a click on a pin shows its item.
 
     Attributes:
-        labels: of the link to it.
+        labels: possible titles of the map.
     """
 
     labels: tuple[str, ...]
 
 
 TYPED = ("person", "email", "phrase")
-"""Kinds of inputs that are typed into."""
+"""Kinds of text inputs."""
 
 
 class VariantSpec(Table, frozen=True, kw_only=True):
-    """What websites of one sector have in place of the family's own.
+    """The changes of one sector to the family's specification.
 
     Attributes:
-        topic, singular, plural, suffixes, taglines, naming, picture, follows: as of the family.
-        fields: more fields, or others in place of the family's.
-        options: of choices, by the name of a field, or of a form and its input: ``"report.kind"``.
-        labels: what pages call fields, by name; the first, in small letters, is their noun.
-        ranges: low and high, by the name of a field.
-        groups: how their records are called.
+        topic, singular, plural, suffixes, taglines, naming, picture, follows: replace those of the family.
+        fields: additional fields, and replacements of the family's.
+        options: options by name of a field, or by names of a form and an input: ``"report.kind"``.
+        labels: labels by name of a field; the first, in lower case, becomes the field's noun.
+        ranges: ``low`` and ``high`` by name of a field.
+        groups: naming of records by group.
     """
 
     topic: tuple[str, str] | None = None
@@ -301,31 +311,31 @@ class VariantSpec(Table, frozen=True, kw_only=True):
     groups: dict[str, NamingSpec] = field(default_factory=dict)
 
 
-_OWN = ("topic", "singular", "plural", "suffixes", "taglines", "naming", "picture", "follows")
+_OVERRIDABLE = ("topic", "singular", "plural", "suffixes", "taglines", "naming", "picture", "follows")
 
 
 class Spec(Table, frozen=True, kw_only=True):
-    """A family.
+    """The specification of a family. Lists of texts are alternatives, of which each website uses one.
 
     Attributes:
         topic: domain and subdomain of the taxonomy.
-        singular, plural: what an item is called.
-        count: least and most items of a website.
+        singular, plural: noun for the items.
+        count: smallest and largest number of items on a website.
         suffixes: second words of brands.
-        taglines: under the brand.
-        paths: words of addresses; ``all`` and ``one`` at least.
-        says: what websites call things: ``all``, the list; others in place of those in ``common.toml``.
-        sections: of an item's page, with what websites call them.
-        fields: by name, in the order of the page.
-        forms: by name.
-        naming: how items are called, unless the family's class says so.
-        groups: other records, by name.
-        rows: what people left on items' pages, by name.
-        cart, account, files, chart, map: where there is one.
-        follows: values of choices that follow from how an item's name ends, by field and value.
-        variants: sectors, of which every website has one.
+        taglines: taglines under the brand.
+        paths: words of addresses, by kind of page; at least ``all`` (the list) and ``one`` (an item).
+        says: texts of pages, by key; ``all`` is the title of the list. They replace those of ``common.toml``.
+        sections: headings of the sections of an item's page, by key.
+        fields: fields by name, in page order.
+        forms: forms by name.
+        naming: how items are named; the family's class overrides ``names`` instead if it is empty.
+        groups: groups of other records, by name.
+        rows: kinds of rows on items' pages, by name.
+        cart, account, files, chart, map: optional features.
+        follows: values that the last words of an item's name imply, by field: value to endings.
+        variants: sectors by name; each website has one of them.
         picture: kind of the items' illustrations.
-        fillers: sentences that stand around those that say something, with ``{item}``.
+        fillers: sentences without information between those of ``prose``; may have ``{item}``.
     """
 
     topic: tuple[str, str]
@@ -355,34 +365,34 @@ class Spec(Table, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         if self.cart is not None and self.fields.get(self.cart.price, None) is None:
             raise ValueError(f'cart: there is no field "{self.cart.price}"')
-        for name, each in self.fields.items():
-            if each.section and each.section not in self.sections:
-                raise ValueError(f'fields.{name}: there is no section "{each.section}"')
+        for name, spec in self.fields.items():
+            if spec.section and spec.section not in self.sections:
+                raise ValueError(f'fields.{name}: there is no section "{spec.section}"')
 
-    def variant(self, name: str) -> Spec:
-        """The specification of a sector's websites."""
-        change, own = msgspec.structs.replace, self.variants[name]
-        fields, forms, groups = {**self.fields, **own.fields}, dict(self.forms), dict(self.groups)
-        for key, options in own.options.items():
-            form, _, of = key.rpartition(".")
+    def variant(self, sector: str) -> Spec:
+        """The specification with the changes of a sector."""
+        change, variant = msgspec.structs.replace, self.variants[sector]
+        fields, forms, groups = {**self.fields, **variant.fields}, dict(self.forms), dict(self.groups)
+        for key, options in variant.options.items():
+            form, _, name = key.rpartition(".")
             if form:
-                inputs = forms[form].inputs | {of: change(forms[form].inputs[of], options=options)}
+                inputs = forms[form].inputs | {name: change(forms[form].inputs[name], options=options)}
                 forms[form] = change(forms[form], inputs=inputs)
             else:
-                fields[of] = change(fields[of], options=options)
-        for of, labels in own.labels.items():
-            fields[of] = change(fields[of], labels=labels, noun=labels[0].lower())
-        for of, (low, high) in own.ranges.items():
-            fields[of] = change(fields[of], low=low, high=high)
-        for group, naming in own.groups.items():
+                fields[name] = change(fields[name], options=options)
+        for name, labels in variant.labels.items():
+            fields[name] = change(fields[name], labels=labels, noun=labels[0].lower())
+        for name, (low, high) in variant.ranges.items():
+            fields[name] = change(fields[name], low=low, high=high)
+        for group, naming in variant.groups.items():
             groups[group] = change(groups[group], naming=naming)
-        given = {of: getattr(own, of) for of in _OWN}
-        instead = {of: value for of, value in given.items() if value is not None}
-        return change(self, **instead, fields=fields, forms=forms, groups=groups)
+        overrides = {key: getattr(variant, key) for key in _OVERRIDABLE}
+        overrides = {key: value for key, value in overrides.items() if value is not None}
+        return change(self, **overrides, fields=fields, forms=forms, groups=groups)
 
 
 class _Common(Table, frozen=True):
-    """What all families share."""
+    """``common.toml``: what all families share."""
 
     paths: dict[str, tuple[str, ...]]
     says: dict[str, tuple[str, ...]]
@@ -395,33 +405,29 @@ def _common() -> _Common:
 
 
 def spec_of(module: str) -> Spec:
-    """The specification ``spec.toml`` beside a family's module, with what all families share.
+    """The specification of a family, ``spec.toml`` in its package merged with ``common.toml``.
 
     Raises:
-        SitesError: it does not fit; the message names file and key.
+        SitesError: the file is not valid; the message names file and key.
     """
     own, common = load_beside(module, "spec.toml", Spec), _common()
 
-    def both(
-        shared: Mapping[str, tuple[str, ...]], given: Mapping[str, tuple[str, ...]]
+    def merged(
+        shared: Mapping[str, tuple[str, ...]], overrides: Mapping[str, tuple[str, ...]]
     ) -> dict[str, tuple[str, ...]]:
         values = {"singular": own.singular, "plural": own.plural}
-        return {**{k: tuple(v.format(**values) for v in texts) for k, texts in shared.items()}, **given}
+        return {**{k: tuple(v.format(**values) for v in texts) for k, texts in shared.items()}, **overrides}
 
-    paths = both(common.paths, own.paths)
-    twice = [
-        word
-        for word, times in Counter(word for words in paths.values() for word in words).items()
-        if times > 1
-    ]
-    if twice:
+    paths = merged(common.paths, own.paths)
+    counts = Counter(word for words in paths.values() for word in words)
+    if repeated := [word for word, count in counts.items() if count > 1]:
         raise SitesError(
-            f'{module}: "{twice[0]}" is the word for two kinds of pages', hint="take another in paths"
+            f'{module}: "{repeated[0]}" stands for two kinds of pages in paths', hint="use different words"
         )
     return msgspec.structs.replace(
         own,
         paths=paths,
-        says=both(common.says, own.says),
+        says=merged(common.says, own.says),
         forms={**own.forms, **common.forms},
     )
 

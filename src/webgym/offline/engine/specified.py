@@ -1,7 +1,7 @@
-"""Websites that follow from a specification: a list with filters, a page per item, forms, and a saved list.
+"""Websites generated from a specification: a list with filters, a page per item, forms, and a saved list.
 
-A family is a ``spec.toml`` (see :mod:`webgym.offline.engine.spec`) and a class that names its items. Pages,
-validation, what the server holds, and tasks with solutions follow; see :mod:`webgym.offline.engine.tasks`.
+A family is a ``spec.toml`` (see :mod:`webgym.offline.engine.spec`) and a class that may name its items.
+Pages, validation, server state, and tasks with solutions (:mod:`webgym.offline.engine.tasks`) are generated.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 
 from webgym.offline.engine.extras import Extras
 from webgym.offline.engine.finder import STYLES, Facet, Finder
-from webgym.offline.engine.records import following, named, sheet
+from webgym.offline.engine.records import draw_names, draw_sheet, with_implied_values
 from webgym.offline.engine.spec import FormSpec, InputSpec, Spec, spec_of
 from webgym.offline.engine.spelling import days, times
 from webgym.offline.engine.table import Record
@@ -41,17 +41,17 @@ _EMAIL = re.compile(r"[^@\s]+@[^@\s]+\.[a-z]{2,}")
 
 @dataclass
 class SpecifiedWebsite(Extras):
-    """Base of the specified families; a family's package has a ``spec.toml``, and its class :meth:`names`.
+    """Base class of the specified families; the package of a family has a ``spec.toml``.
 
     Attributes:
-        says: what the website calls things.
-        finder: filters and orders of the list.
-        page_size: items on a page of the list.
-        has_calendar: whether days are chosen in a calendar, or from a dropdown.
-        is_endless: whether more of the list loads by itself, where it loads at all.
-        has_sliders: whether numbers are chosen with sliders, or from dropdowns.
-        shadowed: the section that is a web component of its own; ``""`` if there is none.
-        framed: the section that stands in a frame; ``""`` if there is none.
+        says: texts of the pages, by key.
+        finder: filters and sort order of the list.
+        page_size: number of items on a page of the list.
+        has_calendar: whether dates are selected in a calendar; if not, in a dropdown.
+        is_endless: whether the list loads more items on scrolling, where it is not split into pages.
+        has_sliders: whether numbers are selected with sliders; if not, in dropdowns.
+        shadowed: key of the section inside a shadow DOM; ``""`` if there is none.
+        framed: key of the section inside an ``iframe``; ``""`` if there is none.
     """
 
     says: dict[str, str] = field(init=False)
@@ -64,7 +64,7 @@ class SpecifiedWebsite(Extras):
     framed: str = field(init=False)
 
     whole: ClassVar[Spec]
-    """The family's specification, with all its sectors."""
+    """The family's specification, without the changes of a sector."""
 
     def __init_subclass__(cls) -> None:
         cls.whole = spec_of(cls.__module__)
@@ -73,25 +73,25 @@ class SpecifiedWebsite(Extras):
 
     @classmethod
     def spec_for(cls, seed: int) -> Spec:
-        """The specification of a website: of its sector, where the family has sectors."""
+        """The specification of a website, with the changes of its sector if the family has sectors."""
         names = sorted(cls.whole.variants)
         return cls.whole.variant(pick(names, seed, "variant")) if names else cls.whole
 
     @classmethod
     def christen(cls, stem: str, seed: int) -> tuple[str, str]:
-        """Brand and hostname label; the second word fits the sector."""
+        """Brand and hostname label; the brand's second word comes from the sector."""
         brand = f"{stem} {pick(cls.spec_for(seed).suffixes, seed, 'brand')}"
         return brand, slug(brand)
 
     def names(self, rng: random.Random, count: int) -> list[str]:
-        """So many different names of items."""
+        """``count`` different names of items."""
         assert self.spec.naming is not None, f"{type(self).__name__} has neither naming nor names()"
-        return named(self.spec.naming, rng, count)
+        return draw_names(self.spec.naming, rng, count)
 
-    # --- what the website knows --------------------------------------------------------------------
+    # --- records --------------------------------------------------------------------
 
     def build(self) -> None:
-        """Draw words, fields and items."""
+        """Draw texts, fields and items."""
         spec = self.spec = self.spec_for(self.seed)
         seed = self.seed
         self.domain, self.subdomain = spec.topic
@@ -108,27 +108,31 @@ class SpecifiedWebsite(Extras):
         self.framed = "" if framed == self.shadowed else framed
         rng = stream(seed, "items")
         names = self.names(rng, rng.randint(*spec.count))
-        self.items = following(sheet(spec.fields, names, self.currency, seed), spec.follows)
+        self.items = with_implied_values(draw_sheet(spec.fields, names, self.currency, seed), spec.follows)
         self.groups = {
-            name: sheet(each.fields, self._group_names(name), self.currency, seed, name)
-            for name, each in spec.groups.items()
+            name: draw_sheet(group.fields, self._group_names(name), self.currency, seed, name)
+            for name, group in spec.groups.items()
         }
         self.finder = self._finder()
 
     def _group_names(self, group: str) -> list[str]:
         rng, spec = stream(self.seed, "group", group), self.spec.groups[group]
-        return named(spec.naming, rng, rng.randint(*spec.count))
+        return draw_names(spec.naming, rng, rng.randint(*spec.count))
 
     def _finder(self) -> Finder:
         facets = tuple(
-            Facet(of, self.items.labels[of], tuple((slug(text), text) for text in self.items.options[of]))
-            for of in self.items.labels
-            if self.items.fields[of].having
+            Facet(
+                field_name,
+                self.items.labels[field_name],
+                tuple((slug(text), text) for text in self.items.options[field_name]),
+            )
+            for field_name in self.items.labels
+            if self.items.fields[field_name].having
         )
         orders = [("", self.says["default"])]
-        for of in self.items.labels:
-            up, down = self.items.fields[of].orders
-            orders += [(f"{of}-up", up), (f"{of}-down", down)] if up else []
+        for field_name in self.items.labels:
+            up, down = self.items.fields[field_name].orders
+            orders += [(f"{field_name}-up", up), (f"{field_name}-down", down)] if up else []
         return Finder(
             path=self.path("/~all"),
             facets=facets,
@@ -137,114 +141,128 @@ class SpecifiedWebsite(Extras):
             apply=self.says["apply"],
         )
 
-    def find(self, **asked: str) -> list[Record]:
-        """The items that the list with these choices shows, in its order."""
-        words = asked.get("q", "").casefold().split()
+    def find(self, **query: str) -> list[Record]:
+        """The items of the list with these query parameters, in its order."""
+        words = query.get("q", "").casefold().split()
         facets = [facet.name for facet in self.finder.facets]
-        found = [
+        records = [
             record
             for record in self.items.records
             if all(word in record.name.casefold() for word in words)
-            and all(asked.get(of) in (None, slug(record.fields[of].text)) for of in facets)
+            and all(
+                query.get(field_name) in (None, slug(record.fields[field_name].text)) for field_name in facets
+            )
         ]
-        of, _, way = asked.get("sort", "").rpartition("-")
-        if of:
-            found.sort(key=lambda record: record.rank(of), reverse=way == "down")
-        return found
+        field_name, _, direction = query.get("sort", "").rpartition("-")
+        if field_name:
+            records.sort(key=lambda record: record.rank(field_name), reverse=direction == "down")
+        return records
 
     def in_section(self, section: str) -> list[str]:
-        """The fields that a section shows; of ``""``, the summary."""
-        return [of for of in self.items.labels if self.items.fields[of].section == section]
+        """The fields in a section; ``""`` is the summary at the top of the page."""
+        return [
+            field_name for field_name in self.items.labels if self.items.fields[field_name].section == section
+        ]
 
     def prose(self, section: str, record: Record) -> list[str]:
-        """The text of a section of an item's page: what its fields say, and sentences around it."""
-        said = [
-            self.items.view(record, of)[0] for of in self.in_section(section) if self.items.fields[of].prose
+        """The sentences of a section of an item's page: those of its fields and fillers, in random order."""
+        sentences = [
+            self.items.view(record, field_name)[0]
+            for field_name in self.in_section(section)
+            if self.items.fields[field_name].prose
         ]
         rng = stream(self.seed, "prose", section, record.name)
-        around = rng.sample(self.spec.fillers, min(len(said) + 2, len(self.spec.fillers))) if said else []
-        text = [*said, *(filler.format(item=record.name) for filler in around)]
+        fillers = (
+            rng.sample(self.spec.fillers, min(len(sentences) + 2, len(self.spec.fillers)))
+            if sentences
+            else []
+        )
+        text = [*sentences, *(filler.format(item=record.name) for filler in fillers)]
         return rng.sample(text, len(text))
 
     def sections(self) -> list[str]:
-        """The sections that show something."""
+        """The sections that have fields."""
         return [section for section in self.spec.sections if self.in_section(section)]
 
     def menu(self) -> list[tuple[str, str]]:
-        """The main navigation: the list, some of its filters, and what is not about an item."""
+        """Text and address of every link of the main navigation."""
         first = self.finder.facets[0]
         filters = [(text, self.finder.link({}, first.name, value)) for value, text in first.options[:2]]
         groups = [
-            (pick(each.labels, self.seed, "label", name), self.directory(name))
-            for name, each in self.spec.groups.items()
+            (pick(group.labels, self.seed, "label", name), self.directory(name))
+            for name, group in self.spec.groups.items()
         ]
         forms = [
             (self.word(name, "open"), self.address(name, ""))
             for name, form in self.spec.forms.items()
             if not form.is_about_item
         ]
-        beside = [(self.map_label(), self.path("/~map"))] if self.spec.map else []
-        beside += [(self.files_label(), self.path("/~files"))] if self.spec.files else []
-        return [(self.says["all"], self.finder.path), *filters, *groups, *beside, *forms]
+        features = [(self.map_label(), self.path("/~map"))] if self.spec.map else []
+        features += [(self.files_label(), self.path("/~files"))] if self.spec.files else []
+        return [(self.says["all"], self.finder.path), *filters, *groups, *features, *forms]
 
     # --- forms -----------------------------------------------------------------------------------
 
-    def word(self, form: str, of: str) -> str:
-        """What the website calls something of a form: ``open``, ``send``, ``done`` or ``reference``."""
-        texts: tuple[str, ...] = getattr(self.spec.forms[form], of)
-        return pick(texts, self.seed, "form", form, of)
+    def word(self, form: str, kind: str) -> str:
+        """A text of a form; ``kind`` is ``open``, ``send``, ``done`` or ``reference``, as in
+        :class:`FormSpec`."""
+        texts: tuple[str, ...] = getattr(self.spec.forms[form], kind)
+        return pick(texts, self.seed, "form", form, kind)
 
-    def input_label(self, form: str, of: str) -> str:
-        """What it calls an input."""
-        return pick(self.spec.forms[form].inputs[of].labels, self.seed, "input", form, of)
+    def input_label(self, form: str, input_name: str) -> str:
+        """The label of an input of a form."""
+        return pick(self.spec.forms[form].inputs[input_name].labels, self.seed, "input", form, input_name)
 
-    def choices(self, given: InputSpec) -> list[str]:
-        """What can be chosen in an input; empty where it is typed into."""
-        steps = range(given.low, given.high + 1, given.step)
-        match given.kind:
+    def choices(self, spec: InputSpec) -> list[str]:
+        """The options of an input; empty for a text input."""
+        steps = range(spec.low, spec.high + 1, spec.step)
+        match spec.kind:
             case "choice":
-                return list(given.options)
+                return list(spec.options)
             case "number":
-                return [str(each) for each in steps]
+                return [str(value) for value in steps]
             case "day":
-                return [days(TODAY + timedelta(days=each))[0] for each in steps]
+                return [days(TODAY + timedelta(days=value))[0] for value in steps]
             case "time":
-                return [times(each)[0] for each in steps]
+                return [times(value)[0] for value in steps]
             case _:
                 return []
 
-    def calendar(self, given: InputSpec) -> list[tuple[str, list[date | None]]]:
-        """Months with the days that can be chosen, behind ``None`` for the weekdays before the first."""
-        chosen = [TODAY + timedelta(days=each) for each in range(given.low, given.high + 1, given.step)]
+    def calendar(self, spec: InputSpec) -> list[tuple[str, list[date | None]]]:
+        """The months of a calendar, each with its selectable days.
+
+        Each starts with a ``None`` for every weekday before its first selectable day.
+        """
+        dates = [TODAY + timedelta(days=offset) for offset in range(spec.low, spec.high + 1, spec.step)]
         months: dict[str, list[date | None]] = {}
-        for day in chosen:
-            first = months.setdefault(
+        for day in dates:
+            days_of_month = months.setdefault(
                 f"{day:%B %Y}", [None] * day.weekday() if f"{day:%B %Y}" not in months else []
             )
-            first.append(day)
+            days_of_month.append(day)
         return list(months.items())
 
-    def _accepted(self, form: FormSpec, visit: Visit) -> tuple[dict[str, str], dict[str, str]]:
-        """What was entered, and what is wrong with it."""
+    def _validated(self, form: FormSpec, visit: Visit) -> tuple[dict[str, str], dict[str, str]]:
+        """The submitted values, and an error message for every invalid one, by input."""
         values, errors = {}, {}
-        for name, given in form.inputs.items():
+        for name, spec in form.inputs.items():
             value = values[name] = visit.form.get(name, "").strip()
-            choices = self.choices(given)
+            choices = self.choices(spec)
             if choices and value not in choices:
-                errors[name] = "Please choose one of these."
+                errors[name] = "Please select an option from the list."
             elif not choices and not 2 <= len(value) <= _LONGEST_TEXT:
-                errors[name] = "Please fill in this field."
-            elif given.kind == "email" and not _EMAIL.fullmatch(value):
+                errors[name] = "Please fill out this field."
+            elif spec.kind == "email" and not _EMAIL.fullmatch(value):
                 errors[name] = "Please enter a valid e-mail address."
         return values, errors
 
     def reference(self, form: str, about: str, values: dict[str, str]) -> str:
-        """The number of what was sent; it cannot be known without having sent it."""
+        """The reference number of a submitted form; only the confirmation page shows it."""
         digits = number(self.seed, "reference", form, about, sorted(values.items())) % 90_000 + 10_000
         return f"{slug(self.brand)[:2].upper()}-{digits}"
 
     def report(self, state: State) -> dict[str, Any]:
-        """What was sent, by form, item and input; what is saved; and see :meth:`extras_report`."""
+        """Submitted values by form, item and input; saved items; and :meth:`extras_report`."""
         return {
             "sent": state.get("sent", {}),
             "saved": {self.by_key[key].name: True for key in state.get("saved", [])},
@@ -261,30 +279,30 @@ class SpecifiedWebsite(Extras):
 
     @page("/")
     def front(self, visit: Visit) -> Response:
-        """Highlights, and ways in."""
+        """The front page, with some items."""
         highlights = stream(self.seed, "highlights").sample(self.items.records, 6)
         return self.render("engine/front.html", visit, highlights=highlights)
 
     @page("/suggest")
     def suggest(self, visit: Visit) -> Response:
-        """Names for what is typed into the search."""
-        found = self.find(q=visit.query.get("q", ""))[:_SUGGESTIONS]
-        return json_response([{"name": record.name, "path": self.href(record)} for record in found])
+        """Suggestions for a search text, as JSON."""
+        records = self.find(q=visit.query.get("q", ""))[:_SUGGESTIONS]
+        return json_response([{"name": record.name, "path": self.href(record)} for record in records])
 
     @page("/~all")
     def listing(self, visit: Visit) -> Response:
-        """The filtered list."""
-        asked = self.finder.asked(visit)
-        found = paged(self.find(**asked), visit, self.page_size)
-        return self.render("engine/list.html", visit, asked=asked, found=found, shown=self.on_cards())
+        """The list, filtered and sorted."""
+        query = self.finder.query(visit)
+        results = paged(self.find(**query), visit, self.page_size)
+        return self.render("engine/list.html", visit, query=query, results=results, shown=self.card_fields())
 
-    def on_cards(self) -> list[str]:
-        """The fields that the list shows."""
-        return [of for of in self.items.labels if self.items.fields[of].card]
+    def card_fields(self) -> list[str]:
+        """The fields that the list shows of every item."""
+        return [field_name for field_name in self.items.labels if self.items.fields[field_name].card]
 
     @page("/~one/{key}")
     def item(self, visit: Visit, key: str) -> Response:
-        """One item."""
+        """The page of an item."""
         record = self.by_key.get(key)
         if record is None:
             return self.missing(visit)
@@ -293,7 +311,7 @@ class SpecifiedWebsite(Extras):
 
     @page("/~one/{key}/in/{section}")
     def part(self, visit: Visit, key: str, section: str) -> Response:
-        """A section of an item's page, for the frame in it."""
+        """The document inside the ``iframe`` of an item's page."""
         record = self.by_key.get(key)
         if record is None or not section or section != self.framed:
             return self.missing(visit)
@@ -301,19 +319,19 @@ class SpecifiedWebsite(Extras):
 
     @page("/~saved")
     def saved(self, visit: Visit) -> Response:
-        """What the visitor has saved."""
-        found = [self.by_key[key] for key in visit.state.get("saved", [])]
-        return self.render("engine/saved.html", visit, found=found)
+        """The visitor's saved items."""
+        records = [self.by_key[key] for key in visit.state.get("saved", [])]
+        return self.render("engine/saved.html", visit, records=records)
 
     @page("/~saved", method="POST")
     def save(self, visit: Visit) -> Response:
-        """Save an item, or forget it."""
+        """Save an item, or remove it from the saved items."""
         key = visit.form.get("item", "")
         if key not in self.by_key:
             return self.missing(visit)
         saved = visit.state.setdefault("saved", [])
         if visit.form.get("forget"):
-            visit.state["saved"] = [each for each in saved if each != key]
+            visit.state["saved"] = [other for other in saved if other != key]
         elif key not in saved:
             saved.append(key)
         return redirect(self.path("/~saved"))
@@ -325,61 +343,61 @@ class SpecifiedWebsite(Extras):
 
     @page("/~one/{key}/{form}", method="POST")
     def send_item_form(self, visit: Visit, key: str, form: str) -> Response:
-        """Take a form about an item, or say what is wrong with it."""
+        """Store a submitted form about an item, or show its errors."""
         return self._send(visit, form, key)
 
     @page("/~one/{key}/{form}/done")
     def item_form_done(self, visit: Visit, key: str, form: str) -> Response:
-        """What was sent about an item."""
+        """Confirmation page of a form about an item."""
         return self._done(visit, form, key)
 
     @page("/~forms/{form}")
     def form(self, visit: Visit, form: str) -> Response:
-        """An empty form that is about no item."""
+        """An empty form that is not about an item."""
         return self._form(visit, form, "")
 
     @page("/~forms/{form}", method="POST")
     def send_form(self, visit: Visit, form: str) -> Response:
-        """Take such a form, or say what is wrong with it."""
+        """Store such a form, or show its errors."""
         return self._send(visit, form, "")
 
     @page("/~forms/{form}/done")
     def form_done(self, visit: Visit, form: str) -> Response:
-        """What was sent."""
+        """Confirmation page of such a form."""
         return self._done(visit, form, "")
 
     def address(self, form: str, key: str) -> str:
-        """Of a form; ``key`` is of the item that it is about."""
+        """The address of a form; ``key`` is the item's key, ``""`` for a form that is not about an item."""
         return (
             self.path("/~one/{key}", key=key) + f"/{form}" if key else self.path("/~forms/{form}", form=form)
         )
 
-    def _known(self, form: str, key: str) -> FormSpec | None:
-        found = self.spec.forms.get(form)
-        is_known = found is not None and found.is_about_item == bool(key) and (not key or key in self.by_key)
-        return found if is_known else None
+    def _form_spec(self, form: str, key: str) -> FormSpec | None:
+        spec = self.spec.forms.get(form)
+        is_known = spec is not None and spec.is_about_item == bool(key) and (not key or key in self.by_key)
+        return spec if is_known else None
 
-    def _form(self, visit: Visit, form: str, key: str, **given: dict[str, str]) -> Response:
-        found = self._known(form, key)
-        if found is None:
+    def _form(self, visit: Visit, form: str, key: str, **submitted: dict[str, str]) -> Response:
+        spec = self._form_spec(form, key)
+        if spec is None:
             return self.missing(visit)
-        status = 422 if given else 200
-        shown: dict[str, dict[str, str]] = {"values": {}, "errors": {}} | given
+        status = 422 if submitted else 200
+        shown: dict[str, dict[str, str]] = {"values": {}, "errors": {}} | submitted
         return self.render(
             "engine/form.html",
             visit,
             status=status,
             name=form,
-            form=found,
+            form=spec,
             record=self.by_key.get(key),
             **shown,
         )
 
     def _send(self, visit: Visit, form: str, key: str) -> Response:
-        found = self._known(form, key)
-        if found is None:
+        spec = self._form_spec(form, key)
+        if spec is None:
             return self.missing(visit)
-        values, errors = self._accepted(found, visit)
+        values, errors = self._validated(spec, visit)
         if errors:
             return self._form(visit, form, key, values=values, errors=errors)
         about = self.by_key[key].name if key else ""
@@ -390,7 +408,9 @@ class SpecifiedWebsite(Extras):
         record = self.by_key.get(key)
         about = record.name if record else ""
         values = visit.state.get("sent", {}).get(form, {}).get(about)
-        if self._known(form, key) is None or values is None:
+        if self._form_spec(form, key) is None or values is None:
             return self.missing(visit)
-        number_ = self.reference(form, about, values)
-        return self.render("engine/done.html", visit, name=form, record=record, values=values, number=number_)
+        reference = self.reference(form, about, values)
+        return self.render(
+            "engine/done.html", visit, name=form, record=record, values=values, number=reference
+        )

@@ -1,4 +1,7 @@
-"""The one place that knows how tasks and answers spell lists, numbers, times, days and quantities."""
+"""Spellings of lists, numbers, times, days and quantities in tasks and answers.
+
+Functions that return several spellings return the one on pages first.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ from datetime import date
 from functools import lru_cache
 
 BARE_FROM = 10
-"""A number below this proves nothing without its unit."""
+"""An answer may give a number without its unit from here on; a smaller one could be there by accident."""
 
 _NUMBERS = (
     "no one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen".split()
@@ -31,49 +34,49 @@ def first_up(text: str) -> str:
 
 
 def times(minute: int) -> tuple[str, ...]:
-    """Ways to write a time of day."""
+    """Spellings of a time of day, given in minutes since midnight."""
     hour, rest = divmod(minute % 1440, 60)
     half, twelve = ("am" if hour < 12 else "pm"), hour % 12 or 12
-    ways = (
+    spellings = (
         f"{hour:02d}:{rest:02d}",
         f"{hour}:{rest:02d}",
         f"{twelve}:{rest:02d} {half}",
         f"{twelve}:{rest:02d}{half}",
     )
-    return tuple(dict.fromkeys(ways))
+    return tuple(dict.fromkeys(spellings))
 
 
 @lru_cache(maxsize=1 << 12)
 def days(day: date) -> tuple[str, ...]:
-    """Ways to write a day."""
+    """Spellings of a day."""
     number = day.day
-    ways = (f"{number} {day:%b %Y}", f"{number} {day:%b}", f"{number} {day:%B}", f"{day:%B} {number}")
-    return (*ways, f"{day:%b} {number}", day.isoformat())
+    spellings = (f"{number} {day:%b %Y}", f"{number} {day:%b}", f"{number} {day:%B}", f"{day:%B} {number}")
+    return (*spellings, f"{day:%b} {number}", day.isoformat())
 
 
 def minutes(value: int) -> tuple[str, ...]:
-    """Ways to say a duration."""
-    said = [f"{value} min", f"{value} minutes", f"{value} mins"]
+    """Spellings of a duration in minutes."""
+    spellings = [f"{value} min", f"{value} minutes", f"{value} mins"]
     hours, rest = divmod(value, 60)
     if hours:
         hour = "hour" if hours == 1 else "hours"
         tail = f" {rest} minutes" if rest else ""
-        said += [f"{hours} {hour}{tail}", f"{hours} h {rest} min" if rest else f"{hours} h"]
-        said += [f"{hours} {hour} and {rest} minutes"] if rest else []
-    return (*said, str(value)) if value >= BARE_FROM else tuple(said)
+        spellings += [f"{hours} {hour}{tail}", f"{hours} h {rest} min" if rest else f"{hours} h"]
+        spellings += [f"{hours} {hour} and {rest} minutes"] if rest else []
+    return (*spellings, str(value)) if value >= BARE_FROM else tuple(spellings)
 
 
 def quantity(value: str, unit: str, *units: str) -> tuple[str, ...]:
-    """Ways to say a quantity: ``quantity("12", "g", "grams")`` takes "12 g", "12g", "12 grams" and "12"."""
-    said = [f"{value} {unit}", f"{value}{unit}", *(f"{value} {other}" for other in units)]
-    return (*said, value) if float(value.replace(",", "")) >= BARE_FROM else tuple(said)
+    """Spellings of a quantity; of ``quantity("12", "g", "grams")``: "12 g", "12g", "12 grams" and "12"."""
+    spellings = [f"{value} {unit}", f"{value}{unit}", *(f"{value} {other}" for other in units)]
+    return (*spellings, value) if float(value.replace(",", "")) >= BARE_FROM else tuple(spellings)
 
 
 def count(value: int, *nouns: str) -> tuple[str, ...]:
-    """Ways to say how many."""
-    said = [str(value)]
+    """Spellings of a number of things, which ``nouns`` name."""
+    spellings = [str(value)]
     if 0 < value < len(_NUMBERS):
-        said.append(_NUMBERS[value])
+        spellings.append(_NUMBERS[value])
     elif value == 0:
-        said += [f"{word} {noun}" for word in ("no", "zero") for noun in nouns] + ["none"]
-    return tuple(said)
+        spellings += [f"{word} {noun}" for word in ("no", "zero") for noun in nouns] + ["none"]
+    return tuple(spellings)

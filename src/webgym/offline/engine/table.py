@@ -1,4 +1,4 @@
-"""What a website knows: records with fields, how a visitor comes to see them, and what else could be said."""
+"""Records of a website, where a visitor can see them, and the possible values of their fields."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from webgym.core.truth import Move
 
 @dataclass(frozen=True)
 class Value:
-    """What stands in a field.
+    """The value of a field.
 
     Attributes:
-        text: as the page shows it.
-        spellings: other ways in which an answer may spell it.
-        rank: its place among other values of the field, if they have an order.
-        is_text: whether the page shows it as text; else it is drawn, and the page's address stands for it.
+        text: its text on the page.
+        spellings: other texts that an answer may use for it.
+        rank: number by which values of the field are ordered; ``None`` if they have no order.
+        is_text: whether the page shows it as text; if not, it is a picture, and evidence is the page's
+            address alone.
     """
 
     text: str
@@ -27,19 +28,19 @@ class Value:
 
     @property
     def options(self) -> tuple[str, ...]:
-        """All ways to spell it."""
+        """All accepted spellings."""
         return (self.text, *self.spellings)
 
 
 @dataclass(frozen=True)
 class Record:
-    """One thing of the table.
+    """A record.
 
     Attributes:
-        name: as pages and instructions call it.
-        fields: its values by field.
-        traits: words it can be counted by.
-        place: what an instruction must add so that it can be found; empty if the name says enough.
+        name: its name on pages and in instructions.
+        fields: its values, by field.
+        traits: words by which instructions can select it for counting.
+        place: name of the list that has it, where instructions must give it; empty if the name is enough.
     """
 
     name: str
@@ -48,29 +49,29 @@ class Record:
     place: str = ""
 
     @property
-    def called(self) -> str:
-        """The name, with the place where one is needed."""
+    def full_name(self) -> str:
+        """The name in instructions, with the place if there is one."""
         return f"{self.name} from {self.place}" if self.place else self.name
 
-    def rank(self, of: str) -> float:
-        """The rank of one of its values.
+    def rank(self, field_name: str) -> float:
+        """The rank of a field's value.
 
         Raises:
             ValueError: the field has no order.
         """
-        rank = self.fields[of].rank
+        rank = self.fields[field_name].rank
         if rank is None:
-            raise ValueError(f"the {of} of {self.name} has no rank")
+            raise ValueError(f"the {field_name} of {self.name} has no rank")
         return rank
 
 
 @dataclass(frozen=True)
-class Shown:
+class Location:
     """Where something can be seen.
 
     Attributes:
-        moves: from the front page until it is in view.
-        path: regular expression of the path and query of the page that shows it, from start to end.
+        moves: moves from the front page that bring it into view.
+        path: regular expression for the path and query of the page that shows it; matches from start to end.
     """
 
     moves: tuple[Move, ...]
@@ -82,9 +83,9 @@ class ListPage:
     """One page of a list.
 
     Attributes:
-        moves: from the page before it; of the first, from the front page.
-        path: as in :class:`Shown`.
-        records: on it, in order.
+        moves: moves from the page before it, or from the front page for the first page.
+        path: as in :class:`Location`.
+        records: the records on it, in order.
     """
 
     moves: tuple[Move, ...]
@@ -93,16 +94,16 @@ class ListPage:
 
 
 class Guide(Protocol):
-    """What a website tells about the way to its records."""
+    """Where the records of a website can be seen."""
 
-    def way(self, record: Record) -> Shown:
-        """Where the fields of a record can be seen."""
+    def locate(self, record: Record) -> Location:
+        """The page that shows the fields of a record."""
         ...
 
     def pages(self, place: str) -> Sequence[ListPage]:
         """The pages of a list."""
         ...
 
-    def candidates(self, of: str) -> Sequence[str]:
-        """All that an answer could name where a value of this field is asked for; ``"name"`` for names."""
+    def candidates(self, field: str) -> Sequence[str]:
+        """All possible values of a field; of ``"name"``, all names of records."""
         ...

@@ -1,4 +1,4 @@
-"""Boards: pages of rows, a thing and its number in each."""
+"""Boards: tables of things and numbers, split into pages."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import ClassVar
 
 from webgym.core.truth import Click, Move
 from webgym.offline.data import load
-from webgym.offline.engine.table import ListPage, Record, Shown, Value
+from webgym.offline.engine.table import ListPage, Location, Record, Value
 from webgym.offline.parts import Part
 from webgym.offline.seeds import stream
-from webgym.offline.small.questions import NAME, Phrases, Questions, some
+from webgym.offline.small.questions import NAME, Phrases, Questions, sample
 from webgym.offline.small.screen import Tile, capacity, singles
 from webgym.offline.small.signs import Sign, control, number_sign, numbers
 from webgym.offline.small.site import SmallWebsite
@@ -21,7 +21,7 @@ from webgym.offline.website import Response, Visit, page
 
 @lru_cache(maxsize=1)
 def phrases() -> Phrases:
-    """How a board's tasks are asked."""
+    """The phrases of a board's tasks."""
     return load("webgym.offline.small", "board.toml", Phrases)
 
 
@@ -29,9 +29,9 @@ class Board(SmallWebsite):
     """A website of tables.
 
     Attributes:
-        tables: the rows of every table, by its word.
-        signs: of the things, by name.
-        size: rows on a page.
+        tables: the rows of each table, by the word that names it.
+        signs: signs of the things, by name.
+        size: number of rows on a page.
     """
 
     family: ClassVar[str] = "board"
@@ -41,7 +41,7 @@ class Board(SmallWebsite):
     size: int
 
     def fill(self) -> None:
-        """Deal things and numbers. In a table, no number stands twice."""
+        """Draw the things and numbers of every table; no number is twice in a table."""
         rng, stock = stream(self.seed, "board"), self.design.stock
         self.size = min(rng.randint(4, 7), capacity(self.design.layout, 2))
         things = [Sign(color, icon) for color in stock.colors for icon in stock.icons]
@@ -62,13 +62,13 @@ class Board(SmallWebsite):
                 for row, value in zip(rows, values, strict=True)
             ]
 
-    # --- the guide --------------------------------------------------------------------------------
+    # --- where records are --------------------------------------------------------------------------------
 
-    def way(self, record: Record) -> Shown:
-        """Through the table's pages."""
+    def locate(self, record: Record) -> Location:
+        """The page of the table that shows a row."""
         number = self.tables[record.place].index(record) // self.size
         moves: tuple[Move, ...] = (Click(record.place), *(Click("next"),) * number)
-        return Shown(moves, re.escape(self._table(record.place, number + 1)) + "$")
+        return Location(moves, re.escape(self._table(record.place, number + 1)) + "$")
 
     def pages(self, place: str) -> Sequence[ListPage]:
         """The pages of a table."""
@@ -82,9 +82,9 @@ class Board(SmallWebsite):
             for start in range(0, len(rows), self.size)
         ]
 
-    def candidates(self, of: str) -> Sequence[str]:
-        """All numbers, or the names of all things."""
-        return tuple(self.signs) if of == NAME else numbers()
+    def candidates(self, field: str) -> Sequence[str]:
+        """All numbers; for names, the names of all things."""
+        return tuple(self.signs) if field == NAME else numbers()
 
     # --- pages ------------------------------------------------------------------------------------
 
@@ -93,45 +93,47 @@ class Board(SmallWebsite):
 
     @page("/")
     def front(self, visit: Visit) -> Response:
-        """The tables' words."""
+        """The front page: the words of the tables."""
         tiles = [Tile(Sign(text=word), self._table(word, 1)) for word in self.tables]
         return self.show(visit, singles(tiles))
 
     @page("/table/{token}/{number}")
     def table_page(self, visit: Visit, token: str, number: str) -> Response:
-        """A page of a table: pairs of a thing and its number."""
+        """A page of a table: things, each with its number."""
         word = next((word for word in self.tables if self.token(word) == token), None)
         pages = self.pages(word) if word is not None else ()
         if word is None or not number.isdecimal() or not 1 <= int(number) <= len(pages):
             return self.missing(visit)
-        at, controls = int(number), []
-        if at > 1:
-            controls.append(Tile(control("back"), self._table(word, at - 1)))
-        if at < len(pages):
-            controls.append(Tile(control("next"), self._table(word, at + 1)))
+        current, controls = int(number), []
+        if current > 1:
+            controls.append(Tile(control("back"), self._table(word, current - 1)))
+        if current < len(pages):
+            controls.append(Tile(control("next"), self._table(word, current + 1)))
         rows = [
             (Tile(self.signs[row.name]), Tile(number_sign(int(row.fields["number"].text))))
-            for row in pages[at - 1].records
+            for row in pages[current - 1].records
         ]
         return self.show(visit, rows, *controls, mark=Sign(text=word))
 
     # --- tasks ------------------------------------------------------------------------------------
 
     def parts(self) -> Iterator[Part]:
-        """Look up, compare, count, find the largest and the smallest."""
+        """Parts that look up, compare, count, and find the largest and the smallest number."""
         rng = stream(self.seed, "parts")
         rows = [row for table in self.tables.values() for row in table]
-        ask = Questions(self, phrases(), rng)
-        for row in some(rng, rows, 12):
-            yield ask.look_up(row, "number")
-        for row in some(rng, rows, 3):
+        questions = Questions(self, phrases(), rng)
+        for row in sample(rng, rows, 12):
+            yield questions.look_up(row, "number")
+        for row in sample(rng, rows, 3):
             value = row.fields["number"].text
-            yield ask.either(row, "number", rng.choice([each for each in numbers() if each != value]))
-        for one, two in zip(some(rng, rows, 6), some(rng, rows, 6), strict=True):
-            if one.rank("number") != two.rank("number"):
-                yield ask.compare(one, two, "number", larger=rng.random() < 0.5)
+            yield questions.either(
+                row, "number", rng.choice([other for other in numbers() if other != value])
+            )
+        for first, second in zip(sample(rng, rows, 6), sample(rng, rows, 6), strict=True):
+            if first.rank("number") != second.rank("number"):
+                yield questions.compare(first, second, "number", larger=rng.random() < 0.5)
         for word, table in self.tables.items():
-            yield ask.extreme(word, "number", larger=True)
-            yield ask.extreme(word, "number", larger=False)
-            yield ask.count(word)
-            yield ask.count(word, rng.choice(sorted({trait for row in table for trait in row.traits})))
+            yield questions.extreme(word, "number", larger=True)
+            yield questions.extreme(word, "number", larger=False)
+            yield questions.count(word)
+            yield questions.count(word, rng.choice(sorted({trait for row in table for trait in row.traits})))

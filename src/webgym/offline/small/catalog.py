@@ -1,4 +1,4 @@
-"""Sections of things: a front page of sections, lists with pages, and a page for every thing."""
+"""Catalogs: a front page of sections, lists of things split into pages, and a page per thing."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import ClassVar, Literal
 
 from webgym.core.truth import Click, Move
-from webgym.offline.engine.table import ListPage, Record, Shown, Value
+from webgym.offline.engine.table import ListPage, Location, Record, Value
 from webgym.offline.seeds import stream
 from webgym.offline.small.questions import NAME
 from webgym.offline.small.screen import Block, Tile, capacity, singles
@@ -18,19 +18,19 @@ from webgym.offline.website import Response, Visit, page
 Kind = Literal["color", "icon", "word"]
 
 SOLD_OUT = 0.12
-"""Share of things that are listed and lead nowhere."""
+"""Probability that a thing in a list has no page."""
 
 
 class Catalog(SmallWebsite):
-    """A website with things in sections.
+    """Base class of websites with things in sections.
 
     Attributes:
-        kinds: what sections may be told apart by.
-        kind: what this website's sections are told apart by.
-        sections: the things of every section, by the section's name, in the order of its list.
-        signs: of things and sections, by name.
-        size: things on a page of a list.
-        sold_out: names of things that have no page.
+        kinds: properties by which the family's websites may group things into sections.
+        kind: property by which this website groups them.
+        sections: the things of each section, by the section's name, in the order of its list.
+        signs: signs of things and sections, by name.
+        size: number of things on a page of a list.
+        sold_out: names of the things without a page.
     """
 
     kinds: ClassVar[tuple[Kind, ...]] = ("color", "icon", "word")
@@ -41,26 +41,26 @@ class Catalog(SmallWebsite):
     sold_out: set[str]
 
     def fill(self) -> None:
-        """Deal things into sections and give each its values."""
+        """Draw the sections, their things, and the values of the things."""
         rng = stream(self.seed, "catalog")
         self.kind = rng.choice(self.kinds)
         self.size = min(rng.randint(4, 8), capacity(self.design.layout, 1))
-        dealt = self._dealt(rng.randint(3, 5 if self.kind == "word" else 6))
-        self.signs = {sign.name: sign for section, things in dealt for sign in (section, *things)}
+        drawn = self._draw_sections(rng.randint(3, 5 if self.kind == "word" else 6))
+        self.signs = {sign.name: sign for section, things in drawn for sign in (section, *things)}
         self.sold_out = set()
         self.sections = {}
-        for section, things in dealt:
+        for section, things in drawn:
             place = section.name if self.kind == "word" else ""
-            # At least three things of a section can be had.
-            spare = things[3:]
-            self.sold_out |= {thing.name for thing in spare if rng.random() < SOLD_OUT}
+            # At least three things of a section have a page.
+            optional = things[3:]
+            self.sold_out |= {thing.name for thing in optional if rng.random() < SOLD_OUT}
             rng.shuffle(things)
             self.sections[section.name] = [
                 Record(thing.name, self.fields(thing), frozenset({thing.color, thing.icon}), place)
                 for thing in things
             ]
 
-    def _dealt(self, count: int) -> list[tuple[Sign, list[Sign]]]:
+    def _draw_sections(self, count: int) -> list[tuple[Sign, list[Sign]]]:
         rng, stock = stream(self.seed, "deal"), self.design.stock
         if self.kind == "color":
             heads = [Sign(color=color) for color in stock.colors[:count]]
@@ -82,28 +82,31 @@ class Catalog(SmallWebsite):
         ]
 
     def fields(self, thing: Sign) -> dict[str, Value]:
-        """The values of a thing."""
+        """The values of a thing, by field."""
         value = stream(self.seed, "number", thing.name).randint(1, int(numbers()[-1]))
         return {"number": Value(str(value), rank=value)}
 
-    # --- the guide --------------------------------------------------------------------------------
+    # --- where records are --------------------------------------------------------------------------------
 
     def records(self) -> list[Record]:
-        """All things that have a page."""
+        """All things with a page."""
         return [
-            each for section in self.sections.values() for each in section if each.name not in self.sold_out
+            record
+            for section in self.sections.values()
+            for record in section
+            if record.name not in self.sold_out
         ]
 
     def section_of(self, record: Record) -> str:
         """The section that lists a thing."""
         return next(name for name, things in self.sections.items() if record in things)
 
-    def way(self, record: Record) -> Shown:
-        """Through the section and its list to the thing's page."""
+    def locate(self, record: Record) -> Location:
+        """The page of a thing, reached through the list of its section."""
         section = self.section_of(record)
         number = self.sections[section].index(record) // self.size
         moves: tuple[Move, ...] = (Click(section), *(Click("next"),) * number, Click(record.name))
-        return Shown(moves, f"/{self.token(record.name)}$")
+        return Location(moves, f"/{self.token(record.name)}$")
 
     def pages(self, place: str) -> Sequence[ListPage]:
         """The pages of a section's list."""
@@ -117,9 +120,9 @@ class Catalog(SmallWebsite):
             for start in range(0, len(things), self.size)
         ]
 
-    def candidates(self, of: str) -> Sequence[str]:
-        """All numbers, or the names of all things."""
-        if of == NAME:
+    def candidates(self, field: str) -> Sequence[str]:
+        """All numbers; for names, the names of all things."""
+        if field == NAME:
             return [record.name for things in self.sections.values() for record in things]
         return numbers()
 
@@ -134,7 +137,7 @@ class Catalog(SmallWebsite):
 
     @page("/")
     def front(self, visit: Visit) -> Response:
-        """The sections."""
+        """The front page: the sections."""
         return self.show(visit, singles(self.front_tiles()), mark=self.front_mark())
 
     def front_mark(self) -> Sign | None:
@@ -147,15 +150,18 @@ class Catalog(SmallWebsite):
         section = next((name for name in self.sections if self.token("list", name) == token), None)
         if section is None or not number.isdecimal() or not 1 <= int(number) <= len(self.pages(section)):
             return self.missing(visit)
-        at, pages = int(number), self.pages(section)
+        current, pages = int(number), self.pages(section)
         controls = []
-        if at > 1:
-            controls.append(Tile(control("back"), self._list(section, at - 1)))
-        if at < len(pages):
-            controls.append(Tile(control("next"), self._list(section, at + 1)))
+        if current > 1:
+            controls.append(Tile(control("back"), self._list(section, current - 1)))
+        if current < len(pages):
+            controls.append(Tile(control("next"), self._list(section, current + 1)))
         tiles = [
-            Tile(self.signs[each.name], None if each.name in self.sold_out else f"/{self.token(each.name)}")
-            for each in pages[at - 1].records
+            Tile(
+                self.signs[record.name],
+                None if record.name in self.sold_out else f"/{self.token(record.name)}",
+            )
+            for record in pages[current - 1].records
         ]
         return self.show(visit, singles(tiles), *controls, mark=self.signs[section])
 

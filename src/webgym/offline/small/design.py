@@ -1,8 +1,7 @@
-"""How a small website looks: its theme, its layout and its stock of signs, drawn from its seed.
+"""The design of a small website: its theme, its layout and its signs, drawn from its seed.
 
-Every single choice occurs on both sides of the split. Combinations do not: a website for testing has a
-pair of layout and theme, and a pair of theme and signs, that no website for training has, whatever the
-seeds. See :func:`side`.
+Every single choice occurs in both splits. Combinations do not: a test website has a pair of layout and theme,
+and a pair of theme and signs, that no training website has, whatever the seeds. See :func:`side`.
 """
 
 from __future__ import annotations
@@ -22,18 +21,20 @@ from webgym.offline.website import Split
 Choice = tuple[int, ...]
 
 HELD_OUT = 4
-"""One in so many pairs of layout and theme, and of theme and signs, is held out for testing."""
+"""One of this many pairs of layout and theme, and of theme and signs, is held out for testing."""
 
 LEFT_OUT = 2
-"""So many colours and icons does a website leave out."""
+"""Number of colours, and of icons, that a website does not use."""
 
 TURN = 0.012
 LIGHTEN = 0.07
-"""How far, at most, a website's shade of a colour is from the colour itself."""
+"""Largest change of a colour on a website: of the hue, as a share of the colour circle, and of the
+lightness, as a share of itself.
+"""
 
 
 class ThemeChoices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a theme is drawn from."""
+    """The possible values of a theme's properties."""
 
     ground: tuple[tuple[str, str, str, str], ...]
     shape: tuple[Literal["square", "rounded", "disc"], ...]
@@ -44,7 +45,7 @@ class ThemeChoices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class LayoutChoices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a layout is drawn from."""
+    """The possible values of a layout's properties."""
 
     bar: tuple[Literal["top", "bottom", "left", "right"], ...]
     flow: tuple[Literal["rows", "columns"], ...]
@@ -54,7 +55,7 @@ class LayoutChoices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class DesignData(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``design.toml``."""
+    """The content of ``design.toml``."""
 
     theme: ThemeChoices
     layout: LayoutChoices
@@ -62,22 +63,22 @@ class DesignData(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @lru_cache(maxsize=1)
 def design_data() -> DesignData:
-    """All choices."""
+    """The content of ``design.toml``."""
     return load("webgym.offline.small", "design.toml", DesignData)
 
 
 @dataclass(frozen=True)
 class Theme:
-    """Colours and forms.
+    """Colours and shapes.
 
     Attributes:
-        page, bar, tile, ink: colours of the page, its bar, its tiles, and what is written on them.
-        shape: of tiles.
-        frame: width of a tile's frame, pixels.
+        page, bar, tile, ink: CSS colours of the page, its bar, its tiles, and the text on them.
+        shape: shape of tiles.
+        frame: width of a tile's frame, CSS pixels.
         drawing: how coloured icons are drawn.
         font: CSS font family.
         controls: whether controls are symbols or words.
-        colors: this website's shade of every colour.
+        colors: this website's shade of each colour, by name.
     """
 
     page: str
@@ -94,14 +95,14 @@ class Theme:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where things stand on a page of 6 by 4 cells.
+    """The arrangement of a page of 6 by 4 cells.
 
     Attributes:
-        bar: the side on which the controls stand.
-        flow: whether what a page shows runs along rows or down columns.
-        spread: one after the other, or with a gap between.
-        anchor: from the start of the space, or up to its end.
-        order: of the controls.
+        bar: side of the page with the controls.
+        flow: whether tiles fill rows or columns.
+        spread: ``packed`` without gaps, ``apart`` with a gap between tiles.
+        anchor: whether tiles begin at the start of the space or finish at its end.
+        order: direction of the controls.
     """
 
     bar: str
@@ -116,7 +117,7 @@ class Stock:
     """The signs that a website uses.
 
     Attributes:
-        colors, icons, words: in an order of its own.
+        colors, icons, words: their names, in random order.
     """
 
     colors: tuple[str, ...]
@@ -126,11 +127,11 @@ class Stock:
 
 @dataclass(frozen=True)
 class Design:
-    """Everything about a small website's looks.
+    """The design of a small website.
 
     Attributes:
-        theme, layout, stock: see there.
-        key: the choices that were drawn for theme, layout and signs.
+        theme, layout, stock: its parts.
+        key: indices of the choices of theme, layout and signs.
     """
 
     theme: Theme
@@ -140,10 +141,10 @@ class Design:
 
 
 def side(theme: Choice, layout: Choice, signs: Choice) -> Split | None:
-    """On which side of the split a combination may stand; ``None`` for neither.
+    """The split that may use a combination; ``None`` for neither.
 
-    A pair is held out where the sum of its choices is divisible by :data:`HELD_OUT`. Websites for
-    training have no held-out pair, websites for testing have nothing else.
+    A pair is held out if the sum of its choices is divisible by :data:`HELD_OUT`. Both pairs of a test
+    website are held out, no pair of a training website is.
     """
     pairs = ((*layout, *theme), (*theme, *signs))
     held_out = [sum(pair) % HELD_OUT == 0 for pair in pairs]
@@ -153,7 +154,7 @@ def side(theme: Choice, layout: Choice, signs: Choice) -> Split | None:
 
 
 def design(seed: int, split: Split) -> Design:
-    """The design that belongs to a seed on this side of the split."""
+    """The design for a seed in a split."""
     data, signs = design_data(), sign_data()
     rng = stream(seed, "design")
 
@@ -186,15 +187,15 @@ def _theme(chosen: list[Any], colors: dict[str, str]) -> Theme:
     return Theme(page, bar, tile, ink, shape, frame, drawing, font, controls, colors)
 
 
-def _chosen(choices: msgspec.Struct, at: Choice) -> list[Any]:
+def _chosen(choices: msgspec.Struct, indices: Choice) -> list[Any]:
     fields = type(choices).__struct_fields__
-    return [getattr(choices, name)[index] for name, index in zip(fields, at, strict=True)]
+    return [getattr(choices, name)[index] for name, index in zip(fields, indices, strict=True)]
 
 
 def _without(items: Sequence[str], first: int) -> list[str]:
-    """``items`` without :data:`LEFT_OUT` of them, the first of which is number ``first``."""
-    out = {(first + 3 * nth) % len(items) for nth in range(LEFT_OUT)}
-    return [item for index, item in enumerate(items) if index not in out]
+    """``items`` without :data:`LEFT_OUT` of them, starting with index ``first``."""
+    left_out = {(first + 3 * nth) % len(items) for nth in range(LEFT_OUT)}
+    return [item for index, item in enumerate(items) if index not in left_out]
 
 
 def _shuffled(items: Sequence[str], *names: object) -> tuple[str, ...]:

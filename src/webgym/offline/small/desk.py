@@ -1,4 +1,4 @@
-"""Desks: forms of choices, and pages that say what to choose."""
+"""Desks: forms of options, and pages that say which options to select."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from urllib.parse import quote
 
 from webgym.core.truth import Click, Move
 from webgym.offline.data import load
-from webgym.offline.engine.table import ListPage, Record, Shown, Value
+from webgym.offline.engine.table import ListPage, Location, Record, Value
 from webgym.offline.parts import Fact, Part
 from webgym.offline.seeds import number, pick, stream
 from webgym.offline.small import form as forms
-from webgym.offline.small.form import Form, Input, Wanted
+from webgym.offline.small.form import Form, Input, Selection
 from webgym.offline.small.questions import NAME, Phrases, Questions, answer_is
 from webgym.offline.small.screen import Block, Tile, capacity, singles
 from webgym.offline.small.signs import Sign, control, numbers
@@ -27,7 +27,7 @@ INFO_PAGES = 3
 
 
 class DeskPhrases(Phrases, frozen=True, forbid_unknown_fields=True):
-    """How a desk's tasks are asked."""
+    """The phrases of a desk's tasks."""
 
     fill: tuple[str, ...] = ()
     fill_and_say: tuple[str, ...] = ()
@@ -41,7 +41,7 @@ class DeskPhrases(Phrases, frozen=True, forbid_unknown_fields=True):
 
 @lru_cache(maxsize=1)
 def phrases() -> DeskPhrases:
-    """How a desk's tasks are asked."""
+    """The phrases of a desk's tasks."""
     return load("webgym.offline.small", "desk.toml", DeskPhrases)
 
 
@@ -49,9 +49,9 @@ class Desk(SmallWebsite):
     """A website with forms.
 
     Attributes:
-        forms: by name.
-        infos: pages that say something, by name.
-        in_steps: whether a form has a page for every input, or one page for all.
+        forms: the forms, by name.
+        infos: records of the information pages, by name.
+        in_steps: whether every input of a form has a page of its own; if not, all are on one page.
     """
 
     family: ClassVar[str] = "desk"
@@ -61,26 +61,26 @@ class Desk(SmallWebsite):
     in_steps: bool
 
     def fill(self) -> None:
-        """Draw forms, and pages that say what could be chosen in them."""
+        """Draw the forms, and the information pages with options of their inputs."""
         rng, stock = stream(self.seed, "desk"), self.design.stock
         self.in_steps = rng.random() < 0.5
         room = capacity(self.design.layout, 1) - 1
-        everything: dict[str, Sequence[str]] = {
+        all_options: dict[str, Sequence[str]] = {
             "color": stock.colors,
             "icon": stock.icons,
             "number": numbers()[1:],
             "word": stock.words[8:],
         }
-        options = {kind: tuple(rng.sample(list(everything[kind]), rng.randint(3, 5))) for kind in KINDS}
+        options = {kind: tuple(rng.sample(list(all_options[kind]), rng.randint(3, 5))) for kind in KINDS}
         words = list(stock.words[:7])
         self.forms = {}
         for size in rng.sample((1, 2, 2, 3, 3, 4), 3):
             kinds = rng.sample(KINDS, size)
-            shares = room if self.in_steps else room // size
-            inputs = tuple(Input(kind, options[kind][:shares]) for kind in kinds)
+            limit = room if self.in_steps else room // size
+            inputs = tuple(Input(kind, options[kind][:limit]) for kind in kinds)
             form = Form(words.pop(), inputs)
             self.forms[form.name] = form
-        # Every page says another thing of each kind, as far as there are options.
+        # Every page has a different option of each kind, as far as there are enough.
         self.infos = {}
         for nth in range(INFO_PAGES):
             values = {kind: options[kind][nth % min(3, len(options[kind]))] for kind in KINDS}
@@ -100,108 +100,108 @@ class Desk(SmallWebsite):
 
     @staticmethod
     def sign(kind: str, option: str) -> Sign:
-        """What an option looks like."""
+        """The sign of an option."""
         return {"color": Sign(color=option), "icon": Sign(icon=option)}.get(kind, Sign(text=option))
 
     def ticket(self, form: Form, sent: dict[str, str]) -> int:
-        """The number that the page after sending shows: it cannot be known without having sent."""
+        """The number of a submitted form; only the confirmation page shows it."""
         return 1 + number(self.seed, "ticket", form.name, sorted(sent.items())) % (len(numbers()) - 1)
 
-    # --- the guide --------------------------------------------------------------------------------
+    # --- where records are --------------------------------------------------------------------------------
 
-    def way(self, record: Record) -> Shown:
-        """A page that says something."""
-        return Shown((Click(record.name),), f"/page/{self.token(record.name)}$")
+    def locate(self, record: Record) -> Location:
+        """The information page of a record."""
+        return Location((Click(record.name),), f"/page/{self.token(record.name)}$")
 
     def pages(self, place: str) -> Sequence[ListPage]:
-        """There are no lists."""
+        """Not available: a desk has no lists."""
         raise NotImplementedError(place)
 
-    def candidates(self, of: str) -> Sequence[str]:
-        """All options of a kind."""
+    def candidates(self, field: str) -> Sequence[str]:
+        """All possible options of a kind; for names, the names of all information pages."""
         stock = self.design.stock
         return {NAME: tuple(self.infos), "color": stock.colors, "icon": stock.icons, "word": stock.words}.get(
-            of, numbers()
+            field, numbers()
         )
 
     # --- pages ------------------------------------------------------------------------------------
 
     def report(self, state: State) -> dict[str, Any]:
-        """What was sent."""
+        """The server state: submitted forms."""
         return forms.report(state)
 
     @page("/")
     def front(self, visit: Visit) -> Response:
-        """All forms and pages, mixed."""
-        tiles = [Tile(Sign(text=name), self._form(name, 0)) for name in self.forms]
+        """The front page: all forms and information pages, in random order."""
+        tiles = [Tile(Sign(text=name), self._form_path(name, 0)) for name in self.forms]
         tiles += [Tile(Sign(text=name), f"/page/{self.token(name)}") for name in self.infos]
         stream(self.seed, "front").shuffle(tiles)
         return self.show(visit, singles(tiles))
 
     @page("/page/{token}")
     def info_page(self, visit: Visit, token: str) -> Response:
-        """What a page says."""
-        record = next((each for each in self.infos.values() if self.token(each.name) == token), None)
+        """An information page."""
+        record = next((record for record in self.infos.values() if self.token(record.name) == token), None)
         if record is None:
             return self.missing(visit)
         tiles = [Tile(self.sign(kind, value.text)) for kind, value in record.fields.items()]
         return self.show(visit, singles(tiles), mark=Sign(text=record.name))
 
-    def _form(self, name: str, step: int) -> str:
+    def _form_path(self, name: str, step: int) -> str:
         return f"/form/{self.token(name)}/{step}"
 
-    def _asked(self, token: str) -> Form | None:
+    def _form_of(self, token: str) -> Form | None:
         return next((form for form in self.forms.values() if self.token(form.name) == token), None)
 
     @page("/form/{token}/{step}")
     def form_page(self, visit: Visit, token: str, step: str) -> Response:
-        """One input, or all of them; then the button that sends."""
-        form = self._asked(token)
+        """One input, or all; the submit button is on the last page."""
+        form = self._form_of(token)
         if form is None or not step.isdecimal() or int(step) > len(form.inputs):
             return self.missing(visit)
-        at, draft = int(step), form.draft(visit.state)
-        inputs = form.inputs[at : at + 1] if self.in_steps else form.inputs
+        index, draft = int(step), form.draft(visit.state)
+        inputs = form.inputs[index : index + 1] if self.in_steps else form.inputs
         blocks: list[Block] = [
             (
                 Tile(
-                    self.sign(each.name, option),
-                    post=f"/choose/{token}/{at}/{each.name}/{quote(option)}",
-                    chosen=draft.get(each.name) == option,
+                    self.sign(form_input.name, option),
+                    post=f"/choose/{token}/{index}/{form_input.name}/{quote(option)}",
+                    chosen=draft.get(form_input.name) == option,
                 ),
             )
-            for each in inputs
-            for option in each.options
+            for form_input in inputs
+            for option in form_input.options
         ]
-        if not inputs:  # all steps are done: what was chosen
+        if not inputs:  # after the last step: the selected options
             blocks += singles([Tile(self.sign(name, option)) for name, option in draft.items()])
         if not self.in_steps or not inputs:
-            # Until everything is chosen, the button does nothing.
+            # The button does nothing until the form is complete.
             send = f"/send/{token}" if form.is_complete(visit.state) else None
             blocks.append((Tile(control("send"), post=send),))
         return self.show(visit, blocks, mark=Sign(text=form.name))
 
     @page("/choose/{token}/{step}/{name}/{option}", method="POST")
     def choose(self, visit: Visit, token: str, step: str, name: str, option: str) -> Response:
-        """Choose an option, and on to the next input where each has its page."""
-        form = self._asked(token)
+        """Select an option, and go to the next input if each has a page of its own."""
+        form = self._form_of(token)
         if form is None or not step.isdecimal() or not form.choose(visit.state, name, option):
             return self.missing(visit)
-        return redirect(self._form(form.name, int(step) + 1 if self.in_steps else 0))
+        return redirect(self._form_path(form.name, int(step) + 1 if self.in_steps else 0))
 
     @page("/send/{token}", method="POST")
     def send(self, visit: Visit, token: str) -> Response:
-        """Send the form."""
-        form = self._asked(token)
+        """Submit the form, or go back to it if it is not complete."""
+        form = self._form_of(token)
         if form is None:
             return self.missing(visit)
         if not form.send(visit.state):
-            return redirect(self._form(form.name, 0))
+            return redirect(self._form_path(form.name, 0))
         return redirect(f"/sent/{token}")
 
     @page("/sent/{token}")
     def sent_page(self, visit: Visit, token: str) -> Response:
-        """What was sent, and its number."""
-        form = self._asked(token)
+        """The confirmation page, with the number of the submitted form."""
+        form = self._form_of(token)
         sent = form.sent(visit.state) if form is not None else None
         if form is None or sent is None:
             return self.missing(visit)
@@ -212,66 +212,78 @@ class Desk(SmallWebsite):
     # --- tasks ------------------------------------------------------------------------------------
 
     def parts(self) -> Iterator[Part]:
-        """Fill forms; read pages."""
+        """Parts that submit forms, and parts that read information pages."""
         rng = stream(self.seed, "parts")
-        ask, infos = Questions(self, phrases(), rng), list(self.infos.values())
-        seen = set[tuple[object, ...]]()
+        questions, infos = Questions(self, phrases(), rng), list(self.infos.values())
+        used_keys = set[tuple[object, ...]]()
         for nth in range(30):
             form = list(self.forms.values())[nth % len(self.forms)]
-            wanted = self._wanted(rng, form, reads=rng.random() < 0.4)
-            key = (form.name, *(each.called for each in wanted))
-            if key not in seen:
-                seen.add(key)
-                yield self._filled(ask, form, wanted, says=rng.random() < 0.35)
+            selections = self._selections(rng, form, reads=rng.random() < 0.4)
+            key = (form.name, *(selection.phrase for selection in selections))
+            if key not in used_keys:
+                used_keys.add(key)
+                yield self._part(questions, form, selections, says=rng.random() < 0.35)
         for record in infos:
             for kind in record.fields:
-                yield ask.look_up(record, kind)
+                yield questions.look_up(record, kind)
         ranked = [record for record in infos if "number" in record.fields]
         for record in ranked:
             value = record.fields["number"].text
-            yield ask.either(record, "number", rng.choice([each for each in numbers() if each != value]))
-        for one, two in pairwise(ranked):
-            if one.rank("number") != two.rank("number"):
-                yield ask.compare(one, two, "number", larger=pick((True, False), self.seed, one.name))
+            yield questions.either(
+                record, "number", rng.choice([other for other in numbers() if other != value])
+            )
+        for first, second in pairwise(ranked):
+            if first.rank("number") != second.rank("number"):
+                yield questions.compare(
+                    first, second, "number", larger=pick((True, False), self.seed, first.name)
+                )
 
-    def _wanted(self, rng: random.Random, form: Form, *, reads: bool) -> list[Wanted]:
-        """An option for every input; one of them is to be read on a page, where ``reads``."""
-        wanted = [Wanted(each, rng.choice(each.options)) for each in form.inputs]
+    def _selections(self, rng: random.Random, form: Form, *, reads: bool) -> list[Selection]:
+        """Draw an option for every input; if ``reads``, one of them must be read on an information page if
+        possible."""
+        selections = [Selection(form_input, rng.choice(form_input.options)) for form_input in form.inputs]
         readable = [
             (nth, record)
-            for nth, each in enumerate(form.inputs)
+            for nth, form_input in enumerate(form.inputs)
             for record in self.infos.values()
-            if each.name in record.fields and record.fields[each.name].text in each.options
+            if form_input.name in record.fields and record.fields[form_input.name].text in form_input.options
         ]
         if reads and readable:
             nth, record = rng.choice(readable)
-            asked = form.inputs[nth]
-            wanted[nth] = Wanted(asked, record.fields[asked.name].text, record, self.way(record))
-        return wanted
+            chosen_input = form.inputs[nth]
+            selections[nth] = Selection(
+                chosen_input, record.fields[chosen_input.name].text, record, self.locate(record)
+            )
+        return selections
 
-    def _filled(self, ask: Questions, form: Form, wanted: Sequence[Wanted], *, says: bool) -> Part:
-        """A form filled and sent; its number, if that is asked for."""
-        read, way = forms.looked_up(wanted)
+    def _part(self, questions: Questions, form: Form, selections: Sequence[Selection], *, says: bool) -> Part:
+        """Submit a form; if ``says``, also say its number."""
+        facts_read, moves_read = forms.look_up_facts(selections)
         path = f"/sent/{self.token(form.name)}$"
-        facts = [*read, *forms.chosen(form, wanted, path)]
-        moves: list[Move] = [*way, Click(form.name), *(Click(each.option) for each in wanted), forms.SEND]
-        number_ = str(self.ticket(form, {each.input.name: each.option for each in wanted}))
+        facts = [*facts_read, *forms.sent_facts(form, selections, path)]
+        moves: list[Move] = [
+            *moves_read,
+            Click(form.name),
+            *(Click(selection.option) for selection in selections),
+            forms.SEND,
+        ]
+        ticket = str(self.ticket(form, {selection.input.name: selection.option for selection in selections}))
         if says:
             last = facts[-1]
             facts[-1] = Fact(
                 f"{last.text}, and the number is given",
-                tuple(type(view)((number_,), view.path) for view in last.evidence),
+                tuple(type(view)((ticket,), view.path) for view in last.evidence),
                 last.state,
-                (number_,),
-                ask.others("number", number_),
+                (ticket,),
+                questions.wrong_answers("number", ticket),
             )
-            moves.append(answer_is(number_))
+            moves.append(answer_is(ticket))
         kind = "fill_and_say" if says else "fill"
-        choices = " and ".join(each.called for each in wanted)
+        choices = " and ".join(selection.phrase for selection in selections)
         return Part(
-            ask=ask.ask(kind, form=form.name, choices=choices),
+            ask=questions.ask(kind, form=form.name, choices=choices),
             description=f"The form {form.name}",
             facts=tuple(facts),
             moves=tuple(moves),
-            says=number_ if says else "",
+            says=ticket if says else "",
         )

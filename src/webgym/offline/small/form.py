@@ -1,7 +1,7 @@
-"""A form as a specification: what is chosen, what the server holds, and how it is proven.
+"""Forms of options: their server state, and the facts of tasks about them.
 
-The pages that show a form's inputs belong to a website; what they do to a visitor's state, and what a task
-can ask of it, is here. What is asked for may be told outright or have to be read on another page first.
+The pages that show a form belong to a website. A task gives the option of an input itself, or names another
+page on which to read it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from webgym.core.truth import Click, Evidence, Home, Move, Remember, StateCheck
-from webgym.offline.engine.table import Record, Shown
+from webgym.offline.engine.table import Location, Record
 from webgym.offline.parts import Fact
 from webgym.offline.website import State
 
@@ -20,11 +20,11 @@ SEND = Click("send")
 
 @dataclass(frozen=True)
 class Input:
-    """One thing to choose.
+    """An input of a form.
 
     Attributes:
-        name: of the input, and of the field of a record that an answer may be read from.
-        options: to choose from.
+        name: its name; a record may say the option in the field of this name.
+        options: its options.
     """
 
     name: str
@@ -33,41 +33,41 @@ class Input:
 
 @dataclass(frozen=True)
 class Form:
-    """A form of choices.
+    """A form.
 
     Attributes:
-        name: as pages and instructions call it.
-        inputs: in the order of the page.
+        name: its name on pages and in instructions.
+        inputs: its inputs, in page order.
     """
 
     name: str
     inputs: tuple[Input, ...]
 
     def input(self, name: str) -> Input | None:
-        """The input of this name, if there is one."""
-        return next((each for each in self.inputs if each.name == name), None)
+        """The input of this name, or ``None``."""
+        return next((item for item in self.inputs if item.name == name), None)
 
     # --- a visitor's state ------------------------------------------------------------------------
 
     def draft(self, state: State) -> dict[str, str]:
-        """What is chosen so far."""
-        found: dict[str, str] = state.setdefault("draft", {}).setdefault(self.name, {})
-        return found
+        """The selected options, by input."""
+        draft: dict[str, str] = state.setdefault("draft", {}).setdefault(self.name, {})
+        return draft
 
     def choose(self, state: State, name: str, option: str) -> bool:
-        """Choose an option; whether there is such a one."""
-        found = self.input(name)
-        if found is None or option not in found.options:
+        """Select an option; return whether the input has it."""
+        item = self.input(name)
+        if item is None or option not in item.options:
             return False
         self.draft(state)[name] = option
         return True
 
     def is_complete(self, state: State) -> bool:
-        """Whether everything is chosen."""
+        """Whether every input has a selected option."""
         return len(self.draft(state)) == len(self.inputs)
 
     def send(self, state: State) -> bool:
-        """Send what is chosen, if that is everything; the draft is empty afterwards."""
+        """Submit the form if it is complete, and clear its draft; return whether it was submitted."""
         if not self.is_complete(state):
             return False
         state.setdefault("sent", {})[self.name] = self.draft(state)
@@ -75,68 +75,75 @@ class Form:
         return True
 
     def sent(self, state: State) -> dict[str, str] | None:
-        """What was sent last."""
-        found: dict[str, str] | None = state.get("sent", {}).get(self.name)
-        return found
+        """The values submitted last, by input; ``None`` if there are none."""
+        values: dict[str, str] | None = state.get("sent", {}).get(self.name)
+        return values
 
 
 def report(state: State) -> dict[str, Any]:
-    """What the server holds of all forms: what was sent, by form and input."""
+    """The server state of all forms: submitted values by form and input."""
     return {"sent": state.get("sent", {})}
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """What a task wants in an input.
+class Selection:
+    """The option that a task requests for an input.
 
     Attributes:
         input: the input.
-        option: to be chosen.
-        source: the record whose field of the input's name says so, where the task does not.
-        shown: where that record can be seen.
+        option: the option.
+        source: the record that says the option in the field of the input's name; ``None`` if the task gives
+            it.
+        location: where that record can be seen.
     """
 
     input: Input
     option: str
     source: Record | None = None
-    shown: Shown | None = None
+    location: Location | None = None
 
     @property
-    def called(self) -> str:
-        """What the instruction says: the option, or where it can be read."""
+    def phrase(self) -> str:
+        """What the instruction says: the option, or the record on which to read it."""
         return self.option if self.source is None else f"the {self.input.name} of {self.source.name}"
 
 
-def looked_up(wanted: Sequence[Wanted]) -> tuple[list[Fact], list[Move]]:
-    """Reading what the task does not say: facts, and moves that end on the front page."""
+def look_up_facts(selections: Sequence[Selection]) -> tuple[list[Fact], list[Move]]:
+    """Facts and moves for reading the options that the task does not give; the moves end on the front
+    page."""
     facts, moves = list[Fact](), list[Move]()
-    for each in wanted:
-        if each.source is None or each.shown is None:
+    for selection in selections:
+        if selection.source is None or selection.location is None:
             continue
-        value = each.source.fields[each.input.name]
+        value = selection.source.fields[selection.input.name]
         texts = (value.text,) if value.is_text else ()
         facts.append(
-            Fact(f"the {each.input.name} of {each.source.name} is seen", (Evidence(texts, each.shown.path),))
+            Fact(
+                f"the {selection.input.name} of {selection.source.name} is seen",
+                (Evidence(texts, selection.location.path),),
+            )
         )
-        key = f"{each.source.name} {each.input.name}"
-        moves += [*each.shown.moves, Remember(key, each.option), Home()]
+        key = f"{selection.source.name} {selection.input.name}"
+        moves += [*selection.location.moves, Remember(key, selection.option), Home()]
     return facts, moves
 
 
-def chosen(form: Form, wanted: Sequence[Wanted], path: str) -> list[Fact]:
-    """One fact for every input: it was sent with the wanted option.
+def sent_facts(form: Form, selections: Sequence[Selection], path: str) -> list[Fact]:
+    """One fact per input: it was submitted with the requested option.
 
     Args:
         form: the form.
-        wanted: what its inputs must hold.
-        path: of the page that says that it was sent.
+        selections: the options of its inputs.
+        path: regular expression for the address of the confirmation page.
     """
-    everything = StateCheck(("sent",), {form.name: {each.input.name: each.option for each in wanted}})
+    whole_form = StateCheck(
+        ("sent",), {form.name: {selection.input.name: selection.option for selection in selections}}
+    )
     facts = []
-    for nth, each in enumerate(wanted):
-        own = StateCheck(("sent", form.name, each.input.name), each.option)
-        # Once per form: what is sent is this and nothing else, but for other parts' forms.
-        state = (own, everything) if nth == 0 else (own,)
-        text = f"the {each.input.name} in {form.name} is sent as wanted"
+    for nth, selection in enumerate(selections):
+        input_check = StateCheck(("sent", form.name, selection.input.name), selection.option)
+        # Once per form: nothing else was submitted, except the forms of other parts.
+        state = (input_check, whole_form) if nth == 0 else (input_check,)
+        text = f"the {selection.input.name} in {form.name} is sent as wanted"
         facts.append(Fact(text, (Evidence((), path),), state))
     return facts

@@ -1,7 +1,8 @@
-"""A small page: signs on a grid of 6 by 4 cells, without scripts, pictures from elsewhere, or scrolling.
+"""The pages of small websites: signs on a grid of 6 by 4 cells, without scripts, external images or
+scrolling.
 
-A page has a bar of controls and, in the space that the bar leaves, blocks of one or two tiles that stand
-in an order. Where exactly they stand is the layout's business, how they look the theme's.
+A page has a bar of controls and, in the space beside it, blocks of one or two tiles in order. The layout
+determines their positions, the theme their appearance.
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ Cell = tuple[int, int]
 
 @dataclass(frozen=True)
 class Tile:
-    """A sign on a page.
+    """A cell of a page with a sign.
 
     Attributes:
-        sign: what it shows.
-        href: where a click leads; ``None`` for a tile that does nothing.
-        post: where a click sends an empty form; it then is a button.
-        chosen: whether it is marked as the one that was chosen.
+        sign: the sign.
+        href: address of the link; ``None`` for a tile that is no link.
+        post: address to which a click submits an empty form; the tile then is a button.
+        chosen: whether it is marked as selected.
     """
 
     sign: Sign
@@ -38,11 +39,11 @@ class Tile:
 
 
 Block = Sequence[Tile]
-"""Tiles that stand side by side, or one below the other: one or two."""
+"""One tile, or two side by side."""
 
 
 def space(layout: Layout) -> tuple[range, range]:
-    """Columns and rows that the bar leaves."""
+    """The columns and rows outside the bar."""
     columns, rows = range(COLUMNS), range(ROWS)
     match layout.bar:
         case "top":
@@ -58,49 +59,49 @@ def space(layout: Layout) -> tuple[range, range]:
 
 @lru_cache(maxsize=1024)
 def slots(layout: Layout, width: int) -> tuple[tuple[Cell, ...], ...]:
-    """The places for blocks of ``width`` tiles, in the order in which they are filled."""
+    """The cells of every possible block of ``width`` tiles, in the order in which blocks are placed."""
     columns, rows = space(layout)
     if width == 1:
-        found = [((column, row),) for row in rows for column in columns]
+        places = [((column, row),) for row in rows for column in columns]
     else:
         starts = list(columns)[: len(columns) // width * width : width]
-        found = [tuple((start + nth, row) for nth in range(width)) for row in rows for start in starts]  # type: ignore[misc]
+        places = [tuple((start + nth, row) for nth in range(width)) for row in rows for start in starts]  # type: ignore[misc]
     if layout.flow == "columns":
-        found.sort()
-    return tuple(found)
+        places.sort()
+    return tuple(places)
 
 
 def capacity(layout: Layout, width: int) -> int:
-    """How many blocks of ``width`` tiles a page can hold."""
+    """Largest number of blocks of ``width`` tiles on a page."""
     return len(slots(layout, width))
 
 
 def bar_room(layout: Layout) -> int:
-    """How many controls the bar can hold."""
+    """Largest number of controls in the bar."""
     return COLUMNS if layout.bar in ("top", "bottom") else ROWS
 
 
 def placed(layout: Layout, bar: Sequence[Tile], blocks: Sequence[Block]) -> list[tuple[Cell, Tile]]:
-    """Every tile with its cell.
+    """The cell of every tile.
 
     Raises:
-        ValueError: there are more tiles than the page has cells for.
+        ValueError: there is not enough room for the tiles.
     """
     if len(bar) > bar_room(layout):
         raise ValueError(f"the bar has room for {bar_room(layout)} controls, not for {len(bar)}")
-    found = list(zip(_bar_cells(layout), bar, strict=False))
+    cells = list(zip(_bar_cells(layout), bar, strict=False))
     if not blocks:
-        return found
+        return cells
     width = max(len(block) for block in blocks)
-    there = slots(layout, width)
-    if len(blocks) > len(there):
-        raise ValueError(f"the page has room for {len(there)} blocks of {width}, not for {len(blocks)}")
-    step = 2 if layout.spread == "apart" and 2 * len(blocks) - 1 <= len(there) else 1
-    used = (len(blocks) - 1) * step + 1
-    first = len(there) - used if layout.anchor == "end" else 0
+    places = slots(layout, width)
+    if len(blocks) > len(places):
+        raise ValueError(f"the page has room for {len(places)} blocks of {width}, not for {len(blocks)}")
+    step = 2 if layout.spread == "apart" and 2 * len(blocks) - 1 <= len(places) else 1
+    span = (len(blocks) - 1) * step + 1
+    first = len(places) - span if layout.anchor == "end" else 0
     for nth, block in enumerate(blocks):
-        found += zip(there[first + nth * step], block, strict=False)
-    return found
+        cells += zip(places[first + nth * step], block, strict=False)
+    return cells
 
 
 def _bar_cells(layout: Layout) -> list[Cell]:
@@ -129,7 +130,7 @@ def _style(theme_key: tuple[str, ...], bar: str) -> str:
     radius = {"square": "0", "rounded": "9px", "disc": "50%"}[shape]
     across = bar in ("top", "bottom")
     size = f"width:{COLUMNS * CELL}px;height:{CELL}px" if across else f"width:{CELL}px;height:{ROWS * CELL}px"
-    at = {
+    position = {
         "top": "left:0;top:0",
         "left": "left:0;top:0",
         "bottom": "left:0;bottom:0",
@@ -138,7 +139,7 @@ def _style(theme_key: tuple[str, ...], bar: str) -> str:
     return (
         f"*{{box-sizing:border-box;margin:0;padding:0;outline:0}}"
         f"html,body{{width:100%;height:100%;overflow:hidden;background:{page_color}}}"
-        f"#bar{{position:absolute;{at[bar]};{size};background:{bar_color}}}"
+        f"#bar{{position:absolute;{position[bar]};{size};background:{bar_color}}}"
         f".t{{position:absolute;display:block;width:30px;height:30px;margin:1px;overflow:hidden;"
         f"border:{frame}px solid {ink};border-radius:{radius};background:{tile};color:{ink};"
         f"font:bold 19px/{30 - 2 * int(frame)}px {font};text-align:center;letter-spacing:-.5px;"
@@ -156,22 +157,21 @@ def _css(theme: Theme, layout: Layout) -> str:
 
 
 def _tile(theme: Theme, cell: Cell, tile: Tile) -> str:
-    inside, style, classes = _face(theme, tile.sign)
+    content, style, classes = _face(theme, tile.sign)
     if tile.chosen:
         classes += " on"
-    at = f'class="t{classes}" style="left:{cell[0] * CELL}px;top:{cell[1] * CELL}px{style}"'
+    attributes = f'class="t{classes}" style="left:{cell[0] * CELL}px;top:{cell[1] * CELL}px{style}"'
     label = f'aria-label="{escape(tile.sign.name)}"'
     if tile.post is not None:
-        return (
-            f'<form method="post" action="{escape(tile.post)}"><button {at} {label}>{inside}</button></form>'
-        )
+        button = f"<button {attributes} {label}>{content}</button>"
+        return f'<form method="post" action="{escape(tile.post)}">{button}</form>'
     if tile.href is not None:
-        return f'<a {at} {label} href="{escape(tile.href)}">{inside}</a>'
-    return f'<div {at} role="img" {label}>{inside}</div>'
+        return f'<a {attributes} {label} href="{escape(tile.href)}">{content}</a>'
+    return f'<div {attributes} role="img" {label}>{content}</div>'
 
 
 def _face(theme: Theme, sign: Sign) -> tuple[str, str, str]:
-    """What stands inside a tile, its own style, and its classes."""
+    """The HTML inside a tile, its additional CSS, and its additional classes."""
     scale = 0.62 if theme.shape == "disc" else 0.76
     data = sign_data()
     if sign.control:
@@ -193,5 +193,5 @@ def _face(theme: Theme, sign: Sign) -> tuple[str, str, str]:
 
 
 def singles(tiles: Iterable[Tile]) -> list[Block]:
-    """A block for every tile."""
+    """A block of its own for every tile."""
     return [(tile,) for tile in tiles]

@@ -1,4 +1,4 @@
-"""Signposts: a sign seen on one page is needed on another, where it can no longer be seen."""
+"""Signposts: a sign on one page says what to find on another page, so that it must be remembered."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import ClassVar, Literal
 
 from webgym.core.truth import Click, Evidence, Home, Move, Remember
 from webgym.offline.data import load
-from webgym.offline.engine.table import Record, Shown
+from webgym.offline.engine.table import Location, Record
 from webgym.offline.parts import Fact, Part
 from webgym.offline.seeds import stream
 from webgym.offline.small.catalog import Catalog, Kind
-from webgym.offline.small.questions import NAME, Phrases, Questions, answer_is, seen, some
+from webgym.offline.small.questions import NAME, Phrases, Questions, answer_is, field_evidence, sample
 from webgym.offline.small.screen import Block, Tile, singles
 from webgym.offline.small.signs import Sign
 from webgym.offline.website import Response, Visit, page
@@ -22,9 +22,10 @@ MOST_HOPS = 5
 
 
 class SignpostPhrases(Phrases, frozen=True, forbid_unknown_fields=True):
-    """How a signpost's tasks are asked.
+    """The phrases of a signpost's tasks.
 
-    ``thing``, ``color`` and ``icon``: what the sign shows; ``rest`` is what it does not show.
+    ``thing``, ``color`` and ``icon`` are for signs that show the whole thing, its colour, or its icon. The
+    placeholder ``rest`` is the icon or colour that the sign does not show.
     """
 
     thing: tuple[str, ...] = ()
@@ -45,7 +46,7 @@ class SignpostPhrases(Phrases, frozen=True, forbid_unknown_fields=True):
 
 @lru_cache(maxsize=1)
 def phrases() -> SignpostPhrases:
-    """How a signpost's tasks are asked."""
+    """The phrases of a signpost's tasks."""
     return load("webgym.offline.small", "signpost.toml", SignpostPhrases)
 
 
@@ -53,160 +54,165 @@ class Signpost(Catalog):
     """A website with signs that name things.
 
     Attributes:
-        shows: what its signs show: the whole thing, its colour, or its icon.
-        notices: which thing is meant on which page: pages by their word, the front page by :data:`FRONT`.
-        follows: where every thing's own sign leads.
+        sign_kind: what signs show: the whole thing, its colour, or its icon.
+        meanings: the thing that the sign of a page stands for, by the page's word; :data:`FRONT` is the front
+            page.
+        successors: the thing on the sign of a thing's page, by the name of the latter; empty without chains.
     """
 
     family: ClassVar[str] = "signpost"
     topic: ClassVar[tuple[str, str]] = ("Travel & Transportation", "Travel & Accommodation")
     kinds: ClassVar[tuple[Kind, ...]] = ("color", "icon")
-    shows: Literal["thing", "color", "icon"]
-    notices: dict[str, Record]
-    follows: dict[str, Record]
+    sign_kind: Literal["thing", "color", "icon"]
+    meanings: dict[str, Record]
+    successors: dict[str, Record]
 
     def fill(self) -> None:
-        """Choose what the signs mean."""
+        """Draw the sections, and what the signs mean."""
         super().fill()
         rng = stream(self.seed, "signs")
-        self.shows = rng.choice(("thing", "thing", "color", "icon"))
+        self.sign_kind = rng.choice(("thing", "thing", "color", "icon"))
         things = self.records()
         pages = [FRONT, *self.design.stock.words[: rng.randint(3, 4)]]
-        self.notices = dict(zip(pages, rng.sample(things, len(pages)), strict=True))
+        self.meanings = dict(zip(pages, rng.sample(things, len(pages)), strict=True))
         order = rng.sample(things, len(things))
         chained = rng.random() < 0.6
-        self.follows = {
-            one.name: two for one, two in zip(order, [*order[1:], order[0]], strict=True) if chained
+        self.successors = {
+            thing.name: next_thing
+            for thing, next_thing in zip(order, [*order[1:], order[0]], strict=True)
+            if chained
         }
 
-    def notice(self, where: str) -> Sign:
+    def page_sign(self, page_name: str) -> Sign:
         """The sign of a page."""
-        thing = self.signs[self.notices[where].name]
-        if self.shows == "color":
+        thing = self.signs[self.meanings[page_name].name]
+        if self.sign_kind == "color":
             return Sign(color=thing.color)
-        return Sign(icon=thing.icon) if self.shows == "icon" else thing
+        return Sign(icon=thing.icon) if self.sign_kind == "icon" else thing
 
     # --- pages ------------------------------------------------------------------------------------
 
     def front_tiles(self) -> list[Tile]:
         """The sections, then the pages with signs."""
-        words = [where for where in self.notices if where != FRONT]
+        words = [page_name for page_name in self.meanings if page_name != FRONT]
         return [
             *super().front_tiles(),
             *(Tile(Sign(text=word), f"/sign/{self.token(word)}") for word in words),
         ]
 
     def front_mark(self) -> Sign | None:
-        """The front page's own sign."""
-        return self.notice(FRONT)
+        """The sign of the front page."""
+        return self.page_sign(FRONT)
 
     @page("/sign/{token}")
     def sign_page(self, visit: Visit, token: str) -> Response:
-        """A page that shows a sign and nothing else."""
-        where = next((word for word in self.notices if self.token(word) == token), None)
-        if where is None:
+        """A page with nothing but a sign."""
+        page_name = next((word for word in self.meanings if self.token(word) == token), None)
+        if page_name is None:
             return self.missing(visit)
-        return self.show(visit, singles([Tile(self.notice(where))]), mark=Sign(text=where))
+        return self.show(visit, singles([Tile(self.page_sign(page_name))]), mark=Sign(text=page_name))
 
     def thing_blocks(self, record: Record) -> list[Block]:
-        """The thing, its number, and its own sign."""
+        """The thing, its number, and the sign of its successor."""
         blocks = list(super().thing_blocks(record))
-        if record.name in self.follows:
-            blocks += singles([Tile(self.signs[self.follows[record.name].name])])
+        if record.name in self.successors:
+            blocks += singles([Tile(self.signs[self.successors[record.name].name])])
         return blocks
 
     # --- tasks ------------------------------------------------------------------------------------
 
     def parts(self) -> Iterator[Part]:
-        """Read signs and find what they mean; follow signs; look up."""
+        """Parts that read signs and find their things, follow chains of signs, look up, compare and count."""
         rng = stream(self.seed, "parts")
-        ask, things = Questions(self, phrases(), rng), self.records()
-        for where in self.notices:
+        questions, things = Questions(self, phrases(), rng), self.records()
+        for page_name in self.meanings:
             for _ in phrases().thing:
-                yield self._meant(ask, where)
-        words = [where for where in self.notices if where != FRONT]
-        for one, two in zip(words, [*words[1:], words[0]], strict=True):
-            numbers = {self.notices[where].rank("number") for where in (one, two)}
-            if len(numbers) == 2 and self.shows == "thing":
-                yield self._which(ask, one, two)
-        for record in some(rng, things, 8 if self.follows else 0):
-            yield self._chain(ask, record, rng.choice((1, 1, 2, 2, 3, 4, MOST_HOPS)))
-        for record in some(rng, things, 8):
-            yield ask.look_up(record, "number")
-        for first, second in zip(some(rng, things, 3), some(rng, things, 3), strict=True):
+                yield self._meaning_part(questions, page_name)
+        words = [page_name for page_name in self.meanings if page_name != FRONT]
+        for first_page, second_page in zip(words, [*words[1:], words[0]], strict=True):
+            numbers = {self.meanings[page_name].rank("number") for page_name in (first_page, second_page)}
+            if len(numbers) == 2 and self.sign_kind == "thing":
+                yield self._comparison_part(questions, first_page, second_page)
+        for record in sample(rng, things, 8 if self.successors else 0):
+            yield self._chain_part(questions, record, rng.choice((1, 1, 2, 2, 3, 4, MOST_HOPS)))
+        for record in sample(rng, things, 8):
+            yield questions.look_up(record, "number")
+        for first, second in zip(sample(rng, things, 3), sample(rng, things, 3), strict=True):
             if first.rank("number") != second.rank("number"):
-                yield ask.compare(first, second, "number", larger=rng.random() < 0.5)
-        yield ask.count(rng.choice(list(self.sections)))
+                yield questions.compare(first, second, "number", larger=rng.random() < 0.5)
+        yield questions.count(rng.choice(list(self.sections)))
 
-    def _sign(self, where: str) -> tuple[Fact, tuple[Move, ...]]:
-        """Seeing the sign of a page."""
-        path = "/$" if where == FRONT else f"/sign/{self.token(where)}$"
-        fact = Fact(f"the sign on {self._called(where)} is seen", (Evidence((), path),))
-        shown = Remember("sign" if where == FRONT else where, self.notice(where).name)
-        return fact, (shown,) if where == FRONT else (Click(where), shown)
+    def _read_sign(self, page_name: str) -> tuple[Fact, tuple[Move, ...]]:
+        """The fact that the sign of a page was seen, and the moves that see and note it."""
+        path = "/$" if page_name == FRONT else f"/sign/{self.token(page_name)}$"
+        fact = Fact(f"the sign on {self._page_phrase(page_name)} is seen", (Evidence((), path),))
+        note = Remember("sign" if page_name == FRONT else page_name, self.page_sign(page_name).name)
+        return fact, (note,) if page_name == FRONT else (Click(page_name), note)
 
-    def _called(self, where: str) -> str:
-        return where if where == FRONT else f"the {where} page"
+    def _page_phrase(self, page_name: str) -> str:
+        return page_name if page_name == FRONT else f"the {page_name} page"
 
-    def _meant(self, ask: Questions, where: str) -> Part:
-        """The number of the thing that a page's sign shows."""
-        record, thing = self.notices[where], self.signs[self.notices[where].name]
-        rest = {"color": {"rest": thing.icon}, "icon": {"rest": thing.color}}.get(self.shows, {})
-        fact, moves = self._sign(where)
-        shown, value = self.way(record), record.fields["number"]
-        said = Fact(
+    def _meaning_part(self, questions: Questions, page_name: str) -> Part:
+        """Say the number of the thing that a page's sign stands for."""
+        record, thing = self.meanings[page_name], self.signs[self.meanings[page_name].name]
+        other_trait = {"color": {"rest": thing.icon}, "icon": {"rest": thing.color}}.get(self.sign_kind, {})
+        fact, moves = self._read_sign(page_name)
+        location, value = self.locate(record), record.fields["number"]
+        value_fact = Fact(
             "the number of the thing that it shows is given",
-            (seen(shown, value),),
+            (field_evidence(location, value),),
             answer=value.options,
-            wrong=ask.others("number", value.text),
+            wrong=questions.wrong_answers("number", value.text),
         )
         return Part(
-            ask=ask.ask(self.shows, page=self._called(where), **rest),
-            description=f"The number of what the sign on {self._called(where)} shows",
-            facts=(fact, said),
-            moves=(*moves, Home(), *shown.moves, answer_is(value.text)),
+            ask=questions.ask(self.sign_kind, page=self._page_phrase(page_name), **other_trait),
+            description=f"The number of what the sign on {self._page_phrase(page_name)} shows",
+            facts=(fact, value_fact),
+            moves=(*moves, Home(), *location.moves, answer_is(value.text)),
             says=value.text,
         )
 
-    def _which(self, ask: Questions, one: str, two: str) -> Part:
-        """Which of the things on two signs has the larger number."""
-        signs = [self._sign(where) for where in (one, two)]
-        looked, moves, winner = ask.compared(self.notices[one], self.notices[two], "number", larger=True)
-        named = Fact(
-            "the one with the larger number is named",
-            looked[winner.name].evidence,
-            answer=(winner.name,),
-            wrong=ask.others(NAME, winner.name),
+    def _comparison_part(self, questions: Questions, first: str, second: str) -> Part:
+        """Name the thing with the larger number of those on two signs."""
+        signs = [self._read_sign(page_name) for page_name in (first, second)]
+        facts, moves, winner = questions.compared(
+            self.meanings[first], self.meanings[second], "number", larger=True
         )
-        way = [move for _, moves in signs for move in (*moves, Home())]
+        winner_fact = Fact(
+            "the one with the larger number is named",
+            facts[winner.name].evidence,
+            answer=(winner.name,),
+            wrong=questions.wrong_answers(NAME, winner.name),
+        )
+        sign_moves = [move for _, moves in signs for move in (*moves, Home())]
         return Part(
-            ask=ask.ask("which", page=self._called(one), other=self._called(two)),
-            description=f"Which has the larger number: what {one} or what {two} shows",
-            facts=(*(fact for fact, _ in signs), *looked.values(), named),
-            moves=(*way, *moves, answer_is(winner.name)),
+            ask=questions.ask("which", page=self._page_phrase(first), other=self._page_phrase(second)),
+            description=f"Which has the larger number: what {first} or what {second} shows",
+            facts=(*(fact for fact, _ in signs), *facts.values(), winner_fact),
+            moves=(*sign_moves, *moves, answer_is(winner.name)),
             says=winner.name,
         )
 
-    def _chain(self, ask: Questions, record: Record, hops: int) -> Part:
-        """The number at the end of a chain of signs."""
-        facts, moves, at = list[Fact](), list[Move](), record
-        shown: Shown = self.way(record)
+    def _chain_part(self, questions: Questions, record: Record, hops: int) -> Part:
+        """Say the number of the last thing of a chain of signs."""
+        facts, moves, thing = list[Fact](), list[Move](), record
+        location: Location = self.locate(record)
         for hop in range(1, hops + 1):
-            facts.append(Fact(f"sign {hop} on the way is seen", (Evidence((), shown.path),)))
-            at = self.follows[at.name]
-            moves += [*shown.moves, Remember(f" sign {hop}", at.name), Home()]
-            shown = self.way(at)
-        value = at.fields["number"]
-        said = Fact(
+            facts.append(Fact(f"sign {hop} on the way is seen", (Evidence((), location.path),)))
+            thing = self.successors[thing.name]
+            moves += [*location.moves, Remember(f" sign {hop}", thing.name), Home()]
+            location = self.locate(thing)
+        value = thing.fields["number"]
+        value_fact = Fact(
             "the number of the last thing is given",
-            (seen(shown, value),),
+            (field_evidence(location, value),),
             answer=value.options,
-            wrong=ask.others("number", value.text),
+            wrong=questions.wrong_answers("number", value.text),
         )
         return Part(
-            ask=ask.ask("chain", item=record.name, times="1 sign" if hops == 1 else f"{hops} signs"),
+            ask=questions.ask("chain", item=record.name, times="1 sign" if hops == 1 else f"{hops} signs"),
             description=f"The number after {hops} signs from the {record.name}",
-            facts=(*facts, said),
-            moves=(*moves, *shown.moves, answer_is(value.text)),
+            facts=(*facts, value_fact),
+            moves=(*moves, *location.moves, answer_is(value.text)),
             says=value.text,
         )

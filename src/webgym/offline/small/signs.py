@@ -1,7 +1,7 @@
-"""What a small page can show: colours, icons, numbers and short words, each filling one cell.
+"""The signs of small pages: colours, icons, numbers and short words, each in one cell.
 
-A sign has a name of one or two words of a small vocabulary. The same name looks alike on every website, up
-to a shade, a font and the way it is drawn.
+A sign has a name of one or two words of a small vocabulary. A sign looks similar on all websites; only the
+shade, the font and the drawing style differ.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ import msgspec
 from webgym.offline.data import load
 
 CELL = 32
-"""Side of a cell, CSS pixels: what one image token of a Qwen3-VL covers."""
+"""Side of a cell in CSS pixels; one image token of Qwen3-VL covers as much."""
 
 Ink = Literal["filled", "outlined", "reversed"]
 """How a coloured icon is drawn: in its colour, as an outline in its colour, or white on its colour."""
 
 
 class SignData(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``signs.toml``: all there is to show."""
+    """The content of ``signs.toml``; ``most`` is the largest number."""
 
     words: tuple[str, ...]
     most: int
@@ -34,19 +34,19 @@ class SignData(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @lru_cache(maxsize=1)
 def sign_data() -> SignData:
-    """All colours, icons, controls and words."""
+    """The content of ``signs.toml``."""
     return load("webgym.offline.small", "signs.toml", SignData)
 
 
 @dataclass(frozen=True)
 class Sign:
-    """What fills a cell.
+    """A sign. Attributes that it does not have are empty.
 
     Attributes:
-        color: its colour, if it has one.
-        icon: its icon, if it has one.
-        text: a number or a word, if it is one.
-        control: a control of the website (``home``, ``next``, ...), if it is one.
+        color: name of its colour.
+        icon: name of its icon.
+        text: its number or word.
+        control: name of a control of the website: ``home``, ``next``, ...
     """
 
     color: str = ""
@@ -56,27 +56,33 @@ class Sign:
 
     @property
     def name(self) -> str:
-        """Its accessible name, ``"red star"``, and what instructions and answers call it."""
+        """Its accessible name, ``"red star"``; instructions and answers use it as well."""
         return self.control or self.text or f"{self.color} {self.icon}".strip()
 
 
 def number_sign(value: int) -> Sign:
-    """A number."""
+    """The sign of a number."""
     return Sign(text=str(value))
 
 
 def control(name: str) -> Sign:
-    """A control."""
+    """The sign of a control."""
     return Sign(control=name)
 
 
 def numbers() -> tuple[str, ...]:
-    """All numbers that a small page can show."""
+    """All numbers that small pages use."""
     return tuple(str(value) for value in range(sign_data().most + 1))
 
 
 def shaded(color: str, turn: float, lighten: float) -> str:
-    """A shade of a colour: ``turn`` of the colour circle away, lighter by a share of what is left."""
+    """A shade of a CSS colour.
+
+    Args:
+        color: ``#rrggbb``.
+        turn: change of the hue, as a share of the colour circle.
+        lighten: change of the lightness, as a share of itself.
+    """
     red, green, blue = (int(color[at : at + 2], 16) / 255 for at in (1, 3, 5))
     hue, lightness, saturation = colorsys.rgb_to_hls(red, green, blue)
     lightness = min(1.0, max(0.0, lightness * (1 + lighten)))
@@ -86,14 +92,14 @@ def shaded(color: str, turn: float, lighten: float) -> str:
 
 @lru_cache(maxsize=4096)
 def drawn(path: str, color: str, edge: str, ink: Ink, scale: float) -> str:
-    """An SVG of one path in a cell.
+    """The SVG of a path in a cell.
 
     Args:
-        path: in a box of 32 by 32.
-        color: of the shape.
-        edge: around the shape, so that no colour drowns in the ground.
-        ink: ``outlined`` leaves the inside empty.
-        scale: of the shape in its cell.
+        path: SVG path in a box of 32 by 32.
+        color: colour of the shape.
+        edge: colour of the line around the shape, which separates it from the background.
+        ink: drawing style; ``outlined`` leaves the inside empty.
+        scale: size of the shape, as a share of the cell.
     """
     shift = CELL / 2 * (1 - scale)
     place = f"translate({shift:g} {shift:g}) scale({scale:g})"

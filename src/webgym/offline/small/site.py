@@ -1,4 +1,4 @@
-"""What every small website is: a design, pages of signs, and tasks in a small vocabulary."""
+"""The base class of small websites: a design, pages of signs, and tasks in a small vocabulary."""
 
 from __future__ import annotations
 
@@ -15,15 +15,14 @@ from webgym.offline.website import Response, Visit, Website, slug
 
 
 class SmallWebsite(Website):
-    """Base of the small families.
+    """Base class of the small families.
 
-    A family overrides :meth:`fill`, :meth:`parts` and, where its front page has controls of its own,
-    :meth:`controls`.
+    A family overrides :meth:`fill`, :meth:`parts` and, if it has controls of its own, :meth:`controls`.
     """
 
     mix: ClassVar[Mix] = Mix()
     topic: ClassVar[tuple[str, str]] = ("Misc.", "General Info.")
-    """Domain and subdomain: what :class:`webgym.tasks.selection.Selection` can leave out."""
+    """Domain and subdomain, by which :class:`webgym.tasks.selection.Selection` can exclude tasks."""
     design: Design
 
     @classmethod
@@ -33,31 +32,31 @@ class SmallWebsite(Website):
         return stem, f"{slug(stem)}-small-{cls.family}"
 
     def build(self) -> None:
-        """Draw the design and fill the tables."""
+        """Draw the design and the records."""
         (self.domain, self.subdomain), self.tagline = self.topic, ""
         self.design = design(self.seed, self.split)
         self.fill()
 
     def fill(self) -> None:
-        """Fill the tables from the seed and the design's stock of signs."""
+        """Draw the records from the seed and the design's signs."""
         raise NotImplementedError
 
     def parts(self) -> Iterable[Part]:
-        """All that can be asked for."""
+        """All parts of which tasks can be composed."""
         raise NotImplementedError
 
     def assignments(self) -> Iterable[Assignment]:
-        """The tasks: the parts, composed."""
+        """The tasks, composed of the parts."""
         return compose(stream(self.seed, "compose"), list(self.parts()), self.mix)
 
     # --- pages ------------------------------------------------------------------------------------
 
     def token(self, *names: object) -> str:
-        """A part of an address that says nothing about what it leads to."""
+        """A part of an address that does not reveal what the page shows: six hexadecimal digits."""
         return f"{number(self.seed, 'token', *names) % 16**6:06x}"
 
     def controls(self, visit: Visit) -> list[Tile]:
-        """The controls that the bar of every page has."""
+        """The controls in the bar of every page."""
         return [] if visit.path == "/" else [Tile(control("home"), "/")]
 
     def show(
@@ -68,14 +67,14 @@ class SmallWebsite(Website):
         mark: Sign | None = None,
         status: int = 200,
     ) -> Response:
-        """A page.
+        """Render a page.
 
         Args:
             visit: the request.
-            blocks: what the page shows.
-            controls: of this page, beside those of every page.
-            mark: a sign at the end of the bar that does nothing, where there is room for it.
-            status: of the response.
+            blocks: the content of the page.
+            controls: controls of this page, after those of every page.
+            mark: a sign at the end of the bar without a link; left out if there is no room.
+            status: HTTP status.
         """
         bar = [*self.controls(visit), *controls]
         if mark is not None and len(bar) < bar_room(self.design.layout):
@@ -83,5 +82,5 @@ class SmallWebsite(Website):
         return Response(page(self.design, self.brand, bar, blocks).encode(), status)
 
     def missing(self, visit: Visit, status: int = 404) -> Response:
-        """An empty page with the controls."""
+        """A page with only the controls."""
         return self.show(visit, [], status=status)

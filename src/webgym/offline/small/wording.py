@@ -1,4 +1,4 @@
-"""How the small websites' tasks are written out, and the vocabulary that they are made of."""
+"""The wording of the small websites' tasks, and its vocabulary."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from webgym.offline.parts import Wording
 from webgym.offline.small.signs import numbers, sign_data
 
 DONE = "done"
-"""The answer where nothing is asked."""
+"""The answer of tasks without a question."""
 
 PHRASES = ("board.toml", "desk.toml", "market.toml", "signpost.toml", "trail.toml")
-"""How each family's tasks are asked."""
+"""Files with the phrases of each family's tasks."""
 
 KEYS = ("sign", "page", "note")
-"""Words of memory keys, beside names of things and numbers of parts."""
+"""Words of memory keys, in addition to names of things and numbers of parts."""
 
 
 def _instruct(brand: str, asks: Sequence[str]) -> str:
@@ -30,12 +30,12 @@ def _instruct(brand: str, asks: Sequence[str]) -> str:
 
 
 WORDING = Wording("small", _instruct, lambda says: ", ".join(says) or DONE, keeps_count=True)
-"""Lower-case clauses; the answer is the parts' values in their order."""
+"""Clauses in lower case; the answer is the values of the parts, in their order."""
 
 
 @lru_cache(maxsize=1)
 def small_vocabulary() -> tuple[str, ...]:
-    """Every word of the small websites' instructions, answers, memory and elements, and the comma."""
+    """Every word of the small websites' instructions, answers, memory and page elements, and the comma."""
     signs = sign_data()
     words = {",", DONE, "then", "and", "from", *KEYS, *numbers()}
     words |= {*signs.colors, *signs.icons, *signs.controls, *signs.words}
@@ -43,10 +43,10 @@ def small_vocabulary() -> tuple[str, ...]:
         raw = resources.files("webgym.offline.small").joinpath(file).read_bytes()
         for phrases in msgspec.toml.decode(raw, type=dict[str, list[str]]).values():
             words.update(word for phrase in phrases for word in words_of(re.sub(r"\{\w+\}", "", phrase)))
-    words |= {"number", "word", "sign", "signs", "first"}  # of fields and places
+    words |= {"number", "word", "sign", "signs", "first"}  # names of fields and places
     return tuple(sorted(words))
 
 
 def words_of(text: str) -> list[str]:
-    """The words of a text as the vocabulary has them: commas stand alone."""
+    """Split a text into words of the vocabulary; a comma is a word."""
     return re.findall(r"[a-z0-9]+|[^\sa-z0-9]", text)

@@ -1,13 +1,13 @@
-// The labelling page: one trajectory after the other, the judge's verdict hidden until there is a label.
+// The labelling page: one trajectory after the other, with the judge's verdict hidden until it is labelled.
 
 const CHOICES = [["success", "Success", "s", "success"], ["failure", "Failure", "f", "failure"], ["unsure", "Cannot tell", "u", "truncated"],
   ["not_executable", "Cannot be done", "x", "cancelled"]];
 
 let annotator = stored("webgym-annotator") || "";
-let queue = [];          // what is to be labelled: {id, level}
+let queue = [];          // the attempts to label: {id, level}
 let labels = {};         // by attempt: {label, note}
 let shownId = null;
-let player = null;       // what drawTrajectory returned for it
+let player = null;       // the result of drawTrajectory
 let saving = Promise.resolve();
 
 const who = () => `annotator=${encodeURIComponent(annotator)}`;
@@ -25,7 +25,7 @@ function say(text, isBad = false) {
   byId("said").classList.toggle("bad", isBad);
 }
 
-// --- who labels ---------------------------------------------------------------------------------------
+// --- the annotator ---------------------------------------------------------------------------------------
 
 async function begin(name) {
   annotator = name.trim();
@@ -42,13 +42,13 @@ async function begin(name) {
   const wanted = asked === undefined ? undefined : decodeURIComponent(asked);
   if (wanted !== undefined && indexOf(wanted) >= 0) show(wanted);
   else if (queue.length) show((queue.find((each) => !labels[each.id]) || queue[0]).id);
-  else byId("place").replaceChildren(h("p", { class: "muted" }, "The run holds no attempt that came to an end of its own."));
+  else byId("place").replaceChildren(h("p", { class: "muted" }, "This run has no attempts to label."));
 }
 
 byId("who").addEventListener("submit", (event) => { event.preventDefault(); begin(byId("name").value); });
 byId("change").addEventListener("click", () => { byId("name").value = annotator; begin(""); });
 
-// --- how far it is ------------------------------------------------------------------------------------
+// --- progress ------------------------------------------------------------------------------------
 
 function drawProgress() {
   const done = queue.filter((each) => labels[each.id]).length;
@@ -61,9 +61,9 @@ function drawProgress() {
 }
 
 function drawChoices() {
-  const held = labels[shownId];
+  const current = labels[shownId];
   byId("choices").replaceChildren(...CHOICES.map(([label, name, key, colour]) =>
-    h("button", { type: "button", class: "choice", "data-label": label, "aria-pressed": String(Boolean(held) && held.label === label), onclick: () => put(label) },
+    h("button", { type: "button", class: "choice", "data-label": label, "aria-pressed": String(Boolean(current) && current.label === label), onclick: () => put(label) },
       h("span", { class: "dot", style: { background: `var(--${colour})` } }), name, " ", h("kbd", {}, key.toUpperCase()))));
   byId("where").textContent = `${indexOf(shownId) + 1} of ${queue.length}`;
 }
@@ -73,7 +73,7 @@ function drawChoices() {
 async function show(id) {
   const step = shownId === id && player ? player.current : 1;
   if (shownId !== id) {
-    player = null;  // until it is drawn, nothing can be said of it
+    player = null;  // until it is drawn, it cannot be labelled
     byId("place").replaceChildren(h("p", { class: "muted" }, "Loading…"));
   }
   shownId = id;
@@ -91,7 +91,7 @@ async function show(id) {
   } catch (error) { say(String(error.message), true); }
 }
 
-/** Labels are saved one after the other, in the order in which they were given. */
+/** Labels are saved sequentially, in the order in which they were given. */
 function put(label) {
   const body = { id: shownId, annotator, label, note: byId("note").value };
   if (player) saving = saving.then(() => save(body));
@@ -101,14 +101,14 @@ async function save(body) {
   try {
     await ask("api/labels", { method: "POST", headers: { "Content-Type": "application/json", "X-WebGym-Token": settings.token },
       body: JSON.stringify(body) });
-  } catch (error) { say(`not saved: ${error.message}`, true); return; }
+  } catch (error) { say(`Not saved: ${error.message}`, true); return; }
   labels[body.id] = { label: body.label, note: body.note };
-  say(`saved: ${CHOICES.find(([label]) => label === body.label)[1].toLowerCase()}`);
+  say(`Saved: ${CHOICES.find(([label]) => label === body.label)[1].toLowerCase()}`);
   drawProgress();
   if (shownId === body.id) show(body.id);
 }
 
-/** The next one without a label, round the end; where there is none, the next one. */
+/** Show the next attempt without a label, wrapping around; if all are labelled, the next one. */
 function next() {
   const at = indexOf(shownId);
   const following = [...queue.slice(at + 1), ...queue.slice(0, at)];

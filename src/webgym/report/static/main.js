@@ -1,8 +1,8 @@
 // Routes and keys.
 
-let playing = null;      // what drawTrajectory returned
-let open = null;         // id of the trajectory that is shown
-let scrolled = 0;        // where the list was left
+let playing = null;      // the result of drawTrajectory
+let open = null;         // id of the displayed trajectory
+let scrolled = 0;        // scroll position of the list
 
 function crumbs(id) {
   const at = fitting.findIndex((row) => row.id === id);
@@ -14,7 +14,7 @@ function crumbs(id) {
     to(at - 1, LEFT, "Previous trajectory ([)"), to(at + 1, RIGHT, "Next trajectory (])"));
 }
 
-/** After the list has changed, or the place in it; the last that is shown of a longer list has the next ones follow. */
+/** Called after a change of the list or of the position in it; loads more rows if the last one is displayed. */
 function redrawCrumbs() {
   if (open === null) return;
   byId("trajectory").querySelector(".crumbs")?.replaceWith(crumbs(open));

@@ -1,7 +1,7 @@
 // The monitor: one cell per attempt on a canvas, so that a thousand of them cost one element, and figures beside it.
 
 const LARGEST = 34, SMALLEST = 5, HEIGHT = 380;   // of a cell, of the grid; CSS pixels
-const NUMBERED = 20;                              // a cell so large shows its steps as a number
+const NUMBERED = 20;                              // cells from this size on show their number of steps
 const NEWEST = 1200;                              // points of the curve
 let feed = null;
 let layout = { size: LARGEST, columns: 1 };
@@ -17,7 +17,7 @@ const clock = (value) => {
   return hours ? `${hours}:${pad(minutes)}:${pad(whole % 60)}` : `${minutes}:${pad(whole % 60)}`;
 };
 
-/** A canvas as sharp as the screen, and what to draw on it with. */
+/** Size a canvas for the resolution of the screen; its drawing context. */
 function prepared(canvas, width, height) {
   const ratio = devicePixelRatio || 1;
   canvas.width = Math.round(width * ratio);
@@ -29,7 +29,7 @@ function prepared(canvas, width, height) {
   return pen;
 }
 
-/** Colors as the theme has them now: a canvas knows no variables. */
+/** The current colors of the theme, because a canvas cannot use CSS variables. */
 function colors() {
   const found = new Map();
   for (const dot of document.querySelectorAll("[data-state]")) found.set(dot.dataset.state, getComputedStyle(dot).backgroundColor);
@@ -77,7 +77,7 @@ function drawPace() {
   pen.stroke();
   pen.fillStyle = style.color;
   pen.font = `12px ${style.fontFamily}`;
-  pen.fillText(`${most.toFixed(1)} at most`, 0, 10);
+  pen.fillText(`maximum ${most.toFixed(1)}`, 0, 10);
   pen.fillText(`last ${clock(span)}`, 0, height - 3);
 }
 
@@ -99,11 +99,11 @@ function drawFigures() {
   byId("left").textContent = feed.seconds_left === null ? "" : `${clock(feed.seconds_left)} left`;
   byId("tiles").replaceChildren(
     tile("Success rate", percent(feed.success.of_judged), `${feed.success.won} of ${feed.success.judged} judged`),
-    tile("Success of all done", percent(feed.success.of_done), `of ${feed.success.done}`),
+    tile("Success of all finished", percent(feed.success.of_done), `of ${feed.success.done}`),
     tile("Steps per second", feed.steps_per_second.toFixed(1), `${feed.steps} steps`),
     tile("Trajectories per minute", feed.trajectories_per_minute.toFixed(1), `${feed.done - feed.earlier} this session`),
     tile("In progress", String(feed.cells.length), "attempts"),
-    tile("Elapsed", clock(feed.seconds), feed.earlier ? `${feed.earlier} done before` : ""));
+    tile("Elapsed", clock(feed.seconds), feed.earlier ? `${feed.earlier} done in earlier sessions` : ""));
   for (const count of document.querySelectorAll("[data-count]")) count.textContent = feed.states[count.dataset.count] ?? 0;
   table("levels", ["", "of judged", "", "of all done", ""], settings.levels.map((level) => [level, feed.levels[level]])
     .filter(([, one]) => one.done)
@@ -112,7 +112,7 @@ function drawFigures() {
     .map(([kind, one]) => [kind, String(one.waiting), String(one.running), briefly(one.wait), briefly(one.service)]));
   table("ends", ["", ""], Object.entries(feed.outcomes).filter(([, count]) => count).map(([outcome, count]) => [outcomeTag(outcome), String(count)]));
   table("errors", ["", ""], Object.entries(feed.errors).filter(([, count]) => count).map(([code, count]) => [code, String(count)]));
-  byId("warnings").replaceChildren(...feed.warnings.map((told) => h("p", { class: "warning", role: "alert" }, told)));
+  byId("warnings").replaceChildren(...feed.warnings.map((text) => h("p", { class: "warning", role: "alert" }, text)));
 }
 
 function draw() {
@@ -125,7 +125,7 @@ function draw() {
   document.documentElement.dataset.draws = String(draws += 1);
 }
 
-/** Draw once before the next picture of the screen, however much has come. */
+/** Draw before the next frame, once for all updates until then. */
 function drawSoon() {
   if (!isDue) requestAnimationFrame(draw);
   isDue = true;
@@ -136,15 +136,15 @@ function say(word, sentence) {
   badge.hidden = false;
   badge.textContent = word;
   badge.classList.toggle("whole", word === "not running");
-  badge.classList.toggle("lost", word === "server gone" || word === "stopped");
+  badge.classList.toggle("lost", word === "disconnected" || word === "stopped");
   byId("said").textContent = sentence;
 }
 
-function take(told) {
-  feed = told.feed;
-  if (told.error) say("stopped", told.error);
-  else if (!feed) say("not running", "No collector is at work on this run.");
-  else if (feed.is_stale) say("stopped", `The collector has said nothing for ${clock(feed.age)}: it was killed, or its machine is stuck.`);
+function update(message) {
+  feed = message.feed;
+  if (message.error) say("stopped", message.error);
+  else if (!feed) say("not running", "No collector is running.");
+  else if (feed.is_stale) say("stopped", `No update from the collector for ${clock(feed.age)}: it was killed, or its machine is not responding.`);
   else {
     say("live", "Collecting.");
     history.push({ at: feed.at, steps_per_second: feed.steps_per_second });
@@ -153,8 +153,8 @@ function take(told) {
   drawSoon();
 }
 
-/** What the pointer is over. */
-function tell(event) {
+/** Show a tooltip for the cell under the pointer. */
+function showTooltip(event) {
   const box = byId("cells").getBoundingClientRect(), x = event.clientX - box.left, y = event.clientY - box.top;
   const column = Math.floor(x / layout.size), place = Math.floor(y / layout.size) * layout.columns + column;
   const cell = feed && column < layout.columns && feed.cells.find((one) => one[0] === place);
@@ -162,17 +162,17 @@ function tell(event) {
   tip.hidden = !cell;
   if (!cell) return;
   const [, id, state, steps, since] = cell;
-  tip.replaceChildren(h("strong", {}, id), h("br"), `${state || "between two states"} for ${seconds(since)}, ${steps} steps`);
+  tip.replaceChildren(h("strong", {}, id), h("br"), `${state || "between states"} for ${seconds(since)}, ${steps} steps`);
   tip.style.left = `${Math.max(0, Math.min(x + 14, box.width - tip.offsetWidth))}px`;
   tip.style.top = `${y + 16}px`;
 }
 
-byId("cells").addEventListener("pointermove", tell);
+byId("cells").addEventListener("pointermove", showTooltip);
 byId("cells").addEventListener("pointerleave", () => { byId("tip").hidden = true; });
 byId("theme").addEventListener("click", drawSoon);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawSoon);
 addEventListener("resize", drawSoon);
 const events = new EventSource("api/monitor");
 events.addEventListener("history", (event) => { history = JSON.parse(event.data); });
-events.addEventListener("feed", (event) => take(JSON.parse(event.data)));
-events.addEventListener("error", () => say("server gone", "The server of this page is gone; what is shown is the last that it said."));
+events.addEventListener("feed", (event) => update(JSON.parse(event.data)));
+events.addEventListener("error", () => say("disconnected", "The connection to the server is lost; the page shows the last figures received."));

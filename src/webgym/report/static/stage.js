@@ -1,9 +1,9 @@
 // A screenshot with the action drawn on it.
 
-/** What an action is aimed at. */
+/** The target of an action, as text. */
 const aim = (place) => place.on ? ` “${shorten(place.on, 60)}”` : place.mark !== undefined ? ` element ${place.mark}` : place.point ? " the page" : "";
 
-/** What an action does, in a few words. */
+/** A short description of an action. */
 function sentence(action) {
   const on = aim(action);
   switch (action.name) {
@@ -36,14 +36,14 @@ function bubbleAt(x, y, text) {
     [low ? "bottom" : "top"]: low ? `calc(${share(100 - y)} + 22px)` : `calc(${share(y)} + 22px)` } }, text);
 }
 
-/** The middle of a place, percent of the picture; nothing where the picture does not show it. */
+/** The center of a target, percent of the screenshot; null if the screenshot does not show it. */
 function middleOf(place) {
   if (!place.box) return place.point || null;
   const [left, top, width, height] = place.box;
   return [left + width / 2, top + height / 2];
 }
 
-/** What shows a place: a frame around an element, a ring around a point. */
+/** The mark of a target: a frame around an element, a ring around a point. */
 function placeMark(place) {
   if (place.box) {
     const [left, top, width, height] = place.box;
@@ -52,7 +52,7 @@ function placeMark(place) {
   return place.point ? [h("div", { class: "ring", style: { left: share(place.point[0]), top: share(place.point[1]) } })] : [];
 }
 
-/** The marks that show an action. Places are percent of the picture. */
+/** The marks of an action. Positions are percentages of the screenshot. */
 function marks(action) {
   if (!action) return [];
   switch (action.name) {
@@ -74,10 +74,10 @@ function marks(action) {
   }
 }
 
-/** What is said in place of a picture that is not there. A report may have been moved away from its pictures. */
+/** The message in place of a missing screenshot, which may be due to a report that was moved. */
 function whereIsIt(name) {
-  if (settings.live) return "This picture is not in the run folder.";
-  return `This report has no picture of its own here, and ${picture(name)} is not beside it. If it was moved, move it back into its folder, or write it with --embed.`;
+  if (settings.live) return "This screenshot is not in the run folder.";
+  return `This screenshot is not embedded, and ${picture(name)} does not exist. If the report was moved, move it back into its run folder, or write it with --embed.`;
 }
 
 function image(name, alt, lazy) {

@@ -24,9 +24,9 @@ const FILTERS = {
 
 const state = { q: "", outcome: "", level: "", domain: "", site: "", sort: "", down: false };
 let shown = PAGE;
-let fitting = [];        // the first rows that fit, as many as are shown
-let total = 0;           // how many fit
-let turn = 0;            // of the newest drawing: the reply to an older question is of no use
+let fitting = [];        // the matching rows that are displayed
+let total = 0;           // number of matching rows
+let turn = 0;            // number of the latest request; replies to earlier ones are ignored
 
 const addressOf = (id, step) => `#/t/${encodeURIComponent(id)}${step ? `/${step}` : ""}`;
 
@@ -36,7 +36,7 @@ function fits(row) {
   return state.q.toLowerCase().split(/\s+/).every((word) => text.includes(word));
 }
 
-/** Rows that fit, in their order. */
+/** The matching rows, in order. */
 function choose(rows) {
   const found = rows.filter(fits);
   const column = COLUMNS.find((one) => one.key === state.sort);
@@ -81,7 +81,7 @@ async function drawTable() {
   redrawCrumbs();
 }
 
-/** Offer what the rows hold. */
+/** Fill the filters with the existing values. */
 function fillFilters() {
   for (const [key, { name, order }] of Object.entries(FILTERS)) {
     const select = byId(`filter-${key}`);
@@ -91,10 +91,10 @@ function fillFilters() {
   }
 }
 
-/** The address of the list as it is. */
+/** The address of the list in its current state. */
 function listAddress() {
-  const told = new URLSearchParams(Object.entries(state).filter(([, value]) => value).map(([key, value]) => [key, value === true ? "1" : value]));
-  return `#/${told.size ? `?${told}` : ""}`;
+  const parameters = new URLSearchParams(Object.entries(state).filter(([, value]) => value).map(([key, value]) => [key, value === true ? "1" : value]));
+  return `#/${parameters.size ? `?${parameters}` : ""}`;
 }
 
 function change(changes) {
@@ -106,10 +106,10 @@ function change(changes) {
   drawTable();
 }
 
-/** Take over the state that an address tells. */
+/** Set the state from an address. */
 function readState(query) {
-  const told = new URLSearchParams(query);
-  for (const key of Object.keys(state)) state[key] = key === "down" ? told.has(key) : told.get(key) || "";
+  const parameters = new URLSearchParams(query);
+  for (const key of Object.keys(state)) state[key] = key === "down" ? parameters.has(key) : parameters.get(key) || "";
   byId("search").value = state.q;
   fillFilters();
   return drawTable();

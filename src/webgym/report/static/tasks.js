@@ -1,12 +1,12 @@
-// A task set: the list, whose rows the server finds, and the page of one task. The address tells what is shown.
+// A task set: the list, which the server searches, and the page of one task. The address has the state.
 
 const FACETS = { split: capital, level: capital, domain: String, subdomain: String, source: String, flag: String };
 const LABELS = { split: "splits", level: "difficulties", domain: "domains", subdomain: "subdomains", source: "sources", flag: "flags" };
 const state = { text: "", split: "", level: "", domain: "", subdomain: "", source: "", flag: "", website: "", page: 1 };
 const title = document.title;
-let asked = 0;          // the last question; answers to earlier ones are late
-let open = null;        // id of the task that is shown
-let at = null;          // its place in the list, when it was opened from there
+let asked = 0;          // number of the latest request; replies to earlier ones are ignored
+let open = null;        // id of the displayed task
+let at = null;          // its index in the list, if it was opened from there
 let total = 0;
 let scrolled = 0;
 
@@ -18,7 +18,7 @@ const question = (after, count) => new URLSearchParams([
 
 async function ask(path) {
   const reply = await fetch(path);
-  if (!reply.ok) throw new Error(reply.status === 404 ? "The set holds no such task." : await reply.text());
+  if (!reply.ok) throw new Error(reply.status === 404 ? "This set has no such task." : await reply.text());
   return reply.json();
 }
 
@@ -52,7 +52,7 @@ async function drawList() {
   try {
     found = await ask(`api/tasks?${question(first, settings.page)}`);
   } catch (error) {
-    if (turn === asked) byId("list-count").textContent = `cannot be asked: ${error.message}`;
+    if (turn === asked) byId("list-count").textContent = `Search failed: ${error.message}`;
     return;
   }
   if (turn !== asked) return;
@@ -87,17 +87,17 @@ function fillFilters() {
 }
 
 function listAddress() {
-  const told = new URLSearchParams(Object.entries(state).filter(([key, value]) => value && !(key === "page" && value === 1)));
-  return `#/${told.size ? `?${told}` : ""}`;
+  const parameters = new URLSearchParams(Object.entries(state).filter(([key, value]) => value && !(key === "page" && value === 1)));
+  return `#/${parameters.size ? `?${parameters}` : ""}`;
 }
 
-/** Show what the state says. */
+/** Draw the list according to the state. */
 function draw() {
   if (byId("search").value.trim() !== state.text.trim()) byId("search").value = state.text;
   fillFilters();
   byId("website").hidden = !state.website;
   byId("website").replaceChildren(`on ${state.website}`, icon(CROSS, 12));
-  byId("website").setAttribute("aria-label", `No longer only tasks on ${state.website}`);
+  byId("website").setAttribute("aria-label", `Remove the filter: tasks on ${state.website}`);
   byId("clear").hidden = !Object.entries(state).some(([key, value]) => value && key !== "page");
   drawList();
 }
@@ -118,7 +118,7 @@ function groupCard(it) {
       h("ul", {}, group.facts.map((fact) => h("li", { class: "fact" }, fact))))));
 }
 
-/** The groups of a parent, filled where a task has them. */
+/** The groups of a parent; those that a task has are filled. */
 function subset(all, having) {
   const has = new Set(having.map((group) => group.id));
   const known = all.length ? all : having;
@@ -215,8 +215,8 @@ function showList(query) {
   byId("task").hidden = true;
   byId("task").replaceChildren();
   byId("home").hidden = false;
-  const told = new URLSearchParams(query);
-  for (const key of Object.keys(state)) state[key] = key === "page" ? Math.max(1, Number.parseInt(told.get(key), 10) || 1) : told.get(key) || "";
+  const parameters = new URLSearchParams(query);
+  for (const key of Object.keys(state)) state[key] = key === "page" ? Math.max(1, Number.parseInt(parameters.get(key), 10) || 1) : parameters.get(key) || "";
   draw();
   scrollTo(0, scrolled);
 }

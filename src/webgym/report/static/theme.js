@@ -1,6 +1,6 @@
-// The theme: the system's, until somebody chooses.
+// The theme: the system's, until the user chooses one.
 
-/** What this browser remembers under a name. Storage may be refused, as for some local files. */
+/** Get or set a value in local storage, which some browsers refuse for local files. */
 function stored(name, value) {
   try {
     if (value !== undefined) localStorage.setItem(name, value);

@@ -1,8 +1,8 @@
 // The same tasks before and after a training, step by step.
 
-let home = "";           // the run that a picture is looked for in unless it is embedded
+let home = "";           // run folder of the screenshots that are not embedded
 
-/** Address of a picture: embedded if it is, else in the run folder of its evaluation. */
+/** Address of a screenshot: embedded, or in the run folder of its evaluation. */
 function picture(name) {
   const embedded = byId(`p-${name}`);
   return embedded ? `data:${embedded.textContent}` : `${home}/screenshots/${name.slice(0, 2)}/${name}.png`;
@@ -32,7 +32,7 @@ function pairOf([before, after]) {
     h("div", { class: "pair" }, sideOf(before, "Before", settings.homes[0]), sideOf(after, "After", settings.homes[1])));
 }
 
-// All data stand behind this script.
+// The data come after this script.
 document.addEventListener("DOMContentLoaded", () => {
   const place = byId("pairs");
   for (let number = 0; place && number < Number(place.dataset.count); number += 1) {

@@ -1,6 +1,6 @@
 // The page of one trajectory.
 
-/** The steps, and as the last frame what the page looked like after them. */
+/** The steps, and a last frame with the page after them. */
 function framesOf(it) {
   const frames = it.steps.map((step, index) => ({ ...step, number: index + 1, label: `Step ${index + 1}` }));
   if (it.final) frames.push({ ...it.final, number: it.steps.length + 1, label: "End", action: null, end: true });
@@ -8,13 +8,13 @@ function framesOf(it) {
 }
 
 function sign(passed) {
-  const [css, path, said] = passed === true ? ["yes", CHECK, "holds"] : passed === false ? ["no", CROSS, "does not hold"] : ["", DASH, "not judged"];
+  const [css, path, said] = passed === true ? ["yes", CHECK, "confirmed"] : passed === false ? ["no", CROSS, "not confirmed"] : ["", DASH, "not judged"];
   return h("span", { class: `sign ${css}`, role: "img", "aria-label": said }, icon(path, 14));
 }
 
 const cite = (it, number, text, go) => h("button", { type: "button", class: "cite", "data-step": number, onclick: () => go(number) }, text);
 
-/** A reason, with the steps that it names as links, and after it those that it rests on but does not name. */
+/** A reason with the steps that it names as links, followed by the other steps that the judgement cites. */
 function reason(it, judged, go) {
   const named = new Set();
   const parts = judged.reason.split(/\b(step \d+)\b/i).map((part, index) => {
@@ -35,9 +35,9 @@ function finding(it, what, judged, go) {
 
 function rubricCard(it, go) {
   const facts = it.groups.flatMap((group) => group.facts);
-  const held = facts.filter((fact) => fact.passed).length;
+  const confirmed = facts.filter((fact) => fact.passed).length;
   return h("section", { class: "card", id: "rubric" },
-    h("h2", {}, it.verdict ? `Facts: ${held} of ${facts.length} hold` : `Facts: ${facts.length}${it.blind ? "" : ", not judged"}`),
+    h("h2", {}, it.verdict ? `Facts: ${confirmed} of ${facts.length} confirmed` : `Facts: ${facts.length}${it.blind ? "" : ", not judged"}`),
     it.groups.map((group) => [
       it.groups.length > 1 && group.description && h("h3", {}, group.description),
       h("ul", {}, group.facts.map((fact) => finding(it, fact.text, fact, go))),
@@ -47,20 +47,20 @@ function rubricCard(it, go) {
 function answerCard(it, go) {
   const verdict = it.verdict;
   const found = verdict && [
-    verdict.reference && finding(it, "The answer is the reference answer", verdict.reference, go),
-    verdict.response && finding(it, "Every claim in the answer was visible", verdict.response, go),
-    verdict.blocked && verdict.blocked.passed && finding(it, "The website kept the agent out", { ...verdict.blocked, passed: null }, go),
+    verdict.reference && finding(it, "The answer agrees with the reference answer", verdict.reference, go),
+    verdict.response && finding(it, "Every claim in the answer is visible in a screenshot", verdict.response, go),
+    verdict.blocked && verdict.blocked.passed && finding(it, "The website blocked the agent", { ...verdict.blocked, passed: null }, go),
   ].filter(Boolean);
   return h("section", { class: "card", id: "answer" }, h("h2", {}, "Answer"),
     it.answer === null ? h("p", { class: "muted" }, "No answer was given.") : h("p", { class: "answer" }, it.answer),
     it.task.reference && [h("h3", {}, "Reference"), h("p", { class: "answer" }, it.task.reference)],
     found && found.length > 0 && [h("h3", {}, `Judged by ${verdict.judge}`), h("ul", {}, found)],
-    verdict && verdict.confidence !== null && h("p", { class: "muted", id: "confidence" }, `${Math.round(verdict.confidence * 100)}% of the samples say so`));
+    verdict && verdict.confidence !== null && h("p", { class: "muted", id: "confidence" }, `${Math.round(verdict.confidence * 100)}% of the samples agree`));
 }
 
 function failureCard(it) {
   const failure = it.failure || it.judgeFailure;
-  return failure && h("section", { class: "card", id: "failure" }, h("h2", {}, it.failure ? "What ended it" : "Why there is no verdict"),
+  return failure && h("section", { class: "card", id: "failure" }, h("h2", {}, it.failure ? "Error" : "Judge error"),
     h("div", { class: "failure-box" }, h("code", {}, failure.code), h("p", {}, failure.message)));
 }
 
@@ -79,9 +79,9 @@ function taskHead(it) {
       fact("ending", ENDINGS[it.ending] || it.ending), fact("took", seconds(it.seconds))));
 }
 
-/** Who judged: the collector's judge, and those that judged the run afterwards. */
+/** All verdicts: that of the run's own judge, and later ones of other judges. */
 function judgesOf(it) {
-  const own = { judge: it.verdict ? it.verdict.judge : "when it was collected", outcome: it.outcome, groups: it.groups, verdict: it.verdict,
+  const own = { judge: it.verdict ? it.verdict.judge : "judge of the run", outcome: it.outcome, groups: it.groups, verdict: it.verdict,
     judgeFailure: it.judgeFailure, judgeSeconds: it.judgeSeconds };
   return [own, ...it.others];
 }
@@ -94,11 +94,11 @@ function judgeCard(judges, chosen, choose) {
         h("span", { class: "judge-name" }, each.judge), outcomeTag(each.outcome)))));
 }
 
-/** What was found on the screenshot of a frame: the facts and claims whose judgement cites it. */
+/** The facts and claims whose judgement cites the screenshot of a frame. */
 function foundHere(it, index) {
   const verdict = it.verdict || {};
   const all = [...it.groups.flatMap((group) => group.facts), verdict.response && { ...verdict.response, text: "The answer" },
-    verdict.blocked && verdict.blocked.passed && { ...verdict.blocked, passed: null, text: "The website kept the agent out" }];
+    verdict.blocked && verdict.blocked.passed && { ...verdict.blocked, passed: null, text: "The website blocked the agent" }];
   const here = all.filter((each) => each && (each.steps || []).includes(index));
   return here.length ? h("ul", { class: "here", "aria-label": "Judged by this screenshot" }, here.map((each) =>
     h("li", { class: "finding", "data-passed": String(each.passed) }, sign(each.passed), h("div", {}, h("div", { class: "what" }, each.text), h("div", { class: "why" }, each.reason))))) : null;
@@ -118,24 +118,24 @@ function aboutCard(it) {
 }
 
 const NOTICES = { navigation_failed: "Navigation failed", download_refused: "Download refused", action_failed: "Action failed", dialog: "Dialog",
-  popup: "Popup", still_loading: "Still loading", crashed: "Crashed", reply_unreadable: "Reply unreadable", shortened: "Cut for its length", unchanged: "Nothing changed", no_effect: "No effect" };
+  popup: "Popup", still_loading: "Still loading", crashed: "Crashed", reply_unreadable: "Reply unreadable", shortened: "Shortened", unchanged: "Nothing changed", no_effect: "No effect" };
 const BAD = new Set(["navigation_failed", "action_failed", "crashed", "reply_unreadable"]);
 
 function noticeList(frame) {
   const notices = frame.notices.map(([kind, text]) => h("p", { class: `notice ${BAD.has(kind) ? "bad" : ""}` }, h("b", {}, NOTICES[kind] || kind), " ", text));
-  if (frame.error) notices.push(h("p", { class: "notice bad" }, h("b", {}, "This reply held no action"), " ", frame.error));
+  if (frame.error) notices.push(h("p", { class: "notice bad" }, h("b", {}, "No action in this reply"), " ", frame.error));
   if (frame.memory) notices.push(h("p", { class: "notice" }, h("b", {}, "The memory was corrected"), " ", frame.memory));
   return notices.length ? h("div", { class: "notices" }, notices) : null;
 }
 
 function timeList(frame) {
-  const shownTimes = [["reply", frame.replyMs], ["until the next look", frame.waited], ...Object.entries(frame.ms)];
+  const shownTimes = [["reply", frame.replyMs], ["until the next screenshot", frame.waited], ...Object.entries(frame.ms)];
   const tokens = frame.tokens && (frame.tokens[0] || frame.tokens[1]) ? `${frame.tokens[0]} + ${frame.tokens[1]}` : null;
   return h("div", { class: "times" },
     frame.at !== undefined && h("span", {}, "at ", h("b", {}, seconds(frame.at))),
     shownTimes.filter(([, value]) => value !== null && value !== undefined).map(([name, value]) => h("span", {}, `${name} `, h("b", {}, milliseconds(value)))),
     tokens && h("span", {}, "tokens ", h("b", {}, tokens)),
-    h("a", { href: wholePicture(frame.shot), target: "_blank", rel: "noopener" }, "full picture"));
+    h("a", { href: wholePicture(frame.shot), target: "_blank", rel: "noopener" }, "full size"));
 }
 
 function frameView(it, frame, count, go, open) {
@@ -161,14 +161,14 @@ const provenBy = (it) => new Set(it.groups.flatMap((group) => group.facts).filte
 function filmstrip(frames, go) {
   return h("div", { class: "film", role: "group", "aria-label": "Steps" }, frames.map((frame) =>
     h("button", { type: "button", class: "frame", "data-step": frame.number, "aria-label": `${frame.label}: ${frame.action ? sentence(frame.action) : frame.end ? "after the last action" : "no action"}`, onclick: () => go(frame.number) },
-      image(frame.shot, "", true), h("span", { class: "proof", title: "A fact rests on this step", hidden: true }),
+      image(frame.shot, "", true), h("span", { class: "proof", title: "Evidence of a fact", hidden: true }),
       h("span", { class: "cap" }, h("span", {}, frame.end ? "End" : String(frame.number)), h("span", {}, frame.end ? "" : frame.action ? SHORT[frame.action.name] : "no action")))));
 }
 
 /** The keys of a report. */
 const reportKeys = () => h("p", { class: "hint" }, h("span", {}, h("kbd", {}, "←"), " ", h("kbd", {}, "→"), " steps"), h("span", {}, h("kbd", {}, "["), " ", h("kbd", {}, "]"), " trajectories"), h("span", {}, h("kbd", {}, "Esc"), " list"));
 
-/** Draw a trajectory; returns what goes to one of its frames. */
+/** Draw a trajectory; the result has a function that goes to one of its frames. */
 function drawTrajectory(it, place, moved, hint = reportKeys()) {
   const frames = framesOf(it);
   const view = h("div", { class: "view" });
@@ -188,7 +188,7 @@ function drawTrajectory(it, place, moved, hint = reportKeys()) {
     }
     moved(number);
   }
-  /** Show what one of the judges found. */
+  /** Show the verdict of one of the judges. */
   function choose(judge) {
     const at = current;
     judged = { ...it, ...judge };
@@ -203,7 +203,7 @@ function drawTrajectory(it, place, moved, hint = reportKeys()) {
   let judged = it;
   const side = h("aside", { class: "side" });
   const player = frames.length ? h("section", { class: "card player", "aria-label": "Steps" }, h("div", { class: "reel" }, film), view)
-    : h("section", { class: "card" }, h("p", { class: "muted" }, "Nothing was seen: the attempt ended before its first step."));
+    : h("section", { class: "card" }, h("p", { class: "muted" }, "No screenshots: the attempt ended before its first step."));
   place.replaceChildren(taskHead(it), h("div", { class: "columns" },
     h("div", {}, player),
     side));

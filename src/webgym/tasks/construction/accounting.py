@@ -1,4 +1,4 @@
-"""Counts of tasks through a build: every task that enters a stage leaves it, or is removed for a reason."""
+"""Counts of tasks at each stage of a build: every task is passed on, or removed for a recorded reason."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ OUT: Final = "out"
 
 
 class CountMismatch(WebGymError):
-    """A stage lost or invented tasks: a fault of ours, never of the input."""
+    """A stage lost or added tasks without a record: a bug of WebGym, never a problem of the input."""
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
-    """One source in one stage. ``came + made == left + sum(lost.values())``.
+    """Counts of one source in one stage. ``came + made == left + sum(lost.values())``.
 
     Attributes:
-        stage, source: which.
-        came: tasks, or records, that came into the stage.
-        made: tasks that the stage made.
-        lost: those that did not go on, by reason.
-        left: those that went on.
+        stage: name of the stage.
+        source: name of the source.
+        came: number of tasks, or records, that entered the stage.
+        made: number of tasks that the stage created.
+        lost: number of tasks that were removed, by reason.
+        left: number of tasks that were passed on.
     """
 
     stage: str
@@ -38,10 +39,10 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TaskAccounting:
-    """The rows of a build, stage by stage; each is checked when it is entered.
+    """The counts of a build, stage by stage; each stage is checked when it is recorded.
 
     Args:
-        sources: names, in the order in which they are told.
+        sources: names of the sources, in the order of the rows.
     """
 
     def __init__(self, sources: Iterable[str]) -> None:
@@ -49,7 +50,7 @@ class TaskAccounting:
         self._left: Counter[str] | None = None
         self.rows: list[Row] = []
 
-    def enter(
+    def record(
         self,
         stage: str,
         *,
@@ -58,29 +59,35 @@ class TaskAccounting:
         lost: Counter[tuple[str, str]] | None = None,
         made: Counter[str] | None = None,
     ) -> None:
-        """Enter a stage.
+        """Record the counts of a stage.
 
         Args:
             stage: its name.
-            came, left, made: numbers by source.
-            lost: numbers by (source, reason).
+            came: number of tasks that entered it, by source.
+            left: number of tasks that it passed on, by source.
+            lost: number of tasks that it removed, by (source, reason).
+            made: number of tasks that it created, by source.
 
         Raises:
-            CountMismatch: not all that left the stage before came, or came and was made is lost or left.
+            CountMismatch: the numbers do not add up, or do not continue the stage before.
         """
         lost = lost or Counter()
         made = made or Counter()
         if self._left is not None and +came != +self._left:
-            raise CountMismatch(f"{stage}: {dict(came)} tasks came, but {dict(self._left)} had left before")
+            raise CountMismatch(
+                f"{stage}: {dict(came)} tasks entered, but {dict(self._left)} left the stage before"
+            )
         unknown = {*came, *left, *made, *(source for source, _ in lost)} - set(self._sources)
         if unknown:
             raise CountMismatch(f"{stage}: tasks of unknown sources: {', '.join(sorted(unknown))}")
         for source in self._sources:
-            reasons = {why: count for (name, why), count in sorted(lost.items()) if name == source and count}
+            reasons = {
+                reason: count for (name, reason), count in sorted(lost.items()) if name == source and count
+            }
             if came[source] + made[source] != left[source] + sum(reasons.values()):
                 raise CountMismatch(
-                    f"{stage}: of {source}, {came[source]} came and {made[source]} were made, "
-                    f"but {left[source]} left and {sum(reasons.values())} were lost"
+                    f"{stage}: of {source}, {came[source]} entered and {made[source]} were created, "
+                    f"but {left[source]} left and {sum(reasons.values())} were removed"
                 )
             self.rows.append(
                 Row(

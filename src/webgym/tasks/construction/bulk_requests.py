@@ -1,4 +1,4 @@
-"""Many model requests, a bounded number at a time; each gives a result or the reason why there is none."""
+"""Many model requests with bounded concurrency; each gives a result or the reason for its failure."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 _PERMANENT_FAILURES: Final = frozenset({401, 402, 403, 404, 405})
-"""Statuses that every further request would get as well."""
+"""HTTP statuses that every further request would get, too."""
 
 
 class Done(msgspec.Struct, Generic[R], frozen=True):
-    """A result."""
+    """The result of a request."""
 
     value: R
 
 
 class Failed(msgspec.Struct, frozen=True):
-    """A failure.
+    """A failed request.
 
     Attributes:
-        reason: one line.
-        replies: what the model said, if it said anything.
-        may_pass: the endpoint did it, so that another run may do better.
+        reason: why, in one line.
+        replies: the model's unusable replies, if any.
+        may_pass: whether the endpoint failed rather than the model, so that another run may succeed.
     """
 
     reason: str
@@ -39,33 +39,38 @@ class Failed(msgspec.Struct, frozen=True):
 
 
 class Pending(msgspec.Struct, frozen=True):
-    """No reply yet: it will come from a batch, or from a run without ``--dry-run``."""
+    """A request without a reply yet: it will come from a batch, or from a run without ``--dry-run``."""
 
 
 async def ask_all(
-    things: Sequence[T],
+    items: Sequence[T],
     ask: Callable[[T], Awaitable[R]],
     *,
     workers: int,
     failures_in_a_row: int,
     advance: Callable[[], None],
 ) -> list[Done[R] | Failed | Pending]:
-    """Ask about each thing; results in the order of the things.
+    """Send a request for each item.
 
     Args:
-        things: what to ask about.
-        ask: asks about one.
-        workers: how many are asked about at a time.
-        failures_in_a_row: so many failures of the endpoint, with no reply between them, end it.
-        advance: called after each.
+        items: what to ask about.
+        ask: sends the request for one item and returns its result.
+        workers: number of concurrent requests.
+        failures_in_a_row: number of consecutive failures of the endpoint after which no more requests are
+            sent.
+        advance: called after each item.
+
+    Returns:
+        The results, in the order of the items.
 
     Raises:
-        BudgetSpent: the budget is spent. Calls in flight are awaited first, so that their replies are kept.
-        LLMError: the endpoint cannot be used at all, or has failed too often in a row.
-        CacheError: replies cannot be kept.
+        BudgetSpent: the budget is spent. Requests in flight are awaited first, so that their replies are
+            kept.
+        LLMError: the endpoint cannot be used at all, or failed too often in a row.
+        CacheError: replies cannot be stored.
     """
-    results: list[Done[R] | Failed | Pending] = [Pending()] * len(things)
-    work = iter(range(len(things)))
+    results: list[Done[R] | Failed | Pending] = [Pending()] * len(items)
+    work = iter(range(len(items)))
     stop = _Stop(failures_in_a_row)
 
     async def worker(indices: Iterator[int]) -> None:
@@ -73,7 +78,7 @@ async def ask_all(
             if stop.reason is not None:
                 return
             try:
-                results[index] = Done(await ask(things[index]))
+                results[index] = Done(await ask(items[index]))
                 stop.reply()
             except NotCached:
                 results[index] = Pending()
@@ -86,7 +91,7 @@ async def ask_all(
             advance()
 
     async with asyncio.TaskGroup() as group:
-        for _ in range(min(workers, len(things))):
+        for _ in range(min(workers, len(items))):
             group.create_task(worker(work))
     if stop.reason is not None:
         raise stop.reason
@@ -94,7 +99,7 @@ async def ask_all(
 
 
 class _Stop:
-    """Whether to continue, by what went wrong so far."""
+    """Decides by the failures so far whether to stop; ``reason`` is then set."""
 
     def __init__(self, most_in_a_row: int) -> None:
         self.reason: LLMError | CacheError | None = None
@@ -107,6 +112,6 @@ class _Stop:
     def failure(self, error: LLMError | CacheError) -> None:
         self._in_a_row += 1
         is_permanent = isinstance(error, EndpointRefused) and error.status in _PERMANENT_FAILURES
-        for_good = isinstance(error, BudgetSpent | CacheError | LLMUnreachable) or is_permanent
-        if self.reason is None and (for_good or self._in_a_row >= self._most):
+        is_final = isinstance(error, BudgetSpent | CacheError | LLMUnreachable) or is_permanent
+        if self.reason is None and (is_final or self._in_a_row >= self._most):
             self.reason = error

@@ -14,7 +14,7 @@ from webgym.llm.config import ChatConfig, Sampling
 from webgym.llm.ledger import Budget
 from webgym.llm.prices import Price
 from webgym.settings import Section, Settings, first_problem, merged, read_yaml, without_none
-from webgym.tasks.decompose import Decomposing
+from webgym.tasks.decompose import DecompositionLimits
 from webgym.tasks.duplicates import DuplicateLimits
 from webgym.tasks.rewriting import WritingLimits
 from webgym.tasks.sources import SOURCES
@@ -22,101 +22,104 @@ from webgym.tasks.split import SplitConfig
 
 Purpose: TypeAlias = Literal["website", "rubric", "rewriting"]
 PURPOSES: Final[tuple[Purpose, ...]] = ("website", "rubric", "rewriting")
-"""What models are asked for, in the order of the stages."""
+"""What models are used for, in the order of the stages."""
 
 
 class SourceChoice(Settings):
     """One source of tasks."""
 
     path: str
-    """A file, a folder, or ``hub:<datasets id>``."""
+    """A file, a folder, or ``hub:<datasets id>`` for a data set of the Hugging Face hub."""
 
     at_most: int | None = Field(default=None, ge=1)
-    """Take so many of its tasks, drawn by the seed before anything is asked; all if not given. A larger
-    number takes the same ones and more, so that what a trial run has paid for serves the whole."""
+    """Largest number of tasks, drawn by the seed before any model request; ``None`` takes all. A larger
+    number takes the same tasks and more, so the replies of a trial run can be used for the whole build."""
 
 
 class ModelChoice(Settings):
-    """A model for one purpose, where it is not the build's own. What is not given stays as it is there."""
+    """A model for one purpose, if it is not the build's ``model``. Fields that are not given are taken from
+    that."""
 
     base_url: str | None = None
-    """Another endpoint."""
+    """Base URL of its endpoint."""
 
     model: str | None = None
-    """Another model."""
+    """Name of the model."""
 
     api_key_env: str | None = None
-    """Environment variable of that endpoint's key."""
+    """Environment variable with the endpoint's API key."""
 
     sampling: Sampling = Sampling()
-    """Other sampling parameters."""
+    """Sampling parameters that differ."""
 
 
 class Assumptions(Section):
-    """What an estimate takes for granted until the cache holds enough replies to measure it."""
+    """Assumptions of a cost estimate, used until the cache has enough replies to measure the values."""
 
     measured_from: int = Field(default=30, ge=1)
-    """Finished things of a purpose from which on what is known of them replaces the numbers below."""
+    """Number of finished requests of a purpose from which on measured values replace those below."""
 
     asked_again: float = Field(default=0.1, ge=0)
-    """Calls beyond the first per thing: replies that are refused and asked for again."""
+    """Average number of repeated calls per request, because of unusable replies."""
 
     reply_tokens: Mapping[Purpose, int] = {"website": 40, "rubric": 250, "rewriting": 80}
-    """Tokens of a reply. A model that thinks writes many more: measure it with a small run."""
+    """Average tokens of a reply, by purpose. A thinking model writes many more: measure it with a small
+    run."""
 
     derived_per_task: float = Field(default=0.1, ge=0)
-    """Tasks that are derived from one, on average over those whose rubric is not there yet."""
+    """Average number of tasks derived from a task whose rubric is not written yet."""
 
 
 class BuildConfig(Settings):
     """A build of a task set."""
 
     sources: dict[str, SourceChoice] = Field(min_length=1)
-    """By the names of :data:`webgym.tasks.sources.SOURCES`. A plain path stands for itself."""
+    """Sources, by the names in :data:`webgym.tasks.sources.SOURCES`. A string is short for ``path:``."""
 
     model: ChatConfig | None = None
-    """Endpoint and model for all purposes. Not needed where nothing has to be asked."""
+    """Endpoint and model for all purposes. Not needed if no model request is needed."""
 
     models: dict[Purpose, ModelChoice] = Field(default_factory=dict)
-    """Other ones for some purposes: ``website``, ``rubric``, ``rewriting``."""
+    """Endpoints and models of single purposes: ``website``, ``rubric``, ``rewriting``."""
 
     prices: dict[str, Price] = Field(default_factory=dict)
-    """Dollars per million tokens, by model; ``*`` stands for every other. None are known by themselves."""
+    """Dollars per million tokens, by model; ``*`` is the price of all other models. There are no built-in
+    prices."""
 
     budget: Budget = Budget()
-    """What may be spent, all runs into the same cache together."""
+    """Most that may be spent, over all runs with the same cache."""
 
     seed: int = 0
     """Seed of every random choice: tasks of a source, caps, the split."""
 
     today: date | None = None
-    """What lies before it is flagged as dated. The day of a build's first run if not given; later runs into
-    the same folder keep it."""
+    """Date before which tasks are flagged as dated. Defaults to the day of the first run; later runs into the
+    same folder keep it."""
 
     plaintext: tuple[str, ...] = ()
-    """Encrypted source (``browsecomp``) whose plain text may be sent to the model and written. The tasks of
-    encrypted sources that are not named are left out."""
+    """Encrypted sources (``browsecomp``) whose plain text may be sent to the model and written to files.
+    Tasks of encrypted sources that are not listed are left out."""
 
     writing: WritingLimits = WritingLimits()
-    """How often to ask, and what rewritten tasks may look like."""
+    """Number of tries, and limits on rewritten tasks."""
 
-    decomposing: Decomposing = Decomposing()
-    """How many tasks may be derived from one."""
+    decomposing: DecompositionLimits = DecompositionLimits()
+    """Limits on the number of tasks derived from one task."""
 
     duplicates: DuplicateLimits = DuplicateLimits()
-    """What counts as the same task, and how much the synthetic sources may bring."""
+    """What counts as a duplicate, and limits on the synthetic sources."""
 
     split: SplitConfig = SplitConfig()
-    """Size of the test set."""
+    """Size and choice of the test set."""
 
     assumptions: Assumptions = Assumptions()
-    """For ``--dry-run``."""
+    """Assumptions of the estimate of ``--dry-run``."""
 
     figures: bool = True
-    """Whether the figures of the statistics are drawn, which takes seconds."""
+    """Whether to draw the figures of the statistics, which takes seconds."""
 
     endpoint_failures: int = Field(default=20, ge=1)
-    """So many calls in a row that the endpoint fails, for whatever reason, end the build."""
+    """Number of consecutive failed calls to the endpoint that ends the build."""
 
     @field_validator("sources", mode="before")
     @classmethod
@@ -141,7 +144,7 @@ class BuildConfig(Settings):
         return tuple(sorted(set(value)))
 
     def seeded(self) -> BuildConfig:
-        """This config, with its seed in the parts that draw."""
+        """This config, with its seed copied into the sections that choose at random."""
         return self.model_copy(
             update={
                 "duplicates": self.duplicates.model_copy(update={"seed": self.seed}),
@@ -150,7 +153,7 @@ class BuildConfig(Settings):
         )
 
     def chat(self, purpose: Purpose) -> ChatConfig | None:
-        """Endpoint and model for a purpose; ``None`` if none is given."""
+        """Endpoint and model for a purpose; ``None`` if none is configured."""
         choice = self.models.get(purpose, ModelChoice())
         changes = choice.model_dump(exclude_none=True, exclude={"sampling"})
         if self.model is not None:
@@ -163,7 +166,7 @@ class BuildConfig(Settings):
 
 
 def no_model(purpose: Purpose) -> ConfigError:
-    """That something is to be asked, and there is nobody to ask."""
+    """The error for a stage that needs a model where none is configured."""
     return ConfigError(
         f"no model is given for the {purpose} stage",
         hint="give --base-url and --model, or `model:` in the config file",
@@ -171,37 +174,39 @@ def no_model(purpose: Purpose) -> ConfigError:
 
 
 def _with_paths(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """The same settings, with ``path:`` written out for every source that is given as its path alone."""
+    """The same settings, with every source that is given as a string expanded to a mapping with ``path``."""
     sources = settings.get("sources")
     if not isinstance(sources, Mapping):
         return dict(settings)
-    whole = {name: {"path": each} if isinstance(each, str) else each for name, each in sources.items()}
+    whole = {
+        name: {"path": source} if isinstance(source, str) else source for name, source in sources.items()
+    }
     return {**settings, "sources": whole}
 
 
 def read_config(
     path: Path | None, overrides: Mapping[str, Any], *, at_most: int | None = None
 ) -> BuildConfig:
-    """A build's config from a YAML file, some of it overridden; ``None`` overrides nothing.
+    """Read a build's config from a YAML file and apply overrides.
 
     Args:
-        path: of the file.
-        overrides: in its shape.
-        at_most: for every source that sets no smaller number.
+        path: of the file; ``None`` starts from the defaults.
+        overrides: values in the structure of the file; ``None`` values override nothing.
+        at_most: largest number of tasks of every source; a source's own smaller number stays.
 
     Raises:
         ConfigError: the file cannot be read, or a setting is missing, unknown or out of range.
     """
-    held = read_yaml(path, hint="see configs/task-set.yaml for an example") if path is not None else {}
-    # A source may stand as its path alone, over which no other key of it could be laid.
-    told = merged(_with_paths(held), _with_paths(without_none(overrides)))
+    from_file = read_yaml(path, hint="see configs/task-set.yaml for an example") if path is not None else {}
+    # A source given as a string is expanded first, so that its other keys can be merged in.
+    settings = merged(_with_paths(from_file), _with_paths(without_none(overrides)))
     try:
-        config = BuildConfig.model_validate({key: each for key, each in told.items() if each != {}})
+        config = BuildConfig.model_validate({key: value for key, value in settings.items() if value != {}})
     except ValidationError as error:
-        told = first_problem(error, BuildConfig)
-        no_sources = told.startswith("sources: Field required")
+        problem = first_problem(error, BuildConfig)
+        no_sources = problem.startswith("sources: Field required")
         hint = "give --source NAME=PATH, or `sources:` in a config file" if no_sources else ""
-        raise ConfigError(f"{path or 'options'}: {told}", hint=hint) from error
+        raise ConfigError(f"{path or 'options'}: {problem}", hint=hint) from error
     if at_most is not None:
         limited = {
             name: choice.model_copy(update={"at_most": min(at_most, choice.at_most or at_most)})

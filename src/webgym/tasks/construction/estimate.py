@@ -22,19 +22,19 @@ from webgym.tasks.construction.config import Assumptions, Purpose
 from webgym.tasks.construction.pipeline import Build
 
 _FACTS_TOKENS: Final = 120
-"""Of the facts and the kind of task in a request to rewrite, about."""
+"""Approximate tokens of the facts and the kind of task in a rewriting request."""
 
 
 class Estimator:
-    """Stands in for a client: answers from the cache, notes what would be asked, and asks nothing.
+    """Replaces a model client in a dry run: replies from the cache, and counts the calls it would make.
 
     Args:
-        client: whom it stands in for.
-        cache: where replies are kept; ``None`` if there are none yet.
+        client: the client that it replaces.
+        cache: the cache of replies; ``None`` if there is none yet.
 
     Attributes:
-        calls, prompt_tokens: what would be asked now.
-        replies, reply_tokens: what the cache answered.
+        calls, prompt_tokens: number of calls that would be made now, and their prompt tokens.
+        replies, reply_tokens: number of replies from the cache, and their tokens.
     """
 
     def __init__(self, client: ChatClient, cache: ReplyCache | None) -> None:
@@ -56,10 +56,10 @@ class Estimator:
     async def complete(
         self, messages: Sequence[Mapping[str, Any]], sampling: Sampling | None = None
     ) -> Completion:
-        """The reply, if it was paid for before.
+        """The reply from the cache.
 
         Raises:
-            NotCached: it was not; the call is counted.
+            NotCached: it is not in the cache; the call is counted.
         """
         config = self._client.config
         url = f"{config.base_url}/chat/completions"
@@ -67,16 +67,16 @@ class Estimator:
         request = Request(url, config.model, messages, sampling)
         stored = None if self._cache is None else await self._cache.get(request.key)
         if stored is not None:
-            found = read_completion(stored.body, model=config.model, seconds=stored.seconds, cached=True)
+            completion = read_completion(stored.body, model=config.model, seconds=stored.seconds, cached=True)
             self.replies += 1
-            self.reply_tokens += found.completion_tokens or count_text(found.text)
-            return found
+            self.reply_tokens += completion.completion_tokens or count_text(completion.text)
+            return completion
         self.calls += 1
         self.prompt_tokens += count_messages(messages) + self._schema(sampling)
-        raise NotCached("the reply is not there, and nothing is asked in a dry run")
+        raise NotCached("the reply is not in the cache, and a dry run makes no requests")
 
     def _schema(self, sampling: Sampling) -> int:
-        """Tokens of the schema that the reply is held to."""
+        """Tokens of the JSON schema of the reply."""
         form = sampling.extra_body.get("response_format")
         if form is None:
             return 0
@@ -87,16 +87,17 @@ class Estimator:
 
 
 class Line(msgspec.Struct, frozen=True, kw_only=True):
-    """What one purpose would take.
+    """The estimate for one purpose.
 
     Attributes:
-        purpose, model: what for, and whom.
-        things: tasks that need it, as far as they are known.
-        there: of these, how many are done already.
-        calls: that would be made.
-        prompt_tokens, reply_tokens: of these.
-        dollars: what they cost; ``None`` without a price.
-        basis: what the numbers rest on, in words.
+        purpose: what the model is used for.
+        model: its name.
+        things: number of tasks that need a request, as far as they are known.
+        there: number of them whose request is finished.
+        calls: estimated number of calls still to be made.
+        prompt_tokens, reply_tokens: of these calls.
+        dollars: their cost; ``None`` without a price.
+        basis: how the numbers were obtained, in words.
     """
 
     purpose: Purpose
@@ -112,28 +113,28 @@ class Line(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a build would take from here on."""
+    """The calls and the cost of the rest of a build."""
 
     lines: list[Line]
 
     @property
     def calls(self) -> int:
-        """All calls."""
+        """Total number of calls."""
         return sum(line.calls for line in self.lines)
 
     @property
     def prompt_tokens(self) -> int:
-        """All tokens of prompts."""
+        """Total prompt tokens."""
         return sum(line.prompt_tokens for line in self.lines)
 
     @property
     def reply_tokens(self) -> int:
-        """All tokens of replies."""
+        """Total reply tokens."""
         return sum(line.reply_tokens for line in self.lines)
 
     @property
     def dollars(self) -> float | None:
-        """All dollars; ``None`` if a price is missing."""
+        """Total cost in dollars; ``None`` if a price is missing."""
         costs = [line.dollars for line in self.lines if line.calls]
         return None if None in costs else sum(cost for cost in costs if cost is not None)
 
@@ -144,31 +145,35 @@ def estimate(
     models: Mapping[Purpose, str],
     prices: Prices,
 ) -> Estimate:
-    """What is still to be asked, from a build that ran as far as the cache goes.
+    """Estimate the rest of a build that ran as far as the cache has replies.
 
-    What would be asked now is counted. What depends on replies that are not there yet is assumed, or measured
-    on those that are, once there are enough (:class:`webgym.tasks.construction.config.Assumptions`).
+    Calls that would be made now are counted. Calls that depend on missing replies are estimated by
+    assumptions, or by measurements once there are enough replies
+    (:class:`webgym.tasks.construction.config.Assumptions`).
     """
     return Estimate(
-        [_line(build, purpose, known, models[purpose], prices) for purpose, known in estimators.items()]
+        [
+            _line(build, purpose, estimator, models[purpose], prices)
+            for purpose, estimator in estimators.items()
+        ]
     )
 
 
-def _line(build: Build, purpose: Purpose, known: Estimator, model: str, prices: Prices) -> Line:
+def _line(build: Build, purpose: Purpose, estimator: Estimator, model: str, prices: Prices) -> Line:
     assumed, tally = build.config.assumptions, build.tallies[purpose]
     measured = tally.done >= assumed.measured_from
-    calls, prompt_tokens = float(known.calls), float(known.prompt_tokens)
+    calls, prompt_tokens = float(estimator.calls), float(estimator.prompt_tokens)
     basis: list[str] = []
     things = tally.things
-    if purpose == "rewriting" and (later := _later(build, assumed, basis)):
-        things += round(later)
-        calls += later
-        prompt_tokens += later * _rewriting_prompt(build)
+    if purpose == "rewriting" and (expected_derived := _expected_derived(build, assumed, basis)):
+        things += round(expected_derived)
+        calls += expected_derived
+        prompt_tokens += expected_derived * _rewriting_prompt(build)
     per_reply = assumed.reply_tokens[purpose]
     again = assumed.asked_again
     if measured:
-        per_reply = round(known.reply_tokens / known.replies)
-        again = max(0.0, known.replies / (tally.done + tally.failed) - 1)
+        per_reply = round(estimator.reply_tokens / estimator.replies)
+        again = max(0.0, estimator.replies / (tally.done + tally.failed) - 1)
     basis.append(
         f"{again:.0%} asked again, {per_reply} tokens a reply: {'measured' if measured else 'assumed'}"
     )
@@ -189,8 +194,8 @@ def _line(build: Build, purpose: Purpose, known: Estimator, model: str, prices: 
     )
 
 
-def _later(build: Build, assumed: Assumptions, basis: list[str]) -> float:
-    """Tasks that will be derived from those whose rubric is not there yet."""
+def _expected_derived(build: Build, assumed: Assumptions, basis: list[str]) -> float:
+    """Estimated number of tasks that will be derived from tasks whose rubric is not written yet."""
     waiting = build.tallies["rubric"].pending + build.tallies["website"].pending
     missing = min(waiting, build.tallies["rubric"].things)
     if not missing:
@@ -206,7 +211,7 @@ def _later(build: Build, assumed: Assumptions, basis: list[str]) -> float:
 
 
 def _rewriting_prompt(build: Build) -> float:
-    """Tokens of a request to rewrite, on average."""
-    some = build.imported.tasks[:: max(1, len(build.imported.tasks) // 200)]
-    instruction = sum(count_text(task.instruction) for task in some) / max(1, len(some))
+    """Average prompt tokens of a rewriting request."""
+    sample = build.imported.tasks[:: max(1, len(build.imported.tasks) // 200)]
+    instruction = sum(count_text(task.instruction) for task in sample) / max(1, len(sample))
     return count_text(prompts.REWRITING) + instruction + _FACTS_TOKENS

@@ -1,4 +1,4 @@
-"""The first stage: every source's records become tasks, are skipped, or stay out for a reason."""
+"""The first stage of a build: every record of the sources becomes a task, or is left out for a reason."""
 
 from __future__ import annotations
 
@@ -21,15 +21,17 @@ OVER_AT_MOST = "over at_most"
 
 
 class SourceReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What a source held, beside what the paper counts (SOURCES.md, pitfall 7).
+    """Contents of a source, together with the paper's counts (SOURCES.md, pitfall 7).
 
     Attributes:
-        name, path: as given.
-        records, tasks, websites: as read; websites by registrable domain, those to be inferred do not count.
-        paper_tasks, paper_websites: of the paper's Table 1.
-        website_from: tasks by where their website comes from.
-        flags: tasks by flag.
-        passed_over: files that hold no tasks, and why.
+        name: of the source.
+        path: where it was read from.
+        records, tasks: number of records, and of tasks made from them.
+        websites: number of registrable domains, without those still to be inferred.
+        paper_tasks, paper_websites: counts in the paper's Table 1.
+        website_from: number of tasks by the origin of their website.
+        flags: number of tasks by flag.
+        passed_over: files without tasks, and why.
     """
 
     name: str
@@ -46,12 +48,12 @@ class SourceReport(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Imported:
-    """What the sources held.
+    """Contents of all sources.
 
     Attributes:
-        tasks: to continue with, by source in the order of the paper's Table 1.
-        skipped: records that gave none, with their sources.
-        reports: one for each source.
+        tasks: the tasks of the build, by source in the order of the paper's Table 1.
+        skipped: records that gave no task, with the names of their sources.
+        reports: one per source.
     """
 
     tasks: list[SourceTask]
@@ -64,11 +66,11 @@ def import_tasks(
 ) -> Imported:
     """Read the sources.
 
-    Tasks of an encrypted source stay out unless the config names it: neither the model nor any file of the
-    build sees them.
+    Tasks of an encrypted source are left out unless the config lists it in ``plaintext``: they are neither
+    sent to a model nor written to a file.
 
     Raises:
-        UsageError: a source cannot be read, or holds no task.
+        UsageError: a source cannot be read, or has no task.
     """
     imported = Imported([], [], [])
     came: Counter[str] = Counter()
@@ -78,12 +80,12 @@ def import_tasks(
             read = read_source(name, choice.path, today=today)
             if not read.tasks:
                 raise TaskFileError(
-                    f"{choice.path} holds no task of {name}; the first that is none: {read.skipped[0]}",
-                    hint=f"webgym tasks sources --read {name}={choice.path} says more",
+                    f"{choice.path} contains no task of {name}; the first skipped record: {read.skipped[0]}",
+                    hint=f"webgym tasks sources --read {name}={choice.path} lists the reasons",
                 )
             came[name] = read.records
             lost[name, "no task"] = len(read.skipped)
-            imported.skipped.extend((name, each) for each in read.skipped)
+            imported.skipped.extend((name, record) for record in read.skipped)
             tasks = [
                 task for task in read.tasks if name in config.plaintext or ENCRYPTED_SOURCE not in task.flags
             ]
@@ -102,16 +104,17 @@ def import_tasks(
                     paper_websites=SOURCES[name].paper_websites,
                     website_from=dict(sorted(read.websites_from().items())),
                     flags=dict(sorted(read.flags().items())),
-                    passed_over=[str(each) for each in read.passed_over],
+                    passed_over=[str(file) for file in read.passed_over],
                 )
             )
             advance(1)
-    accounting.enter("import", came=came, lost=lost, left=Counter(task.source for task in imported.tasks))
+    accounting.record("import", came=came, lost=lost, left=Counter(task.source for task in imported.tasks))
     return imported
 
 
 def draw(tasks: list[SourceTask], at_most: int | None, seed: int) -> list[SourceTask]:
-    """So many tasks, in their order. Drawing more gives the same ones and more."""
+    """At most ``at_most`` of the tasks, in their order. A larger ``at_most`` gives the same tasks and
+    more."""
     if at_most is None or len(tasks) <= at_most:
         return tasks
 

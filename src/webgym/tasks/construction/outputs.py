@@ -1,15 +1,15 @@
-"""The files that a build writes: the same bytes for the same replies.
+"""Writes the files of a build: the same bytes for the same replies.
 
-    manifest.json               config, sources, and where every task went
-    train.jsonl, test.jsonl     the set; also as train.parquet, test.parquet
-    failed.jsonl                tasks that a model could not be brought to do, with reasons and its replies
+    manifest.json               config, sources, and the counts of every stage
+    train.jsonl, test.jsonl     the task set; also as train.parquet, test.parquet
+    failed.jsonl                tasks for which no usable reply was given, with reasons and replies
     skipped.jsonl               records that gave no task, and why
     dropped.jsonl               tasks that were left out on purpose, and why
-    remarks.jsonl               rules that rubrics seem to break though they were taken
+    remarks.jsonl               rules that accepted rubrics seem to break
     statistics.json, figures/   SYSTEM.md 1.6
-    replies.sqlite              what was paid for (only here unless the cache is elsewhere)
+    replies.sqlite              the cache of replies (unless another file is given)
 
-The manifest comes last: a folder that has it has the rest.
+The manifest is written last: a folder that has it is complete.
 """
 
 from __future__ import annotations
@@ -38,19 +38,23 @@ _FORMAT: Final = 1
 
 
 def write_build(build: Build, out: Path, today: date, stages: StageProgress) -> list[Path]:
-    """Prove that the set leaks nothing, and write all files of a build.
+    """Validate the task set and write all files of a build.
+
+    Returns:
+        The files written.
 
     Raises:
-        CountMismatch: the set contradicts itself.
+        CountMismatch: the set breaks a rule of :mod:`webgym.tasks.validate`, such as a leak between the
+            splits.
         TaskFileError: the folder cannot be written.
     """
     report = validate(build.tasks)
     if not report.ok:
-        raise CountMismatch(f"the set would contradict itself: {report.offenders[0]}")
+        raise CountMismatch(f"the task set breaks a rule: {report.offenders[0]}")
     written: list[Path] = []
     try:
         out.mkdir(parents=True, exist_ok=True)
-        (out / MANIFEST).unlink(missing_ok=True)  # an earlier build's, whose files are now replaced
+        (out / MANIFEST).unlink(missing_ok=True)  # of an earlier build, whose files are replaced now
         with stages.stage("write", len(build.tasks)) as advance:
             for split in ("train", "test"):
                 part = [task for task in build.tasks if task.split == split]
@@ -66,7 +70,7 @@ def write_build(build: Build, out: Path, today: date, stages: StageProgress) -> 
             written.append(out / "statistics.json")
             _write(written[-1], _indented(statistics))
             if build.config.figures:
-                from webgym.tasks.figures import draw_figures  # matplotlib: seconds that others need not wait
+                from webgym.tasks.figures import draw_figures  # importing matplotlib takes seconds
 
                 written += draw_figures(statistics, out / "figures")
             advance(len(build.tasks))
@@ -78,7 +82,7 @@ def write_build(build: Build, out: Path, today: date, stages: StageProgress) -> 
 
 
 def write_failures(build: Build, out: Path) -> Path:
-    """Write what a model could not be brought to do, of a build that comes to nothing.
+    """Write only the list of failures, for a build that could not be finished; the path of the file.
 
     Raises:
         TaskFileError: the folder cannot be written.
@@ -91,7 +95,9 @@ def write_failures(build: Build, out: Path) -> Path:
 
 
 def _lists(build: Build) -> dict[str, Iterable[msgspec.Struct | dict[str, Any]]]:
-    skipped = [{"source": source, **msgspec.structs.asdict(each)} for source, each in build.imported.skipped]
+    skipped = [
+        {"source": source, **msgspec.structs.asdict(record)} for source, record in build.imported.skipped
+    ]
     return {
         FAILED: build.failures,
         "skipped.jsonl": skipped,
@@ -101,7 +107,7 @@ def _lists(build: Build) -> dict[str, Iterable[msgspec.Struct | dict[str, Any]]]
 
 
 def manifest(build: Build, today: date) -> dict[str, Any]:
-    """What was built from what, and where every task went; nothing that changes from run to run."""
+    """The manifest: config, sources and counts of every stage; nothing that differs from run to run."""
     config = build.config.model_dump(
         mode="json", exclude={"budget", "assumptions", "today", "endpoint_failures", "figures"}
     )
@@ -113,10 +119,10 @@ def manifest(build: Build, today: date) -> dict[str, Any]:
         "format": _FORMAT,
         "today": today.isoformat(),
         "config": config,
-        "sources": {each.name: msgspec.to_builtins(each) for each in build.imported.reports},
+        "sources": {report.name: msgspec.to_builtins(report) for report in build.imported.reports},
         "stages": stages,
         "asked": {purpose: msgspec.to_builtins(tally) for purpose, tally in build.tallies.items()},
-        "remarks": dict(sorted(Counter(each.rule for each in build.remarks).items())),
+        "remarks": dict(sorted(Counter(remark.rule for remark in build.remarks).items())),
         "capped_parents": len(build.capped),
         "tasks": _counts(build.tasks),
     }

@@ -2,9 +2,9 @@
 
 import → websites → duplicates → rubrics → decomposition → rewriting → duplicates of derived tasks → split
 
-The result is a function of the sources, the config and the models' replies. There are no checkpoints: what
-has been paid for is in the cache of replies, and the rest is done anew in a minute. Near-duplicates among the
-sources' tasks go before a rubric is paid for, those among derived tasks when their texts are known.
+The result is a function of the sources, the config and the models' replies. There are no checkpoints: replies
+are in a cache, and everything else is recomputed within a minute. Near-duplicates among the sources' tasks
+are removed before rubrics are requested, those among derived tasks once their texts are written.
 """
 
 from __future__ import annotations
@@ -39,13 +39,14 @@ R = TypeVar("R")
 
 
 class Failure(msgspec.Struct, frozen=True, kw_only=True):
-    """A task that a stage failed on.
+    """A task that failed at a stage.
 
     Attributes:
-        id, source, stage: which, and where.
-        reason: one line.
-        may_pass: the endpoint did it; running again asks again.
-        replies: what the model said.
+        id, source: of the task.
+        stage: at which it failed.
+        reason: why, in one line.
+        may_pass: whether the endpoint failed rather than the model, so that another run may succeed.
+        replies: the model's unusable replies.
     """
 
     id: str
@@ -60,9 +61,10 @@ class DroppedTask(msgspec.Struct, frozen=True, kw_only=True):
     """A task that was left out on purpose.
 
     Attributes:
-        id, source, stage: which, and where.
+        id, source: of the task.
+        stage: at which it was left out.
         reason: why.
-        of: the task or website that it gave way to, if there is one.
+        of: id of the task that it duplicates, or the website that excludes it; empty if there is none.
     """
 
     id: str
@@ -77,7 +79,8 @@ class Remark(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         id: of the task.
-        rule, severity, message: of the finding. Errors come from rubrics that a source brought along.
+        rule, severity, message: of the finding. Only rubrics that came with a source can break a rule of
+            severity ``error``.
     """
 
     id: str
@@ -90,8 +93,8 @@ class Tally(msgspec.Struct):
     """Counts of the requests for one purpose.
 
     Attributes:
-        things: tasks that were asked about.
-        done, failed, pending: how it went with them.
+        things: number of tasks that needed a request.
+        done, failed, pending: number of them with a result, with a failure, and without a reply yet.
     """
 
     things: int = 0
@@ -105,12 +108,15 @@ class Build:
     """A build in progress, and its results.
 
     Attributes:
-        config: as given, seeded.
-        accounting: where every task went.
-        imported: what the sources held.
-        tasks: the finished ones, ``split`` set; empty while replies are pending.
-        failures, dropped, remarks, capped: what did not go as it might have.
-        tallies: by purpose.
+        config: the build's config, with its seed in all sections.
+        accounting: counts of every stage.
+        imported: contents of the sources.
+        tasks: the finished tasks, with ``split`` set; empty while replies are pending.
+        failures: tasks that failed.
+        dropped: tasks that were left out on purpose.
+        remarks: rules that accepted rubrics seem to break.
+        capped: tasks with more subsets than the limit on derived tasks.
+        tallies: counts of requests, by purpose.
     """
 
     config: BuildConfig
@@ -125,19 +131,19 @@ class Build:
 
     @property
     def pending(self) -> int:
-        """Things whose reply is to come."""
+        """Number of requests without a reply yet."""
         return sum(tally.pending for tally in self.tallies.values())
 
 
 class Pipeline:
-    """Runs the stages.
+    """Runs the stages of a build.
 
     Args:
         config: of the build.
-        models: whom to ask, by purpose.
-        stages: shows how far it is.
-        today: what lies before it has passed.
-        workers: how many things are asked about at a time.
+        models: the model clients, by purpose.
+        stages: shows the progress.
+        today: tasks about earlier dates are flagged as dated.
+        workers: number of concurrent requests.
     """
 
     def __init__(
@@ -159,35 +165,37 @@ class Pipeline:
 
     @property
     def so_far(self) -> Build:
-        """The build on its way."""
+        """The build in its current state."""
         return self._build
 
     async def run(self) -> Build:
-        """All stages, or as far as replies go: with some of them pending there is no split.
+        """Run all stages. While replies are pending, the tasks are not split.
 
         Raises:
             LLMError: the endpoint cannot be used, or the budget is spent.
-            UsageError: a source cannot be read, a model is needed and none is given, or there are too few
-                websites for the test set.
-            CountMismatch: a task was lost on the way.
+            UsageError: a source cannot be read, a model is needed and none is configured, or there are too
+                few websites for the test set.
+            CountMismatch: a stage lost a task (a bug).
         """
         build = self._build
         build.imported = import_tasks(self._config, self._today, build.accounting, self._stages)
         placed, waiting = await self._websites(build.imported.tasks)
-        distinct = self._distinct("duplicates", placed)
+        distinct = self._without_duplicates("duplicates", placed)
         self._check_websites(distinct)
         finished = await self._rubrics(distinct, waiting)
         derived = self._decomposed(finished)
         rewritten = await self._rewritten(finished, derived)
-        whole = self._distinct("duplicates of derived", rewritten)
+        whole = self._without_duplicates("duplicates of derived", rewritten)
         if not build.pending:
             build.tasks = self._split(whole)
         return build
 
     async def _websites(self, tasks: list[SourceTask]) -> tuple[list[SourceTask], set[str]]:
-        """Website and domain where they are missing; and which tasks wait for theirs.
+        """Infer missing websites and domains.
 
-        Those that wait go on to be asked for their rubric, which does not depend on it, and leave there.
+        Returns:
+            The tasks, and the ids of those whose reply is pending. These are passed on, because their rubric
+            can be requested without it, and removed at that stage.
         """
         unplaced = [task for task in tasks if task.website is None or not _in_taxonomy(task)]
         limits = self._config.writing
@@ -210,21 +218,24 @@ class Pipeline:
             elif result is not None:
                 continue
             placed.append(task)
-        self._enter("websites", tasks, placed)
+        self._record_stage("websites", tasks, placed)
         return placed, waiting
 
-    def _distinct(self, stage: str, tasks: list[T]) -> list[T]:
-        """One task of those that repeat each other."""
+    def _without_duplicates(self, stage: str, tasks: list[T]) -> list[T]:
+        """The tasks without duplicates."""
         with self._stages.stage(stage, len(tasks)) as advance:
             result = drop_duplicates(tasks, self._config.duplicates)
             advance(len(tasks))
-        for each in result.dropped:
-            self._drop(each.id, each.source, stage, each.why, each.of)
-        self._enter(stage, tasks, result.kept)
+        for duplicate in result.dropped:
+            self._drop(duplicate.id, duplicate.source, stage, duplicate.why, duplicate.of)
+        self._record_stage(stage, tasks, result.kept)
         return result.kept
 
     def _check_websites(self, tasks: list[SourceTask]) -> None:
-        """That there are enough for the test set, before a rubric is paid for. Those to come count as new."""
+        """Check that there are enough websites for the test set, before rubrics are requested.
+
+        Every website that is still to be inferred counts as a new one.
+        """
         known = {site_of(task.website) for task in tasks if task.website is not None}
         most = len(known) + sum(task.website is None for task in tasks)
         wanted = self._config.split.test_tasks
@@ -235,7 +246,7 @@ class Pipeline:
             )
 
     async def _rubrics(self, tasks: list[SourceTask], waiting: set[str]) -> list[Task]:
-        """Finished tasks: with the rubric that the source gives, else one that is written."""
+        """The tasks with rubrics: the source's own, or one that a model writes."""
         bare = [task for task in tasks if task.rubric is None]
         limits = self._config.writing
 
@@ -255,22 +266,22 @@ class Pipeline:
             if task.id not in waiting:
                 finished.append(_finished(task, rubric))
                 self._remark(task.id, findings)
-        self._enter("rubrics", tasks, finished)
+        self._record_stage("rubrics", tasks, finished)
         return finished
 
     def _decomposed(self, tasks: list[Task]) -> list[Task]:
-        """What can be derived from the tasks, their instructions still their parents'."""
+        """The tasks derived from these; their instructions are still those of their parents."""
         with self._stages.stage("decomposition", len(tasks)) as advance:
             result = decompose(tasks, self._config.decomposing)
             advance(len(tasks))
         self._build.capped = result.capped
         count = _by_source(tasks)
         made = _by_source(result.derived)
-        self._build.accounting.enter("decomposition", came=count, made=made, left=count + made)
+        self._build.accounting.record("decomposition", came=count, made=made, left=count + made)
         return result.derived
 
     async def _rewritten(self, parents: list[Task], derived: list[Task]) -> list[Task]:
-        """Parents, each followed by its children, whose instructions are now their own."""
+        """The parents, each followed by its derived tasks with rewritten instructions."""
         limits = self._config.writing
         by_id = {task.id: task for task in parents}
 
@@ -285,7 +296,7 @@ class Pipeline:
                 text = msgspec.structs.replace(task, instruction=result.value)
                 children.setdefault(task.parent_id or "", []).append(text)
         rewritten = [task for parent in parents for task in (parent, *children.get(parent.id, ()))]
-        self._enter("rewriting", [*parents, *derived], rewritten)
+        self._record_stage("rewriting", [*parents, *derived], rewritten)
         return rewritten
 
     def _split(self, tasks: list[Task]) -> list[Task]:
@@ -293,20 +304,20 @@ class Pipeline:
             result = split(tasks, self._config.split)
             advance(len(tasks))
         sources = {task.id: task.source for task in tasks}
-        for each in result.left_out:
-            self._drop(each.id, sources[each.id], "split", each.why, each.website)
-        self._enter("split", tasks, result.tasks)
+        for task in result.left_out:
+            self._drop(task.id, sources[task.id], "split", task.why, task.website)
+        self._record_stage("split", tasks, result.tasks)
         return result.tasks
 
-    # --- asking and accounting ----------------------------------------------------------------------------
+    # --- requests and accounting ----------------------------------------------------------------------------
 
     async def _ask(
         self, purpose: Purpose, stage: str, tasks: Sequence[T], ask: Callable[[Completes, T], Awaitable[R]]
     ) -> dict[str, Done[R] | Failed | Pending]:
-        """What a model gave for each task, by id.
+        """The result of a request for each task, by id.
 
         Raises:
-            ConfigError: there is something to ask, and no model to ask it.
+            ConfigError: there are tasks, and no model is configured.
         """
         model = self._models.get(purpose)
         if model is None and tasks:
@@ -354,17 +365,17 @@ class Pipeline:
             for finding in findings
         )
 
-    def _enter(
+    def _record_stage(
         self, stage: str, came: Sequence[SourceTask | Task], left: Sequence[SourceTask | Task]
     ) -> None:
-        """Enter a stage that makes no tasks; the reasons are those that were noted."""
+        """Record the counts of a stage that creates no tasks, with the noted reasons for removed ones."""
         reasons = dict.fromkeys(self._pending, "pending")
-        reasons |= {each.id: each.reason for each in self._build.dropped if each.stage == stage}
-        reasons |= {each.id: "failed" for each in self._build.failures if each.stage == stage}
-        stayed = {task.id for task in left}
-        gone = [task for task in came if task.id not in stayed]
-        lost = Counter((task.source, reasons[task.id]) for task in gone if task.id in reasons)
-        self._build.accounting.enter(stage, came=_by_source(came), lost=lost, left=_by_source(left))
+        reasons |= {task.id: task.reason for task in self._build.dropped if task.stage == stage}
+        reasons |= {task.id: "failed" for task in self._build.failures if task.stage == stage}
+        kept = {task.id for task in left}
+        removed = [task for task in came if task.id not in kept]
+        lost = Counter((task.source, reasons[task.id]) for task in removed if task.id in reasons)
+        self._build.accounting.record(stage, came=_by_source(came), lost=lost, left=_by_source(left))
 
 
 def _by_source(tasks: Iterable[SourceTask | Task]) -> Counter[str]:
@@ -376,7 +387,7 @@ def _in_taxonomy(task: SourceTask) -> bool:
 
 
 def _finished(task: SourceTask, rubric: Rubric) -> Task:
-    assert task.website is not None, "tasks without a website were left behind"
+    assert task.website is not None, "tasks without a website were removed before"
     return Task(
         id=task.id,
         instruction=task.instruction,

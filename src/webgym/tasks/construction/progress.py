@@ -1,4 +1,4 @@
-"""Progress of a build: a bar per stage in a terminal, plain lines elsewhere."""
+"""Progress of a build: a progress bar per stage in a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 _LINES: Final = 4
-"""Plain lines on the way through a stage: one for every such part of it."""
+"""Number of plain lines per stage: one after every such fraction of it."""
 
 
 class StageProgress:
     """Shows the stages of a build, one after the other.
 
     Args:
-        console: where to.
+        console: where the progress is printed.
     """
 
     def __init__(self, console: Console) -> None:
@@ -26,7 +26,7 @@ class StageProgress:
 
     @contextmanager
     def shown(self) -> Iterator[None]:
-        """While stages run."""
+        """Show progress bars inside of this context, if the console is a terminal."""
         if not self._console.is_terminal:
             yield
             return
@@ -46,7 +46,7 @@ class StageProgress:
 
     @contextmanager
     def stage(self, name: str, total: int) -> Iterator[Callable[[int], None]]:
-        """A stage of so many things; what is given counts that many more of them as done."""
+        """Show one stage with this total; yields a function that advances it by a number of items."""
         if self._bars is None:
             yield _PlainStage(self._console, name, total).advance
             return
@@ -60,14 +60,14 @@ class _PlainStage:
         self._done = 0
         self._next = max(1, -(-total // _LINES))
         if total == 0:
-            self._tell()
+            self._print()
 
     def advance(self, count: int) -> None:
         self._done += count
         if self._total and (self._done >= self._next or self._done == self._total):
             self._next = self._done + max(1, -(-self._total // _LINES))
-            self._tell()
+            self._print()
 
-    def _tell(self) -> None:
+    def _print(self) -> None:
         line = f"{self._name}: {self._done:,} of {self._total:,}"
         self._console.print(line, highlight=False, markup=False, soft_wrap=True)

@@ -26,16 +26,16 @@ from webgym.tasks.construction.pipeline import Build, Pipeline
 from webgym.tasks.construction.progress import StageProgress
 
 REPLIES: Final = "replies.sqlite"
-"""The cache's name in a build's folder."""
+"""File name of the cache in a build's folder."""
 
 CONFIG: Final = "config.yaml"
-"""The resolved config's name in a build's folder."""
+"""File name of the resolved config in a build's folder."""
 
 _WORKERS_PER_CALL: Final = 2
-"""Things asked about per request in flight: while one waits for its reply, another's is checked."""
+"""Workers per concurrent call: while one waits for its reply, another's reply is checked."""
 
 _FEWEST_WORKERS: Final = 64
-"""Replies that are there already are read in groups, so it pays to ask for many at a time."""
+"""Fewest workers. Cached replies are read in groups, so many concurrent requests are faster."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,8 @@ class BuildPaths:
     """The paths of a build.
 
     Attributes:
-        out: its folder.
-        cache: the file of replies.
+        out: the folder of the build.
+        cache: the file that caches replies.
     """
 
     out: Path
@@ -52,7 +52,8 @@ class BuildPaths:
 
     @classmethod
     def of(cls, out: Path, cache: Path | None = None) -> BuildPaths:
-        """In a folder, with its replies there unless another file is given."""
+        """The paths of a build in the folder ``out``; its cache is there, too, unless another file is
+        given."""
         return cls(out, cache or out / REPLIES)
 
 
@@ -61,9 +62,9 @@ class FinishedBuild:
     """A completed build.
 
     Attributes:
-        build: what came of it.
-        ledger: what was paid, by all runs into the same cache.
-        written: the files.
+        build: the result.
+        ledger: tokens and dollars spent, by all runs with the same cache.
+        written: paths of the files.
     """
 
     build: Build
@@ -71,18 +72,18 @@ class FinishedBuild:
     written: list[Path]
 
 
-async def run_build(config: BuildConfig, place: BuildPaths, stages: StageProgress) -> FinishedBuild:
+async def run_build(config: BuildConfig, paths: BuildPaths, stages: StageProgress) -> FinishedBuild:
     """Build a task set, or resume one.
 
     Raises:
-        UsageError: a source, the config or the number of websites does not do.
-        LLMError: the endpoint cannot be used, or the budget is spent; what was paid for is kept.
+        UsageError: a source or the config cannot be used, or there are too few websites.
+        LLMError: the endpoint cannot be used, or the budget is spent; replies so far are kept in the cache.
     """
-    today = _settle(config, place.out)
-    async with _clients(config, place.cache) as (clients, ledger):
+    today = _write_config(config, paths.out)
+    async with _clients(config, paths.cache) as (clients, ledger):
         pipeline = Pipeline(config, clients, stages, today=today, workers=_workers(config))
-        build = await _run(pipeline, place.out)
-    return FinishedBuild(build, ledger, write_build(build, place.out, today, stages))
+        build = await _run(pipeline, paths.out)
+    return FinishedBuild(build, ledger, write_build(build, paths.out, today, stages))
 
 
 @dataclass(frozen=True)
@@ -90,8 +91,8 @@ class PendingBatches:
     """A build that waits for the results of batches.
 
     Attributes:
-        build: as far as it came.
-        files: the requests that were written; empty if all of them stand in files already.
+        build: its current state.
+        files: the batch files written; empty if all requests are in earlier files already.
     """
 
     build: Build
@@ -99,55 +100,55 @@ class PendingBatches:
 
 
 async def run_batch(
-    config: BuildConfig, place: BuildPaths, folder: Path, stages: StageProgress
+    config: BuildConfig, paths: BuildPaths, folder: Path, stages: StageProgress
 ) -> FinishedBuild | PendingBatches:
-    """As :func:`run_build`, but whatever has to be asked is written to batch files instead.
+    """As :func:`run_build`, but model requests are written to batch files.
 
-    Rubrics do not wait for websites. So two rounds of files do for nearly everything, rubrics and then
-    rewriting, and what is refused is asked again with the next.
+    Rubrics do not depend on websites, so nearly all requests take two rounds of files: first websites and
+    rubrics, then rewriting. Requests with unusable replies are repeated in the next round.
 
     Args:
         config: of the build.
-        place: where it lives.
-        folder: for the files.
-        stages: shows how far it is.
+        paths: of the build's folder and cache.
+        folder: for the batch files.
+        stages: shows the progress.
 
     Raises:
-        UsageError: a source, the config, the folder or the number of websites does not do.
+        UsageError: a source, the config or the folder cannot be used, or there are too few websites.
     """
-    today = _settle(config, place.out)
-    async with ReplyCache(place.cache) as cache:
+    today = _write_config(config, paths.out)
+    async with ReplyCache(paths.cache) as cache:
         collectors = {
             purpose: Collector(chat, cache).labelled(purpose) for purpose, chat in _chats(config).items()
         }
         pipeline = Pipeline(config, collectors, stages, today=today, workers=_FEWEST_WORKERS)
-        build = await _run(pipeline, place.out)
+        build = await _run(pipeline, paths.out)
         if build.pending:
             return PendingBatches(build, await write_batches(cache, folder))
         ledger = Ledger(cache, prices=Prices(config.prices))
-    return FinishedBuild(build, ledger, write_build(build, place.out, today, stages))
+    return FinishedBuild(build, ledger, write_build(build, paths.out, today, stages))
 
 
-async def run_dry(config: BuildConfig, place: BuildPaths, stages: StageProgress) -> Estimate:
-    """What :func:`run_build` would take from here on. Nothing is asked and nothing is written.
+async def run_dry(config: BuildConfig, paths: BuildPaths, stages: StageProgress) -> Estimate:
+    """Estimate the rest of :func:`run_build`, without model requests and without writing files.
 
     Raises:
-        UsageError: a source or the config does not do.
+        UsageError: a source or the config cannot be used.
     """
     chats = _chats(config)
     async with AsyncExitStack() as stack:
-        cache = await stack.enter_async_context(ReplyCache(place.cache)) if place.cache.exists() else None
+        cache = await stack.enter_async_context(ReplyCache(paths.cache)) if paths.cache.exists() else None
         estimators = {
             purpose: Estimator(ChatClient(chat, cache=cache), cache) for purpose, chat in chats.items()
         }
-        today = config.today or _kept_today(place.out) or date.today()
+        today = config.today or _earlier_today(paths.out) or date.today()
         build = await Pipeline(config, estimators, stages, today=today, workers=_FEWEST_WORKERS).run()
     names = {purpose: chat.model for purpose, chat in chats.items()}
     return estimate(build, estimators, names, Prices(config.prices))
 
 
 async def _run(pipeline: Pipeline, out: Path) -> Build:
-    """Run the stages; if so many tasks failed that no split is left to make, leave a list of them."""
+    """Run the stages; if too many tasks failed to make a split, write the list of failures."""
     try:
         return await pipeline.run()
     except TooFewWebsites as error:
@@ -164,7 +165,7 @@ async def _run(pipeline: Pipeline, out: Path) -> Build:
 async def _clients(
     config: BuildConfig, cache_file: Path
 ) -> AsyncIterator[tuple[Mapping[Purpose, Completes], Ledger]]:
-    """Open clients by purpose; purposes with the same endpoint and model share one."""
+    """Open the model clients by purpose; purposes with the same endpoint and model share one."""
     chats = _chats(config)
     async with AsyncExitStack() as stack:
         cache_file.parent.mkdir(parents=True, exist_ok=True)
@@ -194,9 +195,9 @@ def _workers(config: BuildConfig) -> int:
     return max(_FEWEST_WORKERS, _WORKERS_PER_CALL * most)
 
 
-def _settle(config: BuildConfig, out: Path) -> date:
-    """Note the resolved config in the folder; the day that counts as today."""
-    today = config.today or _kept_today(out) or date.today()
+def _write_config(config: BuildConfig, out: Path) -> date:
+    """Write the resolved config to the folder; the date that counts as today."""
+    today = config.today or _earlier_today(out) or date.today()
     resolved = config.model_copy(update={"today": today}).model_dump(mode="json")
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -206,14 +207,14 @@ def _settle(config: BuildConfig, out: Path) -> date:
     return today
 
 
-def _kept_today(out: Path) -> date | None:
-    """The day that an earlier run into the folder took for today."""
+def _earlier_today(out: Path) -> date | None:
+    """The date that counted as today in an earlier run into the folder; ``None`` if there was none."""
     try:
-        held = yaml.safe_load((out / CONFIG).read_text("utf-8"))
-        return date.fromisoformat(str(held["today"]))
+        config = yaml.safe_load((out / CONFIG).read_text("utf-8"))
+        return date.fromisoformat(str(config["today"]))
     except FileNotFoundError:
         return None
     except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError) as error:
         raise ConfigError(
-            f"{out / CONFIG} is no config of a build", hint="give another --out, or remove the file"
+            f"{out / CONFIG} is not the config of a build", hint="give another --out, or remove the file"
         ) from error

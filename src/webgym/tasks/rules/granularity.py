@@ -1,6 +1,6 @@
 """Rules about how a rubric divides its task into facts.
 
-Alternatives, instructions and computations are one fact each, and what is done on the way is none.
+Alternatives, instructions and computations are one fact each; intermediate steps are not facts.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from itertools import combinations
 from typing import Final
 
 from webgym.tasks.rules.reading import STOP_WORDS, stem
-from webgym.tasks.rules.rule import Case, Fact, at
+from webgym.tasks.rules.rule import Case, Fact, message
 
 # --- alternatives -----------------------------------------------------------------------------------------
 
@@ -22,7 +22,7 @@ BOUND: Final = frozenset(
     thinner lighter heavier closer nearer no exactly
     """.split()
 )
-"""After *or* these only widen a bound ("4 or more", "at or below"); nobody has to choose."""
+"""Words after *or* that only extend a bound ("4 or more", "at or below") and are no alternatives."""
 
 _SENTENCE: Final = re.compile(r"[^.!?;\n]+[.!?;]?")
 _NEEDS_BOTH: Final = re.compile(
@@ -33,35 +33,37 @@ _NEEDS_BOTH: Final = re.compile(
     r"|^ ?(?:is|are|do|does|did|was|were|has|have|can|could|will|would|should)\b",
     re.IGNORECASE,
 )
-"""In a sentence with one of these both sides of an *or* have to be looked at: "which is cheaper, A or B"."""
+"""Phrases of a sentence in which both sides of an *or* must be considered: "which is cheaper, A or B"."""
 
 
 def split_alternatives(case: Case) -> Iterator[str]:
-    """Alternatives are one fact with OR, not a fact each, which would ask for all of them."""
+    """Alternatives are one fact with OR. One fact for each would require all of them."""
     if " or " not in case.task.folded:
         return
     for words in _alternatives(case):
         naming = [(fact, words & fact.text.stems) for fact in case.facts]
         if any(len(named) > 1 for _, named in naming):
             continue
-        apart = [(fact, named) for fact, named in naming if named]
-        first = apart[0] if apart else None
-        other = next((each for each, named in apart if first and named != first[1]), None)
+        separate = [(fact, named) for fact, named in naming if named]
+        first = separate[0] if separate else None
+        other = next((fact for fact, named in separate if first and named != first[1]), None)
         if first and other:
-            yield at(
+            yield message(
                 other,
                 f"and fact {first[0].number} of group {first[0].group} are alternatives; write one with OR",
             )
 
 
 def _alternatives(case: Case) -> Iterator[frozenset[str]]:
-    """Of every *or* in the task between things to choose from, a telling word of each."""
+    """For every *or* between alternatives in the task, one distinctive word of each alternative."""
     for sentence in _SENTENCE.findall(case.task.unquoted):
         if _NEEDS_BOTH.search(sentence):
             continue
-        for found in re.finditer(r",? or (?:either )?", sentence):
-            after = _telling(sentence[found.end() :])[:_LONGEST_ITEM]
-            items = [_telling(item)[-_LONGEST_ITEM:] for item in _items_before(sentence[: found.start()])]
+        for match in re.finditer(r",? or (?:either )?", sentence):
+            after = _content_stems(sentence[match.end() :])[:_LONGEST_ITEM]
+            items = [
+                _content_stems(item)[-_LONGEST_ITEM:] for item in _items_before(sentence[: match.start()])
+            ]
             if after and items[0] and after[0] not in _BOUND_STEMS:
                 yield frozenset(
                     (
@@ -77,15 +79,15 @@ def _other_than(others: list[str], words: list[str]) -> list[str]:
 
 _BOUND_STEMS: Final = frozenset(map(stem, BOUND))
 _LONGEST_ITEM: Final = 4
-"""Words: what is longer is the sentence, not an item of the list before *or*."""
+"""Most words of an item of a list before *or*; anything longer is the rest of the sentence."""
 
 
 _ENDS_IN_NAME: Final = re.compile(r" [A-Z][\w'’-]*$")
-"""The first name of a list of names ends the sentence before it: "a laptop by Dell, HP or Lenovo"."""
+"""A clause that ends in a name, the first item of a list of names: "a laptop by Dell, HP or Lenovo"."""
 
 
 def _items_before(text: str) -> Iterator[str]:
-    """The item that a text ends in, and those of the list before it."""
+    """The last item of the list that a text ends in, then the items before it."""
     *others, last = text.split(",")
     yield last
     for item in reversed(others):
@@ -97,8 +99,8 @@ def _items_before(text: str) -> Iterator[str]:
             break
 
 
-def _telling(text: str) -> list[str]:
-    """The stems of the words that say which thing is meant, in order."""
+def _content_stems(text: str) -> list[str]:
+    """The stems of the content words, in order."""
     words = re.findall(r"[^\W_]+(?:'[^\W_]+)?", text.casefold())
     return [stem(word) for word in words if word not in STOP_WORDS or word in BOUND]
 
@@ -110,7 +112,7 @@ _HOW_TO: Final = re.compile(
     r"|steps?) (?:on|for|to|about|of)\b|\bexplain how\b|\bprocess (?:of|for|to)\b",
     re.I,
 )
-_MOVE: Final = re.compile(
+_ACTION: Final = re.compile(
     r"^(?:then |next |first |finally |the (?:user|agent) )?(?:clicks?|opens?|goes|go|visits?|navigates?"
     r"|enters?|types?|fills?|selects?|chooses?|picks?|press(?:es)?|holds?|proceeds?|continues?|submits?|signs?|logs?|pays?"
     r"|waits?|unplugs?|plugs?|removes?|turns?|adds?|drops?|prints?|downloads?|uploads?|confirms?|taps?|scrolls?)"
@@ -119,7 +121,7 @@ _MOVE: Final = re.compile(
     r"|selected|chosen|pressed|submitted|confirmed|tapped)\b",
     re.I,
 )
-"""How a fact begins, or ends, that tells what to do."""
+"""The beginning or end of a fact that describes an action."""
 
 _PURCHASE: Final = re.compile(
     r"\b(?:buy|buying|purchas\w*|(?<!in )(?<!by )order(?:ing)? (?!by\b|of\b)"
@@ -139,28 +141,28 @@ _STAGES: Final[tuple[frozenset[str], ...]] = tuple(
         "click clicked button page opened selected quantity chosen entered filled",
     )
 )
-"""What one passes through on the way to a purchase, by the words that name it."""
+"""Stages of a purchase, by the words for them."""
 
 
 def steps_of_instructions(case: Case) -> Iterator[str]:
-    """A "how to" question asks for instructions: one fact, never one per step."""
-    if not _HOW_TO.search(case.asked.instruction) or len(case.facts) < 2:
+    """A "how to" question asks for instructions, which are one fact, not one per step."""
+    if not _HOW_TO.search(case.context.instruction) or len(case.facts) < 2:
         return
     for group in case.draft.fact_groups:
         facts = [fact for fact in case.facts if fact.group == group.id]
-        steps = [fact for fact in facts if _novelty(fact, case) >= 0.6 or _is_move(fact, case)]
+        steps = [fact for fact in facts if _novelty(fact, case) >= 0.6 or _is_action(fact, case)]
         if len(steps) >= 2:
             yield f"group {group.id} has a fact for each step; that the instructions are found is one fact"
 
 
-def _is_move(fact: Fact, case: Case) -> bool:
-    """Whether a fact tells something to do that the task itself does not tell to do."""
-    found = _MOVE.search(fact.text.raw.strip())
-    return found is not None and stem(found.group().casefold().split()[-1]) not in case.task.stems
+def _is_action(fact: Fact, case: Case) -> bool:
+    """Whether a fact describes an action that the task does not ask for."""
+    action = _ACTION.search(fact.text.raw.strip())
+    return action is not None and not case.asks_for(action.group().split()[-1])
 
 
 def _novelty(fact: Fact, case: Case) -> float:
-    """The share of a fact's telling words that the task does not have."""
+    """The share of a fact's content words that the task does not contain."""
     content = fact.text.content - _REPORTING
     return len(content - case.task.stems) / len(content) if len(content) >= 2 else 0.0
 
@@ -172,20 +174,22 @@ _REPORTING: Final = frozenset(
 
 
 def steps_of_purchase(case: Case) -> Iterator[str]:
-    """A purchase is what is bought and that it is: not the cart, the checkout and the payment on the way."""
-    if len(case.facts) < 2 or not _PURCHASE.search(case.asked.instruction):
+    """The facts of a purchase are what is bought, and that it is bought: not cart, checkout and payment."""
+    if len(case.facts) < 2 or not _PURCHASE.search(case.context.instruction):
         return
     known = case.task.stems
-    passed: list[tuple[Fact, int]] = []
+    intermediate: list[tuple[Fact, int]] = []
     for fact in case.facts:
         stages = (
-            place for place, words in enumerate(_STAGES) if words & fact.text.stems and not words & known
+            number for number, words in enumerate(_STAGES) if words & fact.text.stems and not words & known
         )
         stage = next(stages, None)
         if stage is not None:
-            passed.append((fact, stage))
-    if len({stage for _, stage in passed}) >= 2:
-        yield at(passed[0][0], "is a step on the way, as others are; write what is bought, and that it is")
+            intermediate.append((fact, stage))
+    if len({stage for _, stage in intermediate}) >= 2:
+        yield message(
+            intermediate[0][0], "is a step on the way, as others are; write what is bought, and that it is"
+        )
 
 
 # --- computations -----------------------------------------------------------------------------------------
@@ -207,7 +211,7 @@ _ONE_RESULT: Final = re.compile(
     r"|how (?:much|many)(?: \w+)? (?:more|less|fewer|\w{2,}er)(?= \w))\b",
     re.I,
 )
-"""A task that asks for something to be worked out of several numbers."""
+"""Phrases of a task that asks for the result of a computation."""
 _ARITHMETIC: Final = re.compile(
     r"\b(?:subtract\w*|divid(?:e|es|ed|ing)|multipl(?:y|ies|ied|ying)|add(?:s|ed|ing)? (?:up|together)"
     r"|summ(?:ed|ing))\b",
@@ -219,13 +223,13 @@ _RESULT: Final = re.compile(
     r"|calculated|computed|converted)\b",
     re.I,
 )
-_EACH: Final = re.compile(
+_OPERANDS_TOO: Final = re.compile(
     r"\b(?:each|every|respective\w*|individual\w*|as well as|along with|also"
     r"|and (?:(?:the|their|its) (?:\w+ )?(?:differ\w*|sum|total|average|mean|ratio|percentage|share|result)"
     r"|how|then|calculate|compute|report|give|tell|by))\b",
     re.I,
 )
-"""A task with one of these asks for the numbers beside the result."""
+"""Phrases of a task that asks for the operands as well as the result."""
 _LOOKED_UP: Final = re.compile(
     r"\b(?:is|are|was|were) (?:\w+ly )?(?:found|identified|given|reported|retrieved|obtained|determined"
     r"|looked up|noted|known|collected|located|stated|recorded|extracted)\b"
@@ -233,42 +237,44 @@ _LOOKED_UP: Final = re.compile(
     r"|^(?:the|its|their) (?!.*\b(?:is|are|was|were|has|have|must|can|costs?|comes?|goes|lies)\b)",
     re.I,
 )
-"""A fact of which a value is known in the end; also one without a verb ("the price of the tent")."""
+"""A fact that a value is found, possibly without a verb ("the price of the tent")."""
 
 
 def steps_of_computation(case: Case) -> Iterator[str]:
-    """A computation is one fact, never its steps."""
+    """A computation is one fact; its steps are not."""
     if len(case.facts) < 2 or not _COMPUTATION.search(case.task.unquoted):
         return
-    by_hand = _WORKED_OUT.search(case.task.unquoted) is not None
+    asks_to_compute = _WORKED_OUT.search(case.task.unquoted) is not None
     for fact in case.facts:
         text = fact.text.unquoted
         act = _ARITHMETIC.search(text)
-        if act is None and not by_hand and not _RESULT.search(text):
+        if act is None and not asks_to_compute and not _RESULT.search(text):
             act = _WORKED_OUT.search(text)
-        if act is not None and stem(act.group().casefold().split()[0]) not in case.task.stems:
-            yield at(fact, f'is a step of a computation ("{act.group()}"); the result is one fact')
+        if act is not None and not case.asks_for(act.group().split()[0]):
+            yield message(fact, f'is a step of a computation ("{act.group()}"); the result is one fact')
 
 
 def operands(case: Case) -> Iterator[str]:
-    """The numbers that a computation starts from are facts only where the task asks for them too."""
-    asked = case.task.unquoted
-    if len(case.facts) < 2 or not _ONE_RESULT.search(asked) or _EACH.search(asked):
+    """The operands of a computation are facts only if the task asks for them, too."""
+    instruction = case.task.unquoted
+    if len(case.facts) < 2 or not _ONE_RESULT.search(instruction) or _OPERANDS_TOO.search(instruction):
         return
     for group in case.draft.fact_groups:
         facts = [fact for fact in case.facts if fact.group == group.id]
         results = [fact for fact in facts if _RESULT.search(fact.text.raw)]
         values = [fact for fact in facts if fact not in results and _LOOKED_UP.search(fact.text.unquoted)]
-        alike = any(
-            all(_where_they_differ(one.text.words, two.text.words)) for one, two in combinations(values, 2)
+        is_template = any(
+            all(_differing_parts(one.text.words, two.text.words)) for one, two in combinations(values, 2)
         )
-        unasked = [fact for fact in values if not fact.text.content <= case.task.stems]
-        if alike or (results and unasked):
-            yield at((unasked or values)[0], "is where a computation starts; its result alone is asked for")
+        unrequested = [fact for fact in values if not fact.text.content <= case.task.stems]
+        if is_template or (results and unrequested):
+            yield message(
+                (unrequested or values)[0], "is where a computation starts; its result alone is asked for"
+            )
 
 
-def _where_they_differ(one: tuple[str, ...], other: tuple[str, ...]) -> tuple[str, str]:
-    """The words in the middle that two facts do not share; empty where they differ in more than a few."""
+def _differing_parts(one: tuple[str, ...], other: tuple[str, ...]) -> tuple[str, str]:
+    """The differing middle parts of two facts; empty if more than a few words differ."""
     start = 0
     while start < min(len(one), len(other)) and one[start] == other[start]:
         start += 1

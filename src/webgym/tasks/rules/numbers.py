@@ -1,7 +1,7 @@
-"""Which numbers a text states, in digits or in words, and in which other forms they may come again.
+"""The numbers that a text states, in digits or in words, in all forms that may be used for them.
 
 A task says "two weeks", "half", "7 pm" or "the 1990s"; its rubric says "14 days", "50 %", "19:00" or "1990 to
-1999". The same number in another form is stated.
+1999". A number counts as stated if the text has it in another form.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ MONTHS: Final = (
 _MONTH_OF: Final = {
     name: number for number, month in enumerate(MONTHS, 1) for name in (month, month[:3], month[:4])
 }
-_VALUES: Final[dict[str, int]] = (
+_WORD_VALUES: Final[dict[str, int]] = (
     {word: value for value, word in enumerate(_UNITS)}
     | {word: value for value, word in zip(range(30, 100, 10), _TENS, strict=True)}
     | {word: value for value, word in enumerate(_ORDINALS, start=1)}
     | {"a dozen": 12, "dozen": 12}
 )
 _POWERS: Final = {"hundred": 100, "thousand": 1_000, "million": 10**6, "billion": 10**9}
-_MEANT: Final[dict[str, tuple[float, ...]]] = {
+_IMPLIED: Final[dict[str, tuple[float, ...]]] = {
     **dict.fromkeys(("both", "couple", "pair", "twice", "double", "twin", "duo"), (2,)),
     **dict.fromkeys(("another", "other", "alternative", "backup", "next", "runner"), (2,)),
     **dict.fromkeys(("triple", "trio", "thrice", "podium"), (3,)),
@@ -45,9 +45,9 @@ _MEANT: Final[dict[str, tuple[float, ...]]] = {
     "noon": (12,),
     "midnight": (12, 24),
 }
-"""Words that state a number without being one."""
+"""Words that imply a number without being one."""
 
-_WORD: Final = "|".join(sorted((*_VALUES, *_POWERS), key=len, reverse=True))
+_WORD: Final = "|".join(sorted((*_WORD_VALUES, *_POWERS), key=len, reverse=True))
 _SPELLED: Final = re.compile(rf"\b(?:{_WORD})(?:[\s-]+(?:and\s+)?(?:{_WORD}))*\b")
 _DIGITS: Final = re.compile(r"(?<![A-Za-z\d.,])\d+(?:[.,]\d+)*")
 _SCALED: Final = re.compile(r"(?<![a-z\d.,])(\d+(?:[.,]\d+)*)\s?(k|m|bn|thousand|million|billion)\b")
@@ -81,7 +81,7 @@ _MEASURES: Final[tuple[dict[str, float], ...]] = (
     {"ml": 1, "cl": 10, "litre": 1_000, "liter": 1_000},
     {"kb": 1, "mb": 10**3, "gb": 10**6, "tb": 10**9},
 )
-"""Units that are the same in another number: of each measure, how many of its smallest."""
+"""Units by measure, each with its size in the smallest unit of the measure."""
 _UNIT: Final = "|".join(sorted({unit for units in _MEASURES for unit in units}, key=len, reverse=True))
 _QUANTITY: Final = re.compile(rf"(?:(\d+(?:[.,]\d+)*)[\s-]?)?\b({_UNIT})s?\b|(\d+(?:[.,]\d+)*)({_UNIT})s?\b")
 _HALF: Final = re.compile(r"\b(half|quarter)(?: of)?(?: an?)?(?=[\s-])")
@@ -89,7 +89,7 @@ _AND_A_HALF: Final = re.compile(r"(\d+)(?: and a half| 1/2|½)")
 
 
 def plain(number: str) -> str:
-    """``1,400.50`` as ``1400.5``: one form of a number to compare by; empty for ``0``."""
+    """The normal form of a number, for comparison: ``1,400.50`` gives ``1400.5``, ``0`` an empty string."""
     number = re.sub(r",(?=\d{3}(?:\D|$))", "", number).replace(",", ".")
     if number.count(".") == 1:
         number = number.rstrip("0").rstrip(".")
@@ -97,22 +97,22 @@ def plain(number: str) -> str:
 
 
 def in_digits(raw: str) -> frozenset[str]:
-    """The numbers that a text states in digits, without separators of thousands and idle zeros."""
+    """The numbers that a text states in digits, in normal form (:func:`plain`)."""
     return frozenset(map(plain, _DIGITS.findall(raw))) - {""}
 
 
 def stated(raw: str, folded: str) -> frozenset[str]:
-    """Every number that a text states in digits or in words, in each form that it may come in again."""
-    found = {plain(f"{value:.6f}") for value in _values(raw, folded)}
-    return in_digits(raw) | found | {"1"}
+    """The numbers that a text states in digits or in words, in every form that may be used for them."""
+    implied = {plain(f"{value:.6f}") for value in _values(raw, folded)}
+    return in_digits(raw) | implied | {"1"}
 
 
 def _values(raw: str, folded: str) -> Iterator[float]:
     for run in _SPELLED.findall(folded):
         yield _value(run)
-        yield from (_VALUES[word] for word in re.split(r"[\s-]+", run) if word in _VALUES)
+        yield from (_WORD_VALUES[word] for word in re.split(r"[\s-]+", run) if word in _WORD_VALUES)
     for word in set(re.findall(r"[a-z]+", folded)):
-        yield from _MEANT.get(word, ())
+        yield from _IMPLIED.get(word, ())
         if word in _MONTH_OF:
             yield _MONTH_OF[word]
     for number, scale in _SCALED.findall(folded):
@@ -148,13 +148,13 @@ def _value(run: str) -> int:
         elif word == "dozen":
             part = max(part, 1) * 12
         else:
-            part += _VALUES.get(word, 0)
+            part += _WORD_VALUES.get(word, 0)
     return total + part
 
 
 def _roman(numeral: str) -> int:
     values = [_ROMAN_VALUES[letter] for letter in numeral]
-    return sum(-one if one < after else one for one, after in pairwise([*values, 0]))
+    return sum(-value if value < following else value for value, following in pairwise([*values, 0]))
 
 
 def _spelled_out(folded: str) -> str:
@@ -165,15 +165,15 @@ def _spelled_out(folded: str) -> str:
 
 
 def quantities(folded: str) -> frozenset[tuple[int, int]]:
-    """The quantities that a text states: place of the measure, and how many of its smallest unit, rounded.
+    """The quantities that a text states: index of the measure, and amount in its smallest unit, rounded.
 
-    A unit without a number ("next week", "per day") is one.
+    A unit without a number ("next week", "per day") counts as one.
     """
     return frozenset(
-        (place, round(units[unit] * value))
+        (measure, round(units[unit] * value))
         for number, unit in _numbers_with_units(_spelled_out(folded))
         for value in (_number(number) if number else (1.0,))
-        for place, units in enumerate(_MEASURES)
+        for measure, units in enumerate(_MEASURES)
         if unit in units
     )
 
@@ -184,14 +184,14 @@ def _numbers_with_units(text: str) -> Iterator[tuple[str, str]]:
 
 
 def stated_in_other_units(folded: str, stated_quantities: frozenset[tuple[int, int]]) -> frozenset[str]:
-    """The numbers of a text whose quantities are stated elsewhere, maybe in other units."""
+    """The numbers of a text whose quantities are among those given, possibly in other units."""
     return frozenset(
         plain(number)
         for number, unit in _numbers_with_units(folded)
         for value in _number(number)
         if any(
-            (place, round(units[unit] * value)) in stated_quantities
-            for place, units in enumerate(_MEASURES)
+            (measure, round(units[unit] * value)) in stated_quantities
+            for measure, units in enumerate(_MEASURES)
             if unit in units
         )
     )

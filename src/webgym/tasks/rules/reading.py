@@ -1,4 +1,5 @@
-"""The features of a text that rules use: words, numbers, names, quotations. No model, no dictionary."""
+"""Features of a text that rules use: words, numbers, names, quotations, found without a model or
+dictionary."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ STOP_WORDS: Final = frozenset(
     you your identified identify return returned tell told look search locate determine check
     """.split()
 )
-"""Words that say nothing about which thing is meant, and the verbs that tasks and facts report with."""
+"""Words without content: function words, and the reporting verbs of tasks and facts."""
 
 WEEKDAYS: Final = "monday tuesday wednesday thursday friday saturday sunday".split()
 _NO_NAMES: Final = (
@@ -32,7 +33,7 @@ _NO_NAMES: Final = (
 )
 
 _TITLE_CASE: Final = 0.6
-"""A text with a larger share of capitalised words is a title, in which capitals mark no names."""
+"""Share of capitalised words above which a text counts as a title, in which capitals do not mark names."""
 
 _WORD: Final = re.compile(r"[^\W_]+(?:'[^\W_]+)?")
 QUOTED: Final = re.compile(
@@ -41,14 +42,14 @@ QUOTED: Final = re.compile(
 
 
 class Text:
-    """A text and what can be seen in it, worked out when it is asked for."""
+    """A text and its features, computed on demand."""
 
     def __init__(self, raw: str) -> None:
         self.raw = raw
 
     @cached_property
     def folded(self) -> str:
-        """The text with case, quotes and white space made one."""
+        """The text with case, quotation marks and white space normalised."""
         return fold(self.raw)
 
     @cached_property
@@ -58,43 +59,43 @@ class Text:
 
     @cached_property
     def stems(self) -> frozenset[str]:
-        """What its words have in common with their other forms."""
+        """The stems of its words (:func:`stem`)."""
         return frozenset(stem(word) for word in self.words)
 
     @cached_property
     def content(self) -> frozenset[str]:
-        """The stems of the words that say which thing is meant."""
+        """The stems of its words that are not in :data:`STOP_WORDS`."""
         return frozenset(stem(word) for word in self.words if word not in STOP_WORDS)
 
     @cached_property
     def numbers(self) -> frozenset[str]:
-        """The numbers in digits, without separators of thousands and idle zeros."""
+        """The numbers in digits, in normal form (:func:`webgym.tasks.rules.numbers.plain`)."""
         return in_digits(self.raw)
 
     @cached_property
     def counts(self) -> frozenset[str]:
-        """Every number that the text states in digits or in words, in each form that it may come in again."""
+        """The numbers in digits or in words, in every form that may be used for them."""
         return stated(self.raw, self.folded)
 
     @cached_property
     def quantities(self) -> frozenset[tuple[int, int]]:
-        """What the text states in units that have others."""
+        """The quantities with units that can be converted (:func:`webgym.tasks.rules.numbers.quantities`)."""
         return quantities(self.folded)
 
     @cached_property
     def quotations(self) -> tuple[str, ...]:
-        """What stands in quotation marks."""
+        """The texts in quotation marks."""
         found = ("".join(groups) for groups in QUOTED.findall(self.raw))
         return tuple(quoted.strip() for quoted in found if quoted.strip())
 
     @cached_property
     def unquoted(self) -> str:
-        """The text with every quotation made one word."""
+        """The text with every quotation replaced by the word "quoted"."""
         return QUOTED.sub("quoted", self.raw)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Capitalised words that do not begin a sentence; none where nearly every word is capitalised."""
+        """Capitalised words that do not begin a sentence; empty for titles, with most words capitalised."""
         text = self.unquoted
         words = _WORD.findall(text)
         if len(words) > 3 and sum(word[0].isupper() for word in words) > _TITLE_CASE * len(words):
@@ -115,7 +116,7 @@ def _begins(text: str, place: int) -> bool:
 
 @lru_cache(maxsize=50_000)
 def stem(word: str) -> str:
-    """A word without the endings of plurals and verbs: crude, and the same for all forms of most words."""
+    """A word without the endings of plurals and verbs: crude, but the same for all forms of most words."""
     word = word.removesuffix("'s").replace("'", "")
     if len(word) > 4 and word.endswith("ies"):
         return word[:-3] + "i"

@@ -1,4 +1,4 @@
-"""The types of rules: their input and their findings."""
+"""The types of rules, of their input and of their findings."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from typing import Final, Literal, TypeAlias
 import msgspec
 
 from webgym.core.task import Rubric
-from webgym.tasks.rules.reading import Text
+from webgym.tasks.rules.reading import Text, stem
 
 Severity: TypeAlias = Literal["error", "warning"]
 
 
-_SHOWN_CHARS: Final = 160
-"""How much of a fact a finding quotes."""
+_QUOTED_CHARS: Final = 160
+"""Most characters of a fact that a finding quotes."""
 
 
 class DraftGroup(msgspec.Struct, frozen=True):
-    """A fact group as a model wrote it, which may break every rule."""
+    """A fact group as a model wrote it, unchecked."""
 
     id: int
     description: str
@@ -27,11 +27,11 @@ class DraftGroup(msgspec.Struct, frozen=True):
 
 
 class Draft(msgspec.Struct, frozen=True):
-    """A rubric as a model wrote it.
+    """A rubric as a model wrote it, unchecked.
 
     Attributes:
         fact_groups: in the model's order.
-        difficulty: the number of facts, as the model says.
+        difficulty: the number of facts according to the model.
     """
 
     fact_groups: tuple[DraftGroup, ...]
@@ -39,20 +39,20 @@ class Draft(msgspec.Struct, frozen=True):
 
     @classmethod
     def of(cls, rubric: Rubric) -> Draft:
-        """A finished rubric, to be checked again."""
+        """The draft of a finished rubric, for checking it again."""
         groups = tuple(DraftGroup(group.id, group.description, group.facts) for group in rubric.groups)
         return cls(groups, rubric.difficulty)
 
 
 class Asked(msgspec.Struct, frozen=True):
-    """What the rubric is for.
+    """The task that a rubric is for, as the rules see it.
 
     Attributes:
-        instruction: the task.
-        website: its URL or host, whose name a fact may say.
-        hints: the source's steps and criteria, which may hold the answer.
+        instruction: of the task.
+        website: its URL or host, whose name a fact may contain.
+        hints: the source's steps and criteria, which may contain the answer.
         answers: reference and example answers.
-        derived: whether the task was decomposed from another, whose numbers its groups keep.
+        derived: whether the task was derived from another, whose group ids its groups keep.
     """
 
     instruction: str
@@ -63,7 +63,7 @@ class Asked(msgspec.Struct, frozen=True):
 
 
 class Fact(msgspec.Struct, frozen=True):
-    """A fact and its place."""
+    """A fact, its group's id, and its number in the group, from 1."""
 
     group: int
     number: int
@@ -74,9 +74,9 @@ class Finding(msgspec.Struct, frozen=True):
     """A rule that a rubric breaks.
 
     Attributes:
-        rule: its id.
-        severity: an ``"error"`` is refused and asked again, a ``"warning"`` reported.
-        message: one line: where, what is wrong, and the words in question.
+        rule: id of the rule.
+        severity: a rubric with an ``"error"`` is refused, a ``"warning"`` is only reported.
+        message: one line: the fact, what is wrong with it, and its text.
     """
 
     rule: str
@@ -88,16 +88,16 @@ class Finding(msgspec.Struct, frozen=True):
 
 
 class Case:
-    """A draft beside its task, as the rules look at it."""
+    """A draft together with its task: the input of the rules."""
 
-    def __init__(self, draft: Draft, asked: Asked) -> None:
+    def __init__(self, draft: Draft, context: Asked) -> None:
         self.draft = draft
-        self.asked = asked
-        self.task = Text(asked.instruction)
+        self.context = context
+        self.task = Text(context.instruction)
 
     @cached_property
     def facts(self) -> list[Fact]:
-        """Every fact that says something, with its group and its number in it, from 1."""
+        """Every fact that is not blank."""
         return [
             Fact(group.id, number, Text(fact))
             for group in self.draft.fact_groups
@@ -106,32 +106,36 @@ class Case:
         ]
 
     def says(self, phrase: str) -> bool:
-        """Whether the task's own words hold this lower-case phrase."""
+        """Whether the task contains this lower-case phrase."""
         return phrase in self.task.folded
 
+    def asks_for(self, verb: str) -> bool:
+        """Whether the task contains a form of this verb."""
+        return stem(verb.casefold()) in self.task.stems
 
-Look: TypeAlias = Callable[[Case], Iterator[str]]
-"""Yields one message for every place where a case breaks the rule."""
+
+Check: TypeAlias = Callable[[Case], Iterator[str]]
+"""Yields one message for every violation of a rule."""
 
 
 class Rule(msgspec.Struct, frozen=True):
     """One rule of the rubric.
 
     Attributes:
-        id: as findings and the documentation name it.
+        id: its name in findings and in the documentation.
         severity: of its findings.
-        about: what it asks for, in one line.
-        look: what sees where it is broken.
+        about: what it requires, in one line.
+        look: yields a message for every violation.
     """
 
     id: str
     severity: Severity
     about: str
-    look: Look
+    look: Check
 
 
-def at(fact: Fact, wrong: str) -> str:
-    """One line about a fact: its place, what is wrong with it, and the fact."""
-    shown = " ".join(fact.text.raw.split())
-    shown = shown if len(shown) <= _SHOWN_CHARS else f"{shown[: _SHOWN_CHARS - 1]}…"
-    return f"fact {fact.number} of group {fact.group} {' '.join(wrong.split())}: {shown!r}"
+def message(fact: Fact, problem: str) -> str:
+    """One line about a fact: its position, what is wrong with it, and its text."""
+    quoted = " ".join(fact.text.raw.split())
+    quoted = quoted if len(quoted) <= _QUOTED_CHARS else f"{quoted[: _QUOTED_CHARS - 1]}…"
+    return f"fact {fact.number} of group {fact.group} {' '.join(problem.split())}: {quoted!r}"

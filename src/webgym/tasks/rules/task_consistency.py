@@ -1,4 +1,4 @@
-"""Rules about facts beside their task: what it does not state, its examples, what it leaves open."""
+"""Rules that compare facts with the task: what it does not state, its examples, what it leaves open."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from typing import Final
 from webgym.core.text import fold, says
 from webgym.tasks.rules.numbers import MONTHS, plain, stated_in_other_units
 from webgym.tasks.rules.reading import STOP_WORDS, WEEKDAYS, Text, stem
-from webgym.tasks.rules.rule import Case, Fact, at
+from webgym.tasks.rules.rule import Case, Fact, message
 
-_PLACE: Final = re.compile(
+_ORDINAL: Final = re.compile(
     r"\b[A-Za-z]+ (?P<label>\d{1,2})(?=$|[:,)'’]| (?:is|are|has|have|and|of|was)\b)"
     r"|(?:#|\bno\.|\bnumber)\s?(?P<sign>\d{1,2})\b|\b(?P<ordinal>\d{1,2})(?:st|nd|rd|th)\b",
     re.I,
 )
-"""``Park 2: ...``: the second of three parks is numbered by the writer, not by the task."""
+"""Ordinal numbers that a rubric gives to one of several things: ``Park 2: ...``."""
 _BY_A_MONTH: Final = re.compile(rf"\b(?:{'|'.join(month[:3] for month in MONTHS)})[a-z]*\b", re.I)
 _NUMBERED: Final = re.compile(r"(#|\b[A-Za-z]+ )(\d{1,2})\b(?![.,:/%-]?\d|\s?%)")
 
-_TELL_TALE_NUMBER: Final = re.compile(r"(?<![\w.,])[$€£]?\d[\d.,:/-]*\d")
-_TELL_TALE_NAMES: Final = re.compile(
+_DISTINCTIVE_NUMBER: Final = re.compile(r"(?<![\w.,])[$€£]?\d[\d.,:/-]*\d")
+_DISTINCTIVE_NAMES: Final = re.compile(
     r"(?<=[a-z,'’] )[A-Z][\w'’&-]+(?: (?:of |the |de |and |& )?[A-Z\d][\w'’&-]+)+"
 )
 _ANSWER_PARTS: Final = re.compile(r"\s*[;|\n]\s*")
 _SHORTEST_ANSWER: Final = 4
-"""Characters: a shorter answer ("3", "Yes") stands in facts by chance."""
+"""Fewest characters of an answer that is searched for; shorter ones ("3", "Yes") occur in facts by chance."""
 
 _LONGEST_INITIALS: Final = 5
-"""Letters: what is longer is no abbreviation of the task's own words."""
+"""Most letters of an abbreviation of the task's words."""
 
 _AFTER_EXAMPLE: Final = re.compile(
     r"\b(?:such as|e\.\s?g\.?|for example|for instance)[,:]?\s+([^.;:()?!]{2,120})", re.I
@@ -40,7 +40,7 @@ _BEYOND_ITEM: Final = re.compile(
 )
 
 _LONGEST_ITEM: Final = 4
-"""Words: what is longer is the sentence going on."""
+"""Most words of an item of a list; anything longer is the rest of the sentence."""
 
 _UMBRELLAS: Final[tuple[tuple[re.Pattern[str], frozenset[str]], ...]] = tuple(
     (re.compile(umbrella, re.I), frozenset(stem(word) for word in members.split()))
@@ -74,17 +74,17 @@ _UMBRELLAS: Final[tuple[tuple[re.Pattern[str], frozenset[str]], ...]] = tuple(
     )
 )
 
-_OPEN: Final = frozenset(
+_UMBRELLA_STEMS: Final = frozenset(
     stem(word)
     for word in "contact specs specification technical nutrition nutritional hours schedule timetable "
     "amenities facilities personal weather forecast details information".split()
 )
-"""A task without any of these leaves nothing open that is known here: looked at first, for it is quick."""
+"""Stems one of which every umbrella term has; a fast test before the regular expressions."""
 
 
 def unstated_numbers(case: Case) -> Iterator[str]:
-    """A fact states no number that the task does not state, in digits, in words or in other units."""
-    stated = case.task.counts | Text(case.asked.website).numbers
+    """A fact states no number that the task does not state in digits, in words or in other units."""
+    stated = case.task.counts | Text(case.context.website).numbers
     most = max((int(number) for number in stated if number.isdecimal() and int(number) <= 20), default=1)
     counted = _counted_through(case)
     for fact in case.facts:
@@ -92,20 +92,20 @@ def unstated_numbers(case: Case) -> Iterator[str]:
         if unstated:
             unstated -= stated_in_other_units(fact.text.folded, case.task.quantities)
         if unstated:
-            places = {plain(number) for number in _place_numbers(fact.text.raw) if 0 < int(number) <= most}
+            places = {plain(number) for number in _ordinals(fact.text.raw) if 0 < int(number) <= most}
             labels = {number for label, number in _labelled(fact) if int(number) <= counted.get(label, 0)}
             scaled = {number for number in unstated if fact.text.counts & stated & _scaled_forms(number)}
             unstated -= places | labels | scaled
         if unstated:
             numbers = ", ".join(sorted(unstated))
-            yield at(fact, f"states {numbers}, which the task does not state")
+            yield message(fact, f"states {numbers}, which the task does not state")
 
 
-def _place_numbers(raw: str) -> Iterator[str]:
-    """The numbers that say which of several is meant: "park 2: ...", "#2", "the 2nd one". No dates."""
-    for found in _PLACE.finditer(raw):
-        if not found["ordinal"] or not _BY_A_MONTH.search(raw[max(0, found.start() - 12) : found.end() + 14]):
-            yield found["label"] or found["sign"] or found["ordinal"]
+def _ordinals(raw: str) -> Iterator[str]:
+    """The ordinal numbers in a fact: "park 2: ...", "#2", "the 2nd one", but not in dates."""
+    for match in _ORDINAL.finditer(raw):
+        if not match["ordinal"] or not _BY_A_MONTH.search(raw[max(0, match.start() - 12) : match.end() + 14]):
+            yield match["label"] or match["sign"] or match["ordinal"]
 
 
 def _labelled(fact: Fact) -> Iterator[tuple[str, str]]:
@@ -113,7 +113,8 @@ def _labelled(fact: Fact) -> Iterator[tuple[str, str]]:
 
 
 def _counted_through(case: Case) -> dict[str, int]:
-    """By the word before it, how far a rubric counts from 1 without a gap ("author 1", "author 2")."""
+    """How far a rubric counts from 1 without a gap, by the word before the number ("author 1", "author
+    2")."""
     numbers: dict[str, set[int]] = {}
     for fact in case.facts:
         for word, number in _labelled(fact):
@@ -129,8 +130,8 @@ def _scaled_forms(number: str) -> frozenset[str]:
 
 
 def unstated_names(case: Case) -> Iterator[str]:
-    """A fact names nothing that the task and the website's name do not."""
-    host = case.asked.website.casefold()
+    """A fact contains no name that neither the task nor the website's address contains."""
+    host = case.context.website.casefold()
     initials = "".join(word[0] for word in case.task.words)
     for fact in case.facts:
         unstated = [
@@ -142,7 +143,7 @@ def unstated_names(case: Case) -> Iterator[str]:
             and fold(name) not in case.task.folded
         ]
         if unstated and not _spells_out(unstated, case.task):
-            yield at(fact, f"names {' '.join(unstated)}, which the task does not")
+            yield message(fact, f"names {' '.join(unstated)}, which the task does not")
 
 
 def _spells_out(names: list[str], task: Text) -> bool:
@@ -151,33 +152,34 @@ def _spells_out(names: list[str], task: Text) -> bool:
 
 
 def unstated_quotations(case: Case) -> Iterator[str]:
-    """What a fact quotes stands in the task."""
+    """A quotation in a fact occurs in the task."""
     for fact in case.facts:
         for quoted in fact.text.quotations:
             if not Text(quoted).content <= case.task.stems and not says(case.task.folded, quoted):
-                yield at(fact, f'quotes "{quoted}", which the task does not say')
+                yield message(fact, f'quotes "{quoted}", which the task does not say')
 
 
 def leaked_answers(case: Case) -> Iterator[str]:
-    """What only the answer or the source's hints say stands in no fact: it would be given away."""
-    known = f"{case.task.folded} {fold(case.asked.website)}"
-    telling = {
+    """A fact contains nothing that only the answer or the source's hints contain: it would reveal the
+    answer."""
+    known = f"{case.task.folded} {fold(case.context.website)}"
+    phrases = {
         part
-        for answer in case.asked.answers
+        for answer in case.context.answers
         for part in (answer, *_ANSWER_PARTS.split(answer))
         if len(part.strip()) >= _SHORTEST_ANSWER and fold(part) not in _COMMON_ANSWERS
     }
-    for source in (*case.asked.hints, *case.asked.answers):
-        telling.update(_tell_tales(source))
-    said = "\n".join(fact.text.folded for fact in case.facts)
+    for source in (*case.context.hints, *case.context.answers):
+        phrases.update(_distinctive_parts(source))
+    facts_text = "\n".join(fact.text.folded for fact in case.facts)
     suspicious = sorted(
-        (phrase for phrase in telling if fold(phrase) in said), key=lambda text: (-len(text), text)
+        (phrase for phrase in phrases if fold(phrase) in facts_text), key=lambda text: (-len(text), text)
     )
-    unsaid = [phrase for phrase in suspicious if not says(known, phrase)]
+    not_in_task = [phrase for phrase in suspicious if not says(known, phrase)]
     for fact in case.facts:
-        for phrase in unsaid:
+        for phrase in not_in_task:
             if says(fact.text.folded, phrase) and not Text(phrase).content <= case.task.stems:
-                yield at(fact, f'says "{phrase}", which only the answer or the hints say')
+                yield message(fact, f'says "{phrase}", which only the answer or the hints say')
                 break
 
 
@@ -186,28 +188,28 @@ _COMMON_ANSWERS: Final = frozenset(
 )
 
 
-def _tell_tales(source: str) -> Iterator[str]:
-    """The quotations, numbers and names of a text that give it away where they turn up."""
+def _distinctive_parts(source: str) -> Iterator[str]:
+    """The quotations, numbers and names of a text, by which it is recognised in a fact."""
     text = Text(source)
     yield from (quoted for quoted in text.quotations if len(quoted) >= _SHORTEST_ANSWER)
-    yield from (number.rstrip(".,:/-") for number in _TELL_TALE_NUMBER.findall(source))
-    yield from _TELL_TALE_NAMES.findall(source)
+    yield from (number.rstrip(".,:/-") for number in _DISTINCTIVE_NUMBER.findall(source))
+    yield from _DISTINCTIVE_NAMES.findall(source)
 
 
 def examples_as_facts(case: Case) -> Iterator[str]:
-    """What the task only gives as an example is not asked for."""
-    task = case.asked.instruction
+    """A fact does not require what the task gives only as an example."""
+    task = case.context.instruction
     for match in _AFTER_EXAMPLE.finditer(task):
         elsewhere = Text(f"{task[: match.start()]} {task[match.end() :]}").stems
         items = [item for item in map(_content, _listed(match.group(1))) if item and not item <= elsewhere]
         for fact in case.facts:
-            says_so = _AFTER_EXAMPLE.search(fact.text.raw) is not None
-            if not says_so and any(item <= fact.text.content for item in items):
-                yield at(fact, "asks for what the task only gives as an example")
+            is_example_itself = _AFTER_EXAMPLE.search(fact.text.raw) is not None
+            if not is_example_itself and any(item <= fact.text.content for item in items):
+                yield message(fact, "asks for what the task only gives as an example")
 
 
 def _listed(text: str) -> Iterator[str]:
-    """The items of the list that a text begins with: "A, B or C, ensuring that ..." gives three."""
+    """The items of the list at the beginning of a text: "A, B or C, ensuring that ..." gives three."""
     for part in text.split(","):
         first, *others = _ITEMS.split(part.strip())
         yield from (_BEYOND_ITEM.sub("", item) for item in (first, *others[:1]))
@@ -221,24 +223,27 @@ def _content(text: str) -> frozenset[str]:
 
 
 def enumerated(case: Case) -> Iterator[str]:
-    """What the task leaves open is not enumerated: "contact details" is one fact, not phone and address."""
+    """Facts do not enumerate what the task leaves open: "contact details" is one fact, not phone and
+    address."""
     known = case.task.stems
-    if known.isdisjoint(_OPEN):
+    if known.isdisjoint(_UMBRELLA_STEMS):
         return
     for umbrella, members in _UMBRELLAS:
-        found = umbrella.search(case.asked.instruction)
-        if found is None:
+        match = umbrella.search(case.context.instruction)
+        if match is None:
             continue
         naming = [(fact, (fact.text.stems & members) - known) for fact in case.facts]
         named = frozenset[str]().union(*(unstated for _, unstated in naming))
         if len(named) >= 2:
             last = next(fact for fact, unstated in reversed(naming) if unstated)
-            yield at(last, f'enumerates what the task leaves open; "{found.group().strip()}" is one fact')
+            yield message(
+                last, f'enumerates what the task leaves open; "{match.group().strip()}" is one fact'
+            )
             return
 
 
 def stop_words_only(case: Case) -> Iterator[str]:
-    """A fact says what thing it is about."""
+    """A fact says what it is about."""
     for fact in case.facts:
         if all(word in STOP_WORDS for word in fact.text.words):
-            yield at(fact, "does not say what it is about")
+            yield message(fact, "does not say what it is about")

@@ -1,4 +1,4 @@
-"""Rules about the words of a single fact."""
+"""Rules about the wording of a single fact."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Final
 
 from webgym.tasks.rules.granularity import BOUND
 from webgym.tasks.rules.reading import QUOTED, stem
-from webgym.tasks.rules.rule import Case, Fact, at
+from webgym.tasks.rules.rule import Case, Fact, message
 
 LONG_FACT_WORDS: Final = 40
-"""A fact of more words is rarely one thing."""
+"""Words from which a fact is reported as long."""
 
 LONGEST_FACT_WORDS: Final = 90
-"""A fact of more words is a paragraph."""
+"""Words from which a fact is refused."""
 
 _OR: Final = re.compile(r"(\b[Aa]nd ?/ ?)?(?<![\w-])or\b(?!-)(?=\s*(\S*))")
 _ATTRIBUTES: Final = (
@@ -74,7 +74,7 @@ _ACTING: Final = frozenset(
     for word in "click navigate scroll hover tap press type enter go goes visit use used using search home "
     "homepage".split()
 )
-"""A fact without any of these tells no step: looked at first, for it is quick."""
+"""Stems one of which every match of :data:`_ACTS` has; a fast test before the regular expression."""
 
 _EXAMPLES: Final = re.compile(
     r"\bsuch as\b|\be\.\s?g\b\.?|\bfor (?:example|instance)\b|\bincluding but not limited\b", re.I
@@ -92,18 +92,18 @@ _MARKUP: Final = re.compile(r"```|\*\*|[{}]|</?\w+>|\n")
 
 
 def lower_case_or(case: Case) -> Iterator[str]:
-    """Alternatives stand in one fact, joined by OR in capitals (SYSTEM.md 1.1)."""
+    """Alternatives are in one fact, joined by OR in capitals (SYSTEM.md 1.1)."""
     for fact in case.facts:
         if with_capital_or(fact.text.raw) != fact.text.raw:
-            yield at(fact, 'has an "or" that is not in capitals; write OR')
+            yield message(fact, 'has an "or" that is not in capitals; write OR')
 
 
 def with_capital_or(fact: str) -> str:
-    """The fact with the OR between its alternatives in capitals; that of a bound or a quotation stays."""
+    """The fact with OR between alternatives in capitals; "or" in a bound or a quotation is kept."""
     hidden = QUOTED.sub(lambda quoted: "_" * len(quoted.group()), fact)
-    for found in reversed([*_OR.finditer(hidden)]):
-        if found[1] or found[2].strip(".,;:)").lower() not in BOUND:
-            fact = f"{fact[: found.start()]}OR{fact[found.end() :]}"
+    for match in reversed([*_OR.finditer(hidden)]):
+        if match[1] or match[2].strip(".,;:)").lower() not in BOUND:
+            fact = f"{fact[: match.start()]}OR{fact[match.end() :]}"
     return fact
 
 
@@ -113,7 +113,7 @@ def several_things(case: Case) -> Iterator[str]:
         for match in _PAIR.finditer(fact.text.unquoted):
             first, second = match.group(1).lower(), match.group(2).lower()
             if (first, second) not in _FIXED_PAIRS and stem(first) != stem(second):
-                yield at(fact, f'holds two things, "{first}" and "{second}"; write one fact for each')
+                yield message(fact, f'holds two things, "{first}" and "{second}"; write one fact for each')
                 break
 
 
@@ -122,25 +122,25 @@ def several_clauses(case: Case) -> Iterator[str]:
     for fact in _joining(case):
         text = fact.text.unquoted
         if _CLAUSES.search(text) or _PLURAL.search(text):
-            yield at(fact, "seems to make several statements")
+            yield message(fact, "seems to make several statements")
 
 
 def several_conditions(case: Case) -> Iterator[str]:
-    """A fact is one condition, not a list of them."""
+    """A fact is a single condition."""
     for fact in case.facts:
         if len(_CONDITIONS.findall(fact.text.unquoted)) >= 2:
-            yield at(fact, "seems to list several conditions")
+            yield message(fact, "seems to list several conditions")
 
 
 def several_sentences(case: Case) -> Iterator[str]:
-    """A fact is one sentence at most."""
+    """A fact is a single sentence."""
     for fact in case.facts:
         if _SENTENCES.search(fact.text.unquoted):
-            yield at(fact, "seems to be several sentences")
+            yield message(fact, "seems to be several sentences")
 
 
 def _joining(case: Case) -> Iterator[Fact]:
-    """The facts that join things, unless it is to compare or to combine them."""
+    """The facts that join things by "and" or the like, except for comparing or combining them."""
     for fact in case.facts:
         text = fact.text.folded
         joins = " and " in text or " as well as " in text or " along with " in text or " plus " in text
@@ -149,62 +149,62 @@ def _joining(case: Case) -> Iterator[Fact]:
 
 
 def steps(case: Case) -> Iterator[str]:
-    """A fact is something that holds, not a step on the way, unless the task itself asks for the step."""
+    """A fact is a result, not an intermediate step, unless the task asks for the step."""
     for fact in case.facts:
         if _STEP_LABEL.match(fact.text.raw):
-            yield at(fact, "is numbered like a step")
+            yield message(fact, "is numbered like a step")
             continue
         act = _ACTS.search(fact.text.unquoted) if not fact.text.stems.isdisjoint(_ACTING) else None
-        if act is not None and stem(act.group().split()[0].casefold()) not in case.task.stems:
-            yield at(fact, f'tells a step ("{act.group()}") instead of what must hold')
+        if act is not None and not case.asks_for(act.group().split()[0]):
+            yield message(fact, f'tells a step ("{act.group()}") instead of what must hold')
 
 
 def examples(case: Case) -> Iterator[str]:
-    """Examples are not part of a fact."""
+    """A fact gives no examples."""
     for fact in case.facts:
-        found = _EXAMPLES.search(fact.text.unquoted)
-        if found is not None:
-            yield at(fact, f'gives examples ("{found.group()}"); leave them out')
+        match = _EXAMPLES.search(fact.text.unquoted)
+        if match is not None:
+            yield message(fact, f'gives examples ("{match.group()}"); leave them out')
 
 
 def hollow(case: Case) -> Iterator[str]:
-    """A fact names what must hold; that all is well is no fact."""
+    """A fact states something that can be verified, not just that everything is correct."""
     for fact in case.facts:
         if _HOLLOW.match(fact.text.raw.strip()):
-            yield at(fact, "names nothing that could be verified")
+            yield message(fact, "names nothing that could be verified")
 
 
 def agent(case: Case) -> Iterator[str]:
-    """A fact speaks of the world, not of the agent."""
+    """A fact is about the result, not about the agent."""
     for fact in case.facts:
-        found = _AGENT.search(fact.text.unquoted)
-        if found is not None and not case.says(found.group().casefold()):
-            yield at(fact, f'speaks of "{found.group().lower()}" instead of what must hold')
+        match = _AGENT.search(fact.text.unquoted)
+        if match is not None and not case.says(match.group().casefold()):
+            yield message(fact, f'speaks of "{match.group().lower()}" instead of what must hold')
 
 
 def question(case: Case) -> Iterator[str]:
     """A fact is a statement."""
     for fact in case.facts:
         if fact.text.unquoted.rstrip().endswith("?"):
-            yield at(fact, "is a question; state what must hold")
+            yield message(fact, "is a question; state what must hold")
 
 
 def markup(case: Case) -> Iterator[str]:
     """A fact is one line of plain text."""
     for fact in case.facts:
         if _MARKUP.search(fact.text.raw):
-            yield at(fact, "holds markup or line breaks; write one line of plain text")
+            yield message(fact, "holds markup or line breaks; write one line of plain text")
 
 
 def long_facts(case: Case) -> Iterator[str]:
     """A fact is short."""
     for fact in case.facts:
         if LONG_FACT_WORDS < len(fact.text.words) <= LONGEST_FACT_WORDS:
-            yield at(fact, f"has {len(fact.text.words)} words")
+            yield message(fact, f"has {len(fact.text.words)} words")
 
 
 def endless_facts(case: Case) -> Iterator[str]:
     """No fact is a paragraph."""
     for fact in case.facts:
         if len(fact.text.words) > LONGEST_FACT_WORDS:
-            yield at(fact, f"has {len(fact.text.words)} words; {LONGEST_FACT_WORDS} is the limit")
+            yield message(fact, f"has {len(fact.text.words)} words; {LONGEST_FACT_WORDS} is the limit")

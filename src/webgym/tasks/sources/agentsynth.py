@@ -1,7 +1,7 @@
-"""AgentSynth's web tasks: made by a model that tried them, with what it did.
+"""AgentSynth's web tasks: written by a model that also attempted them, with its actions.
 
-``action_sequence`` holds strings of JSON in the full file and objects in the summarised one; now and then a
-string is plain words. A final ``stop`` carries the answer that the model gave: an example, not the truth.
+``action_sequence`` contains JSON strings in the full file and objects in the summarised one; some strings are
+plain text. A final ``stop`` action has the model's answer: an example, not a reference answer.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def _draft(fields: Fields, _: Companions) -> Draft:
 
 
 def _final_answer(actions: object) -> str | None:
-    """What the last action says, if it is a ``stop`` with an answer.
+    """The answer of the last action, if that is a ``stop`` with an answer.
 
     Raises:
         Unusable: the last action cannot be read.
@@ -37,7 +37,7 @@ def _final_answer(actions: object) -> str | None:
     if isinstance(last, str):
         last = unpacked(last, "action_sequence")
     if not isinstance(last, dict):
-        raise Unusable("the last action is no object")
+        raise Unusable("the last action is not an object")
     if last.get("action_key") != "stop":
         return None
     given = last.get("action_kwargs")

@@ -1,4 +1,4 @@
-"""What every source of tasks has in common."""
+"""Types and flags that all sources of tasks share."""
 
 from __future__ import annotations
 
@@ -15,43 +15,43 @@ from webgym.tasks.sources.fields import Fields
 from webgym.tasks.sources.problems import PassedOver
 
 DATED = "dated"
-"""The instruction names a day, a month or a year that has passed. It is never rewritten here."""
+"""Flag: the instruction contains a day, a month or a year that has passed. The date is never changed."""
 ENCRYPTED_SOURCE = "encrypted-source"
-"""The source is published encrypted so that no crawler reads it (BrowseComp). Whoever writes tasks to a file
-must leave these out, unless the user has asked for their plain text by the source's name."""
+"""Flag: the source is published encrypted, to keep it out of crawls (BrowseComp). Such tasks must not be
+written to a file unless the user has requested their plain text by the source's name."""
 PLACEHOLDER_WEBSITE = "placeholder-website"
-"""The record names a website that stands for "the web" (GAIA); the task's own is to be inferred."""
+"""Flag: the record's website is a placeholder for "the web" (GAIA); the task's website has to be inferred."""
 BAD_WEBSITE = "bad-website"
-"""What the record gives as a website names none; it is to be inferred."""
+"""Flag: the record's website is invalid; it has to be inferred."""
 GARBLED = "garbled"
-"""A value beside the instruction cannot be read, and was left out."""
+"""Flag: a value other than the instruction cannot be read, and was left out."""
 OUTDATED_ANSWER = "outdated-answer"
-"""An answer that lies beside the tasks has the task's id, and was given to an older text."""
+"""Flag: the file of answers has an answer with the task's id, but for an older text of the task."""
 NEEDS_FILE = "needs-file"
-"""The task comes with a file that is not part of it here."""
+"""Flag: the task needs a file that is not included."""
 
 
 CHATS = frozenset({"messages"})
-"""Fields that hold a conversation in which the instruction is the user's turn."""
+"""Fields with a conversation whose user message is the instruction."""
 
 
 class SourceTask(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A task as its source gives it: no rubric needed, and maybe no website.
+    """A task as its source provides it, possibly without a rubric and a website.
 
     Attributes:
-        id: ``<source>/<native id>``; no two sources clash.
+        id: ``<source>/<native id>``; unique over all sources.
         source: name of the benchmark, a key of :data:`webgym.tasks.sources.SOURCES`.
-        instruction: what the agent reads, unchanged but for surrounding white space.
-        website: URL where the attempt starts; ``None`` where one has to be inferred.
-        website_from: where ``website`` comes from; ``"inferred"`` while there is none.
-        domain, subdomain: of the taxonomy, where the source's own category leaves no doubt; else empty, and
-            to be inferred. The published set's are kept as they are.
+        instruction: what the agent reads, unchanged except for surrounding white space.
+        website: URL where the attempt starts; ``None`` if it has to be inferred.
+        website_from: origin of ``website``; ``"inferred"`` while there is none.
+        domain, subdomain: of the taxonomy, if the source's own category determines them; else empty, to be
+            inferred. The published set's are kept unchanged.
         reference_answer: overrides the judge.
         example_answer: one of several good answers; never overrides the judge.
-        hints: steps and criteria of the source, for whoever writes the rubric. May hold the answer.
-        rubric: where the source has one of our shape.
-        flags: what to know about it, such as :data:`DATED`; the names are in this module.
-        extra: columns of the published set that are not used here.
+        hints: steps and criteria of the source, as help for writing the rubric. May contain the answer.
+        rubric: if the source has fact groups.
+        flags: such as :data:`DATED`; all are in this module.
+        extra: unused columns of the published set.
     """
 
     id: str
@@ -73,9 +73,9 @@ class Skipped(msgspec.Struct, frozen=True):
     """A record that gave no task.
 
     Attributes:
-        file: as it was given.
-        place: line, row or key in it.
-        reason: what is wrong with it. Never quotes what the record says.
+        file: path of the file.
+        place: line, row or key of the record in it.
+        reason: what is wrong with it, without quoting the record.
     """
 
     file: str
@@ -88,14 +88,15 @@ class Skipped(msgspec.Struct, frozen=True):
 
 @dataclass
 class Draft:
-    """What a record says, before it is checked: the work of one source's file.
+    """The values of a record, read by one source's module and not checked yet.
+
+    Attributes not listed are as in :class:`SourceTask`.
 
     Attributes:
-        instruction: as :class:`SourceTask`'s.
-        native_id: the source's own; ``None`` where it has none.
-        website: as the record gives it, a bare host or a URL; ``None`` if it gives none.
-        website_from: where from, if there is one.
-        dates: texts beside the instruction that say when it is about.
+        native_id: the record's id in its source; ``None`` if it has none.
+        website: as in the record, a bare host or a URL; ``None`` if it has none.
+        website_from: origin of ``website``, if there is one.
+        dates: texts other than the instruction with the dates that the task is about.
     """
 
     instruction: str
@@ -119,15 +120,15 @@ class Source:
 
     Attributes:
         name: as in ids and on the command line.
-        paper_tasks, paper_websites: as the paper's Table 1 counts them.
-        licence: of the data, where its publisher states one.
-        instruction: names of the field that holds the instruction; a record is known by it.
-        draft: what a record says.
-        marks: sets of fields that tell its records: what has all of one is its record, unless it has all of a
-            larger one of another source.
-        timeless: its questions are about the past and their answers do not change, so that none is dated.
-        synthetic: the tasks were made by a model, so that near-duplicates are to be expected (paper §3).
-        beside: patterns of files that belong to the tasks' file and hold no tasks themselves.
+        paper_tasks, paper_websites: counts in the paper's Table 1.
+        licence: of the data, if its publisher states one.
+        instruction: possible names of the field with the instruction, which every record has.
+        draft: reads a record.
+        marks: sets of fields that identify its records: a record with all fields of a set is of this source,
+            unless it has all fields of a larger set of another source.
+        timeless: the questions are about the past and their answers do not change, so no task is dated.
+        synthetic: the tasks were written by a model, so near-duplicates are expected (paper §3).
+        beside: patterns of companion files, which have no tasks themselves.
     """
 
     name: str
@@ -144,14 +145,14 @@ class Source:
 
 @dataclass(frozen=True)
 class Read:
-    """What a source held. ``records == len(tasks) + len(skipped)``, always.
+    """The contents of a source. ``records == len(tasks) + len(skipped)``, always.
 
     Attributes:
         name: of the source.
         tasks: in the order of the files.
-        skipped: the records that gave no task, and why.
-        records: how many there were.
-        passed_over: files of a folder that hold no tasks, and companions that could not be read.
+        skipped: records that gave no task, and why.
+        records: number of records.
+        passed_over: files of a folder without tasks, and companions that could not be read.
     """
 
     name: str
@@ -161,19 +162,19 @@ class Read:
     passed_over: tuple[PassedOver, ...] = ()
 
     def flags(self) -> Counter[str]:
-        """How many tasks carry each flag."""
+        """Number of tasks with each flag."""
         return Counter(flag for task in self.tasks for flag in task.flags)
 
     def websites(self) -> int:
-        """How many websites there are, by registrable domain; those to be inferred do not count."""
+        """Number of websites by registrable domain, without those still to be inferred."""
         return len(sites(self.tasks))
 
     def websites_from(self) -> Counter[WebsiteFrom]:
-        """How many tasks have their website from where."""
+        """Number of tasks by the origin of their website."""
         return Counter(task.website_from for task in self.tasks)
 
 
 def sites(tasks: Iterable[SourceTask]) -> set[str]:
-    """The websites of tasks, as :func:`webgym.core.websites.site_of` names them."""
+    """The registrable domains of the tasks' websites."""
     urls = {task.website for task in tasks}
     return {site_of(url) for url in urls if url is not None}

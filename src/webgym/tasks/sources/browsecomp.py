@@ -1,7 +1,7 @@
-"""BrowseComp: short answers that are hard to find. Published encrypted, so that no crawler reads them.
+"""BrowseComp: short answers that are hard to find. Published encrypted, to keep them out of crawls.
 
-Every task carries :data:`~webgym.tasks.sources.base.ENCRYPTED_SOURCE`: whoever writes tasks to a file leaves
-these out unless the user asks for them by name. No message quotes them.
+Every task has the flag :data:`~webgym.tasks.sources.base.ENCRYPTED_SOURCE`: it is not written to a file
+unless the user requests the source by name. No message quotes the tasks.
 """
 
 from __future__ import annotations
@@ -25,19 +25,21 @@ _PLACES: dict[str, Place] = {
     "sports": subdomain("Sports & Fitness"),
     "science & technology": subdomain("Technology & Science"),
 }
-"""By ``problem_topic``. Its others (art, geography, history, politics, other) have no one place."""
+"""Taxonomy by ``problem_topic``. The other topics (art, geography, history, ...) match no single
+subdomain."""
 
 
 def decrypt(cipher: str, canary: str) -> str:
-    """The plain text of a field: XOR with the canary's SHA-256, repeated.
+    """Decrypt a field: XOR with the SHA-256 of the canary, repeated.
 
     Raises:
-        Unusable: it does not decrypt; the canary is another row's, or the field is damaged or plain.
+        Unusable: it cannot be decrypted: the canary is of another row, or the field is damaged or not
+            encrypted.
     """
     try:
         data = base64.b64decode("".join(cipher.split()), validate=True)
     except (binascii.Error, ValueError) as error:
-        raise Unusable("it is not encrypted as BrowseComp is, for it is no base64") from error
+        raise Unusable("it is not encrypted as in BrowseComp: it is not base64") from error
     digest = hashlib.sha256(canary.encode()).digest()
     key = digest * (len(data) // len(digest) + 1)
     try:
@@ -51,7 +53,7 @@ def decrypt(cipher: str, canary: str) -> str:
 
 def _draft(fields: Fields, _: Companions) -> Draft:
     cipher = fields.instruction(*_INSTRUCTION)
-    # Not stripped: the key is the hash of exactly these characters.
+    # Not stripped: the key is the hash of all these characters.
     canary = fields.value("canary")
     if not isinstance(canary, str):
         raise Unusable("no 'canary' to decrypt with")

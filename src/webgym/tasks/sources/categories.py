@@ -1,4 +1,4 @@
-"""From a source's own category to the taxonomy, where it leaves no doubt."""
+"""Maps a source's own categories to the taxonomy, where they are unambiguous."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from typing import Final, TypeAlias
 from webgym.tasks.taxonomy import DOMAIN_OF
 
 Place: TypeAlias = tuple[str, str]
-"""Domain and subdomain; empty where they have to be inferred."""
+"""Domain and subdomain; empty if they have to be inferred."""
 
 UNKNOWN: Final[Place] = ("", "")
 
 
 def subdomain(name: str) -> Place:
-    """A subdomain of the taxonomy with its domain."""
+    """A subdomain of the taxonomy, with its domain."""
     return DOMAIN_OF[name], name
 
 
 def named(*names: object) -> Place:
-    """The subdomain that one of a record's own words names, however it is spelled; else unknown.
+    """The subdomain that one of a record's own categories names, ignoring case and punctuation; else unknown.
 
-    A domain alone is not enough: whoever infers the subdomain infers both.
+    A domain alone is not used, because a model infers both or none.
 
     Args:
-        names: the record's subdomain, domain or category, the most telling first.
+        names: the record's subdomain, domain or category, the most specific first.
     """
     for name in names:
         if isinstance(name, str) and (place := _places().get(_folded(name))):

@@ -1,4 +1,4 @@
-"""Files that belong to a file of tasks: answers, rubric trees."""
+"""Companion files of a file of tasks: answers, rubric trees."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ T = TypeVar("T")
 
 
 class Companions:
-    """The companions of a file of tasks, in its folder. Each is read once.
+    """Reads the companion files in the folder of a file of tasks, each once.
 
     Args:
-        folder: of the tasks' file; ``None`` where there is none (the hub).
+        folder: of the tasks' file; ``None`` if there is none (a data set of the hub).
 
     Attributes:
         broken: companions that could not be read.
@@ -29,10 +29,11 @@ class Companions:
         self.broken: list[PassedOver] = []
 
     def load(self, name: str, build: Callable[[object], T]) -> T | None:
-        """What ``build`` makes of a companion's JSON; ``None`` if there is no such file, or it is broken.
+        """The result of ``build`` for a companion's JSON; ``None`` if there is no such file, or it is broken.
 
         Args:
-            name: of the file, relative to the folder. The folder is never left.
+            name: of the file, relative to the folder; paths outside of the folder are not read.
+            build: converts the decoded JSON; may raise ValueError.
         """
         if name not in self._loaded:
             self._loaded[name] = self._read(name, build)
@@ -47,7 +48,7 @@ class Companions:
         except OSError as error:
             self.broken.append(PassedOver(str(path), f"cannot be read: {error.strerror}"))
         except (ValueError, RecursionError) as error:
-            self.broken.append(PassedOver(str(path), f"is no companion of the tasks: {error}"))
+            self.broken.append(PassedOver(str(path), f"is not a companion file of the tasks: {error}"))
         return None
 
     def _find(self, name: str) -> Path | None:
@@ -59,6 +60,6 @@ class Companions:
             try:
                 if path.is_file():
                     return path
-            except OSError:  # a name that is too long for a file
+            except OSError:  # the file name is too long
                 return None
         return None

@@ -1,7 +1,7 @@
-"""Rows of a CSV text, with fields of any length and broken rows set apart.
+"""A reader of CSV text that accepts fields of any length and recovers from broken rows.
 
-The standard library's reader has one limit on the length of a field for the whole process, and a quote that
-is never closed costs it the rest of the file. This one reads RFC 4180 as most programs write it.
+The standard library's reader has a process-wide limit on the length of a field, and after a quote that is
+never closed it loses the rest of the file. This one reads RFC 4180 as most programs write it.
 """
 
 from __future__ import annotations
@@ -18,41 +18,41 @@ Line: TypeAlias = tuple[int, str]
 
 
 def csv_rows(lines: Iterator[Line]) -> Iterator[tuple[str, dict[str, str] | str]]:
-    """The rows of a CSV text by the names in its first row, or, for a broken row, what is wrong with it.
+    """The rows of a CSV text, as mappings with the names in its first row as keys.
 
     Args:
-        lines: numbers and texts, without line ends. A line end inside a quoted field becomes ``\\n``.
+        lines: line numbers and texts, without line ends. A line end inside a quoted field becomes ``\\n``.
 
     Yields:
-        A place (``"line 7"``), and the row or a reason. After a quote that is never closed, everything up to
-        the next whole row is one broken record (``"lines 7-12"``).
+        A position (``"line 7"``), and the row or, for a broken row, what is wrong with it. After a quote that
+        is never closed, everything up to the next complete row is one broken record (``"lines 7-12"``).
     """
     reader = _Reader(lines)
     header = reader.header()
-    torn: tuple[int, int] | None = None
+    broken: tuple[int, int] | None = None
     while (number := reader.next_number()) is not None:
         cells = reader.row()
         if cells is not None and len(cells) == len(header):
-            if torn:
-                yield _torn(torn)
-                torn = None
+            if broken:
+                yield _broken_row(broken)
+                broken = None
             yield f"line {number}", dict(zip(header, cells, strict=True))
-        elif cells is None or torn:
-            torn = (torn[0] if torn else number, number)
+        elif cells is None or broken:
+            broken = (broken[0] if broken else number, number)
         else:
             yield f"line {number}", f"{len(cells)} columns where the header has {len(header)}"
-    if torn:
-        yield _torn(torn)
+    if broken:
+        yield _broken_row(broken)
 
 
-def _torn(lines: tuple[int, int]) -> tuple[str, str]:
+def _broken_row(lines: tuple[int, int]) -> tuple[str, str]:
     first, last = lines
     place = f"line {first}" if first == last else f"lines {first}-{last}"
     return place, "a quote is never closed, or text follows a closing one"
 
 
 class _Reader:
-    """Rows from lines; a row with line ends in its quoted fields takes several."""
+    """Reads rows from lines; a row with line ends in its quoted fields takes several lines."""
 
     def __init__(self, lines: Iterator[Line]) -> None:
         self._lines = lines
@@ -80,8 +80,8 @@ class _Reader:
         return None
 
     def row(self) -> list[str] | None:
-        """The cells of the row that starts at the next line; ``None``, and that line alone is used up, if it
-        is torn."""
+        """The cells of the row that starts at the next line; ``None`` if it is broken, of which one line is
+        consumed."""
         taken = [self._ahead.popleft()]
         open_quote = taken[0][1].count('"') % 2 == 1
         while open_quote:
@@ -95,16 +95,16 @@ class _Reader:
             if cells is not None:
                 return cells
         self._ahead.extendleft(reversed(taken[1:]))
-        return self._cells(taken[0][1])  # a lone quote inside an unquoted field does no harm
+        return self._cells(taken[0][1])  # a single quote inside an unquoted field is valid
 
     def _cells(self, text: str) -> list[str] | None:
         cells, at = [], 0
-        while found := self._cell.match(text, at):
-            quoted, bare = found.groups()
+        while match := self._cell.match(text, at):
+            quoted, bare = match.groups()
             cells.append(bare if quoted is None else quoted.replace('""', '"'))
-            if found.end() == len(text):
+            if match.end() == len(text):
                 return cells
-            at = found.end() + 1
+            at = match.end() + 1
         return None
 
 

@@ -1,7 +1,7 @@
-"""Whether a text names a date that has passed (SOURCES.md, pitfall 6).
+"""Whether a text contains a date that has passed (SOURCES.md, pitfall 6).
 
-A year counts if it is before the reference date's; within that year, a day or a month does. Numbers that are
-prices, amounts or measures are no years.
+A year has passed if it is before that of the reference date; within that year, a month or a day may have.
+Numbers that are prices, amounts or measures do not count as years.
 """
 
 from __future__ import annotations
@@ -35,40 +35,40 @@ _WRITTEN = re.compile(
 )
 
 
-def names_past(text: str, today: date) -> bool:
-    """Whether the text names a day, a month or a year that is over on ``today``."""
+def contains_past_date(text: str, today: date) -> bool:
+    """Whether the text contains a day, a month or a year that ended before ``today``."""
     if "19" not in text and "20" not in text:
         return False
     return (
-        any(int(found["year"]) < today.year for found in _YEAR.finditer(text))
-        or any(_numeric_is_past(found, today) for found in _NUMERIC.finditer(text))
-        or any(_written_is_past(found, today) for found in _WRITTEN.finditer(text))
+        any(int(match["year"]) < today.year for match in _YEAR.finditer(text))
+        or any(_numeric_is_past(match, today) for match in _NUMERIC.finditer(text))
+        or any(_written_is_past(match, today) for match in _WRITTEN.finditer(text))
     )
 
 
 def years(text: str) -> set[int]:
-    """The years that the text names, alone or in a date."""
+    """The years in the text, alone or in a date."""
     return {
-        *(int(found["year"]) for found in _YEAR.finditer(text)),
-        *(int(found[1] or found[8]) for found in _NUMERIC.finditer(text)),
-        *(int(found["year"]) for found in _WRITTEN.finditer(text)),
+        *(int(match["year"]) for match in _YEAR.finditer(text)),
+        *(int(match[1] or match[8]) for match in _NUMERIC.finditer(text)),
+        *(int(match["year"]) for match in _WRITTEN.finditer(text)),
     }
 
 
-def _numeric_is_past(found: re.Match[str], today: date) -> bool:
-    if found[1]:
-        return _is_past(int(found[1]), int(found[3]), int(found[4]), today)
-    first, second, year = int(found[5]), int(found[7]), int(found[8])
-    # Day or month first: past only if it is so either way.
-    ways = [_last_day(year, month, day) for month, day in ((first, second), (second, first))]
-    days = [day for day in ways if day is not None]
+def _numeric_is_past(match: re.Match[str], today: date) -> bool:
+    if match[1]:
+        return _is_past(int(match[1]), int(match[3]), int(match[4]), today)
+    first, second, year = int(match[5]), int(match[7]), int(match[8])
+    # Day first or month first: it has passed only if it has in both readings.
+    readings = [_last_day(year, month, day) for month, day in ((first, second), (second, first))]
+    days = [day for day in readings if day is not None]
     return bool(days) and max(days) < today
 
 
-def _written_is_past(found: re.Match[str], today: date) -> bool:
-    month = _MONTHS.index(found["month"][:3].casefold()) + 1
-    day = found["day"] or found["after"]
-    return _is_past(int(found["year"]), month, int(day) if day else None, today)
+def _written_is_past(match: re.Match[str], today: date) -> bool:
+    month = _MONTHS.index(match["month"][:3].casefold()) + 1
+    day = match["day"] or match["after"]
+    return _is_past(int(match["year"]), month, int(day) if day else None, today)
 
 
 def _is_past(year: int, month: int, day: int | None, today: date) -> bool:

@@ -1,4 +1,5 @@
-"""DeepShop: shopping on Amazon. Attribute, filter and sort say what to look for; some of them are garbled."""
+"""DeepShop: shopping on Amazon. ``attribute``, ``filter`` and ``sort`` are hints; some of them are
+garbled."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ from webgym.tasks.sources.companions import Companions
 from webgym.tasks.sources.fields import Fields, texts
 
 _INSTRUCTION = ("ques", "question", "task")
-_TWICE = re.compile(r"\b(\w{2,})\s+\1\b", re.IGNORECASE)
+_REPEATED_WORD = re.compile(r"\b(\w{2,})\s+\1\b", re.IGNORECASE)
 
 
 def _draft(fields: Fields, _: Companions) -> Draft:
@@ -23,24 +24,24 @@ def _draft(fields: Fields, _: Companions) -> Draft:
         value = fields.value(name)
         if value is None:
             continue
-        if mended := [text for each in texts(value) if (text := _mended(each))]:
-            hints += (f"{name}: {text}" for text in mended)
+        if cleaned := [clean for text in texts(value) if (clean := _clean(text))]:
+            hints += (f"{name}: {text}" for text in cleaned)
         else:
             draft.flags.append(GARBLED)
     draft.hints = tuple(hints)
     return draft
 
 
-def _mended(text: str) -> str | None:
-    """The text without the marks of bold type; ``None`` if two texts were mixed up in it.
+def _clean(text: str) -> str | None:
+    """The text without Markdown for bold type; ``None`` if it is garbled.
 
-    Where values were garbled, fragments of two stand in each other with their marks: an odd number of marks,
-    marks in the middle, or words said twice.
+    A garbled value is a mixture of two texts, with an odd number of ``**``, ``**`` in the middle, or repeated
+    words.
     """
     marks = text.count("**")
     if not marks:
         return text.strip()
-    if marks != 2 or not text.lstrip().startswith("**") or _TWICE.search(text):
+    if marks != 2 or not text.lstrip().startswith("**") or _REPEATED_WORD.search(text):
         return None
     return text.replace("**", "").strip()
 

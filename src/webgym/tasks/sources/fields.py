@@ -1,4 +1,4 @@
-"""The fields of a record, in every spelling and encoding that copies of the source use."""
+"""The fields of a record, in the spellings and encodings that copies of a source use."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from webgym.core.websites import host_of
 from webgym.tasks.missing_values import is_missing_value
 from webgym.tasks.sources.problems import Unusable
 
-_DEEPEST_LITERAL = 1_000_000
-"""Characters of a Python literal that are looked at; the values we read are far shorter."""
+_LONGEST_LITERAL = 1_000_000
+"""Most characters of a Python literal that is parsed; the values read here are far shorter."""
 
 
 @lru_cache(maxsize=4096)
@@ -22,14 +22,16 @@ def _folded(name: str) -> str:
 
 
 class Fields:
-    """A record's values by name, where case, spaces and punctuation of the names do not count.
+    """A record's values by name, ignoring case, spaces and punctuation of the names.
 
-    So ``"Final answer"``, ``"final_answer"`` and ``"FinalAnswer"`` are one field. The order of columns
-    and columns that nobody asks for do not matter.
+    ``"Final answer"``, ``"final_answer"`` and ``"FinalAnswer"`` are the same field.
+
+    Methods with several names return the first of these fields that exists and is not missing
+    (:func:`webgym.tasks.missing_values.is_missing_value`).
 
     Attributes:
         record: as it was read.
-        key: what the record stands under, where its file is a mapping.
+        key: key of the record, if its file is a mapping.
     """
 
     __slots__ = ("_values", "key", "record")
@@ -47,69 +49,69 @@ class Fields:
         return self._values.keys()
 
     def value(self, *names: str) -> object:
-        """The first of these fields that is there and not absent; ``None`` if there is none."""
+        """The value of a field; ``None`` if there is none."""
         for name in names:
-            found = self._values.get(_folded(name))
-            if not is_missing_value(found):
-                return found
+            value = self._values.get(_folded(name))
+            if not is_missing_value(value):
+                return value
         return None
 
     def text(self, *names: str) -> str | None:
-        """The first of these fields that is there, as text without surrounding white space.
+        """A field as text without surrounding white space; ``None`` if there is none.
 
         Raises:
-            Unusable: it is no text, or its encoding is broken.
+            Unusable: it is not a text, or its encoding is broken.
         """
-        found = self.value(*names)
-        return None if found is None else as_text(found, names[0])
+        value = self.value(*names)
+        return None if value is None else as_text(value, names[0])
 
     def website(self, *names: str) -> str | None:
-        """The first of these fields that is there, as it names a website, or several in a row."""
+        """A field with a website, or with several, joined by spaces; ``None`` if there is none."""
         return " ".join(texts(self.value(*names))) or None
 
     def instruction(self, *names: str) -> str:
-        """The field that says what to do.
+        """The field with the instruction.
 
         Raises:
-            Unusable: there is none, or it is no text.
+            Unusable: there is none, or it is not a text.
         """
-        found = self.value(*names)
-        if found is None:
+        value = self.value(*names)
+        if value is None:
             known = any(name in self for name in names)
             raise Unusable(f"{names[0]!r} is empty" if known else f"no field {' or '.join(map(repr, names))}")
-        if not isinstance(found, (str, bytes)):
-            raise Unusable(f"{names[0]!r} is {kind(found)}, not a text")
-        return as_text(found, names[0])
+        if not isinstance(value, (str, bytes)):
+            raise Unusable(f"{names[0]!r} is {kind(value)}, not a text")
+        return as_text(value, names[0])
 
     def answer(self, *names: str) -> str | None:
-        """The first of these fields that is there, as an answer: a word such as "none" may well be one."""
+        """A field as an answer; words such as "none" count as answers. ``None`` if there is none."""
         for name in names:
-            found = self._values.get(_folded(name))
-            if found is not None and found != "" and not (isinstance(found, float) and math.isnan(found)):
-                return as_text(found, name) or None
+            value = self._values.get(_folded(name))
+            if value is not None and value != "" and not (isinstance(value, float) and math.isnan(value)):
+                return as_text(value, name) or None
         return None
 
     def packed(self, *names: str) -> object:
-        """The first of these fields that is there, unpacked if it is JSON or a Python literal in a string.
+        """A field, parsed if it is a string of JSON or a Python literal.
 
         Raises:
             Unusable: the string is neither.
         """
-        found = self.value(*names)
-        return unpacked(found, names[0]) if isinstance(found, (str, bytes)) else found
+        value = self.value(*names)
+        return unpacked(value, names[0]) if isinstance(value, (str, bytes)) else value
 
     def native_id(self, *names: str) -> str | None:
-        """The record's own id: the first of these fields that is there, else the key it stands under."""
-        found = self.value(*names)
-        if isinstance(found, float) and found.is_integer():
-            found = int(found)
-        if found is None or isinstance(found, bool) or not isinstance(found, (str, int, float)):
+        """The record's own id: a field, else the record's key in its file."""
+        value = self.value(*names)
+        if isinstance(value, float) and value.is_integer():
+            value = int(value)
+        if value is None or isinstance(value, bool) or not isinstance(value, (str, int, float)):
             return self.key
-        return as_text(found, names[0])
+        return as_text(value, names[0])
 
 
 def kind(value: object) -> str:
-    """What a value is, in words of JSON."""
+    """The JSON type of a value, in words."""
     if value is None:
         return "null"
     if isinstance(value, bool):
@@ -138,25 +140,25 @@ def as_text(value: object, name: str) -> str:
         try:
             text.encode()
         except UnicodeEncodeError as error:
-            raise Unusable(f"{name!r} is not UTF-8, or holds half a character") from error
+            raise Unusable(f"{name!r} is not valid Unicode") from error
     return text
 
 
 def texts(value: object) -> tuple[str, ...]:
-    """The texts in a list, or a text by itself, without absent ones. Whatever else is in it is left out."""
+    """The texts and numbers in a list, or a single one, as text, without missing values and other types."""
     values = value if isinstance(value, (list, tuple)) else [value]
-    found = []
-    for each in values:
-        if not is_missing_value(each) and isinstance(each, (str, int, float)) and not isinstance(each, bool):
+    result = []
+    for item in values:
+        if not is_missing_value(item) and isinstance(item, (str, int, float)) and not isinstance(item, bool):
             try:
-                found.append(as_text(each, "it"))
+                result.append(as_text(item, "it"))
             except Unusable:
-                continue  # a scrap with a broken encoding; nothing of ours depends on it
-    return tuple(found)
+                continue  # a hint with a broken encoding
+    return tuple(result)
 
 
 def unpacked(packed: str | bytes, name: str) -> object:
-    """What a string of JSON or a Python literal holds.
+    """The value of a string of JSON or a Python literal.
 
     Raises:
         Unusable: it is neither.
@@ -166,8 +168,8 @@ def unpacked(packed: str | bytes, name: str) -> object:
         return json.loads(text)
     except (ValueError, RecursionError):
         pass
-    if len(text) > _DEEPEST_LITERAL:
-        raise Unusable(f"{name!r} is longer than {_DEEPEST_LITERAL} characters")
+    if len(text) > _LONGEST_LITERAL:
+        raise Unusable(f"{name!r} is longer than {_LONGEST_LITERAL} characters")
     try:
         return ast.literal_eval(text)
     except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError) as error:
@@ -176,9 +178,9 @@ def unpacked(packed: str | bytes, name: str) -> object:
 
 @lru_cache(maxsize=4096)
 def website_url(given: str) -> str | None:
-    """The URL that a bare host or a URL stands for; ``None`` if it does not name a website.
+    """The URL of a website given as a bare host or a URL; ``None`` if it is neither.
 
-    A bare host is taken to speak https. A URL stays as it is.
+    A bare host gets the scheme https. A URL is kept.
     """
     url = given.strip().strip("<>").strip()
     scheme, separator, _ = url.partition("://")
@@ -186,7 +188,7 @@ def website_url(given: str) -> str | None:
         return None
     if not separator:
         if "@" in url.partition("/")[0]:
-            return None  # a mail address
+            return None  # an e-mail address
         url = f"https://{url.removeprefix('//')}"
     try:
         host = host_of(url)

@@ -1,4 +1,4 @@
-"""GAIA's web tasks: short exact answers. The website of every record is a search engine's, a placeholder."""
+"""GAIA's web tasks: short exact answers. The website of every record is a search engine, as a placeholder."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from webgym.tasks.sources.fields import Fields, website_url
 _INSTRUCTION = ("ques", "Question", "task")
 _PLACEHOLDER = "google.com"
 _WITHHELD = "?"
-"""The answer of a task of GAIA's test set."""
+"""The answer field of tasks in GAIA's test set, whose answers are not published."""
 
 
 def _draft(fields: Fields, _: Companions) -> Draft:

@@ -1,4 +1,4 @@
-"""Records straight from the Hugging Face hub, through the optional library ``datasets``."""
+"""Records from the Hugging Face hub, through the optional library ``datasets``."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from webgym.tasks.sources.fields import Fields
 from webgym.tasks.sources.reading import Found, Record
 
 HUB = "hub:"
-"""How a place on the hub begins: ``hub:<datasets id>[:[<configuration>/]<split>]``."""
+"""Prefix of a data set on the hub: ``hub:<datasets id>[:[<configuration>/]<split>]``."""
 
 
 def hub_records(where: str) -> Iterator[Found]:
-    """The rows of a dataset's split, or of all its splits.
+    """The rows of a data set's split, or of all its splits.
 
     Raises:
-        ConfigError: the library is missing, or cannot give the dataset.
+        ConfigError: the library is not installed, or cannot load the data set.
     """
     name, _, part = where.removeprefix(HUB).partition(":")
     configuration, _, split = part.rpartition("/")
@@ -37,14 +37,14 @@ def _load(name: str, configuration: str | None, split: str | None) -> Any:
         ) from error
     if not name:
         raise ConfigError(
-            f"{HUB!r} names no dataset", hint="give hub:<datasets id>[:[<configuration>/]<split>]"
+            f"{HUB!r} needs the id of a data set", hint="give hub:<datasets id>[:[<configuration>/]<split>]"
         )
     try:
         return datasets.load_dataset(name, configuration, split=split)
-    except Exception as error:  # whatever it is, of the network's, the hub's or the library's
+    except Exception as error:  # of the network, the hub or the library
         reason = str(error).strip().partition("\n")[0] or type(error).__name__
         raise ConfigError(
-            f"the hub gives no dataset {name!r}: {reason}",
+            f"the data set {name!r} cannot be loaded from the hub: {reason}",
             hint="check name and network, for gated data `hf auth login`; or give a downloaded folder",
         ) from error
 
@@ -55,5 +55,5 @@ def _rows(name: str, table: Any) -> Iterator[Found]:
         for value in table:
             row += 1
             yield Record(name, f"row {row}", Fields(value))
-    except (OSError, ValueError) as error:  # pyarrow's errors are one or the other
+    except (OSError, ValueError) as error:  # pyarrow's errors are subclasses of these
         yield Skipped(name, f"after row {row}", f"the rest cannot be read: {error}")

@@ -1,4 +1,4 @@
-"""From a source's files, folder or dataset to its tasks: every record becomes a task or is counted."""
+"""Reads a source's files, folder or data set: every record becomes a task or is counted as skipped."""
 
 from __future__ import annotations
 
@@ -16,27 +16,32 @@ from webgym.core.errors import TaskFileError
 from webgym.core.task import WebsiteFrom
 from webgym.tasks.sources.base import BAD_WEBSITE, CHATS, DATED, Draft, Read, Skipped, Source, SourceTask
 from webgym.tasks.sources.companions import Companions
-from webgym.tasks.sources.dates import names_past
+from webgym.tasks.sources.dates import contains_past_date
 from webgym.tasks.sources.fields import Fields, website_url
 from webgym.tasks.sources.hub import HUB, hub_records
 from webgym.tasks.sources.problems import PassedOver, Unusable
 from webgym.tasks.sources.reading import COMPRESSIONS, REFUSED, SUFFIXES, Found, read_records
 
 _HASH_DIGITS = 12
-"""Hexadecimal: two of 300,000 tasks get the same with a chance of 1 in 6,000, and then one is renamed."""
+"""Hexadecimal digits of ids made from a hash. Two of 300,000 tasks have the same with a probability of 1 in
+6,000; one of them is then renamed."""
 _LONGEST_ID = 200
-"""Characters of a native id; a longer one is none."""
+"""Most characters of a native id; a longer one is not used."""
 _DATA = frozenset({*SUFFIXES, *COMPRESSIONS, *REFUSED})
-"""Suffixes of files that may hold tasks, those included that are not read, so that they are told."""
+"""Suffixes of files that may contain tasks, including those that cannot be read, so that they are
+reported."""
 
 
 def read_with(source: Source, where: str | Path, today: date, known: Sequence[Source]) -> Read:
     """Read a source: see :func:`webgym.tasks.sources.read_source`.
 
     Args:
-        known: every source, so that records of another are told from this one's.
+        source: the source.
+        where: a file, a folder or a data set of the hub.
+        today: tasks about earlier dates are flagged as dated.
+        known: all sources, for recognising records of another one.
     """
-    collected = _Collected(source, today, known)
+    collected = _TaskCollector(source, today, known)
     if str(where).startswith(HUB):
         collected.add(hub_records(str(where)), Companions(None))
     else:
@@ -44,21 +49,21 @@ def read_with(source: Source, where: str | Path, today: date, known: Sequence[So
         if path.is_dir():
             collected.add_folder(path)
         else:
-            beside = Companions(path.parent)
-            collected.add(read_records(path, collected.is_record), beside)
-            collected.passed_over += beside.broken
+            companions = Companions(path.parent)
+            collected.add(read_records(path, collected.is_record), companions)
+            collected.passed_over += companions.broken
     read = collected.read()
     if not read.records:
         passed = f"; {read.passed_over[0]}" if read.passed_over else ""
         raise TaskFileError(
-            f"{where} holds no record of {source.name}{passed}",
+            f"{where} contains no record of {source.name}{passed}",
             hint=f"a record of it has a field {' or '.join(map(repr, source.instruction))}",
         )
     return read
 
 
-class _Collected:
-    """The tasks of a source as they come in, each with an id of its own."""
+class _TaskCollector:
+    """Collects the tasks of a source and gives them unique ids."""
 
     def __init__(self, source: Source, today: date, known: Sequence[Source]) -> None:
         self._source = source
@@ -67,7 +72,7 @@ class _Collected:
         self._places: dict[str, str] = {}
         self._tasks: dict[str, SourceTask] = {}
         self._skipped: list[Skipped] = []
-        self._known = 0  # records of this source, those included that were there already
+        self._known = 0  # records of this source, including repeated ones
         self.passed_over: list[PassedOver] = []
 
     def read(self) -> Read:
@@ -76,10 +81,10 @@ class _Collected:
         return Read(self._source.name, tasks, self._skipped, records, tuple(self.passed_over))
 
     def _refuse_anothers(self, fields: Fields) -> None:
-        """A folder may hold several benchmarks, and many call their instruction alike.
+        """Refuse records of other sources: a folder may contain several, often with the same name of a field.
 
         Raises:
-            Unusable: the record is marked as another source's more than as this one's.
+            Unusable: the record has more identifying fields of another source than of this one.
         """
         own = _marked(self._source, fields)
         for other in self._others:
@@ -87,7 +92,7 @@ class _Collected:
                 raise Unusable(f"a record of {other.name}, not of {self._source.name}")
 
     def is_record(self, fields: Fields) -> bool:
-        """Whether an object by itself is a record."""
+        """Whether an object is a record of the source."""
         return any(
             isinstance(value, str) or (name in CHATS and isinstance(value, list))
             for name in self._source.instruction
@@ -95,24 +100,25 @@ class _Collected:
         )
 
     def add_folder(self, folder: Path) -> None:
-        """Every file of tasks in a folder and those in it. A file that gives no task is passed over whole."""
+        """Read all files of tasks in a folder and its subfolders. A file without tasks is listed as passed
+        over."""
         for path in _files(folder):
             if any(fnmatch(path.name, pattern) for pattern in self._source.beside):
-                self.passed_over.append(PassedOver(str(path), "belongs to the tasks beside it"))
+                self.passed_over.append(PassedOver(str(path), "is a companion file of the tasks"))
                 continue
-            beside = Companions(path.parent)
+            companions = Companions(path.parent)
             known, skipped = self._known, len(self._skipped)
             try:
-                self.add(read_records(path, self.is_record), beside)
+                self.add(read_records(path, self.is_record), companions)
             except TaskFileError as error:
                 self.passed_over.append(PassedOver(str(path), error.message))
             else:
                 if self._known == known:
                     self._pass_over(path, skipped)
-            self.passed_over += beside.broken
+            self.passed_over += companions.broken
 
     def _pass_over(self, path: Path, first: int) -> None:
-        """Count a file in which no record is of this source as one."""
+        """List a file without a record of this source once, instead of all its records."""
         skipped = self._skipped[first:]
         del self._skipped[first:]
         reason = "it is empty"
@@ -120,35 +126,36 @@ class _Collected:
             reason = f"no record of {self._source.name} among {len(skipped)}; the first: {skipped[0].reason}"
         self.passed_over.append(PassedOver(str(path), reason))
 
-    def add(self, records: Iterable[Found], beside: Companions) -> None:
-        """Every record: a task, or why there is none."""
+    def add(self, records: Iterable[Found], companions: Companions) -> None:
+        """Add records: their tasks, or why they give none."""
         for record in records:
             if isinstance(record, Skipped):
                 self._skipped.append(record)
                 continue
             try:
                 self._refuse_anothers(record.fields)
-                draft = self._source.draft(record.fields, beside)
+                draft = self._source.draft(record.fields, companions)
                 task = _task(self._source, draft, self._today)
                 self._known += 1
-                task = self._told_apart(task)
+                task = self._with_unique_id(task)
             except Unusable as reason:
                 self._skipped.append(Skipped(record.file, record.place, str(reason)))
             else:
                 self._tasks[task.id] = task
                 self._places[task.id] = f"{record.file}, {record.place}"
 
-    def _told_apart(self, task: SourceTask) -> SourceTask:
-        """The task with an id that no other has.
+    def _with_unique_id(self, task: SourceTask) -> SourceTask:
+        """The task with a unique id.
 
         Raises:
-            Unusable: it is there already, with the same id.
+            Unusable: the same task was added before.
         """
         known = self._tasks.get(task.id)
         if known is not None:
             if _content(known) == _content(task):
                 raise Unusable(f"the same record as {self._places[task.id]}")
-            # Some sets begin to count anew in every file; which is the first must not matter for the others.
+            # Some sources number the tasks of every file from 1. The hash keeps ids independent of the files'
+            # order.
             task = replace(task, id=f"{task.id}~{_digest(task)}")
             if task.id in self._tasks:
                 raise Unusable(f"the same record as {self._places[task.id]}")
@@ -156,7 +163,7 @@ class _Collected:
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    """The files of a folder and those in it that hold data, in the order of their names."""
+    """The data files of a folder and its subfolders, sorted by path."""
     for path in sorted(folder.rglob("*")):
         hidden = any(part.startswith((".", "__")) for part in path.relative_to(folder).parts)
         if not hidden and path.suffix.lower() in _DATA and path.is_file():
@@ -164,18 +171,24 @@ def _files(folder: Path) -> Iterator[Path]:
 
 
 def _marked(source: Source, fields: Fields) -> int:
-    """How many fields mark a record as a source's; 0 for none."""
+    """The number of fields that identify a record as of this source; 0 if they do not."""
     return max((len(names) for names in source.marks if all(name in fields for name in names)), default=0)
 
 
 def _task(source: Source, draft: Draft, today: date) -> SourceTask:
-    """A checked task. Its id is the native one, else a hash of what it says: not of its place, so that it is
-    the same in another split, order or format of the source."""
+    """The task of a draft. Its id is the native one, else a hash of its contents, so that it does not depend
+    on the split, order or format of the source's files.
+
+    Raises:
+        Unusable: a field is not valid Unicode or JSON.
+    """
     flags = list(draft.flags)
     url, website_from = _website(draft)
     if draft.website and url is None:
         flags.append(BAD_WEBSITE)
-    if not source.timeless and any(names_past(text, today) for text in (draft.instruction, *draft.dates)):
+    if not source.timeless and any(
+        contains_past_date(text, today) for text in (draft.instruction, *draft.dates)
+    ):
         flags.append(DATED)
     task = SourceTask(
         id="",
@@ -195,7 +208,7 @@ def _task(source: Source, draft: Draft, today: date) -> SourceTask:
     try:
         msgspec.json.encode(task)
     except (ValueError, TypeError, OverflowError) as error:
-        raise Unusable("a field is not UTF-8, or holds half a character or no JSON") from error
+        raise Unusable("a field is not valid Unicode or JSON") from error
     native = " ".join((draft.native_id or "").split())
     return replace(task, id=f"{source.name}/{native if 0 < len(native) <= _LONGEST_ID else _digest(task)}")
 

@@ -1,4 +1,4 @@
-"""InSTA: tasks that a model proposed for the hosts of a web crawl. v3 has steps and criteria, v1 neither."""
+"""InSTA: tasks that a model proposed for the hosts of a web crawl. v3 has steps and criteria, v1 does not."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _INSTRUCTION = ("instruction", "task")
 
 
 def _draft(fields: Fields, _: Companions) -> Draft:
-    # In v1 the host stands under "domain"; v3 calls it "website".
+    # The field of the host is "domain" in v1 and "website" in v3.
     draft = Draft(fields.instruction(*_INSTRUCTION), fields.native_id("task_id", "id"))
     draft.website = fields.website("website", "domain")
     hints: list[str] = []

@@ -1,4 +1,4 @@
-"""The values of a JSON text, of which some may be broken."""
+"""A reader of JSON text that recovers from broken values."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _DECODER = json.JSONDecoder()
 
 
 class Value(NamedTuple):
-    """A value, where it starts, whether it is an element of something, and the key that it stands under."""
+    """A value, its position, whether it is inside of an array or object, and its key."""
 
     place: str
     value: object
@@ -26,62 +26,63 @@ class Value(NamedTuple):
 
 
 class BrokenValue(NamedTuple):
-    """A value that cannot be read, where it starts, and why."""
+    """A value that cannot be read: its position, and why."""
 
     place: str
     reason: str
 
 
 def json_values(text: str, *, first_line: int = 1) -> Iterator[Value | BrokenValue]:
-    """The elements of the arrays in a text, and the values that stand outside of any.
+    """The elements of the arrays in a text, and the values outside of arrays.
 
-    After a broken element the next one is looked for: an object that starts with the same key as this one or
-    the one before does. Where there is none, the rest of the text is one broken value. Missing and
-    superfluous commas between elements do not matter. An object that is broken somewhere is gone through in
-    the same way if it holds objects, or an array of them.
+    After a broken element, reading continues at the next object that starts with the same key as this one or
+    the one before; if there is none, the rest of the text is one broken value. Missing and superfluous commas
+    between elements are ignored. A broken object that contains objects, or an array of them, is read in the
+    same way.
 
     Args:
-        first_line: number of the first line, for places.
+        text: the JSON text.
+        first_line: number of the first line, for positions.
     """
-    walk = _Walk(text, first_line)
-    while walk.more():
-        start = walk.at
+    cursor = _Cursor(text, first_line)
+    while cursor.more():
+        start = cursor.at
         if text[start] == "[":
-            yield from _elements(walk)
+            yield from _elements(cursor)
             continue
-        found = walk.step(None)
-        if isinstance(found, Value) or walk.more():
-            yield found
+        result = cursor.step(None)
+        if isinstance(result, Value) or cursor.more():
+            yield result
         elif _HOLDS_OBJECTS.match(text, start):
-            walk.at = start
-            yield from _entries(walk)
+            cursor.at = start
+            yield from _entries(cursor)
         elif (array := _HOLDS_ARRAY.search(text, start)) is not None:
             while array is not None:
-                walk.at = array.end() - 1
-                yield from _elements(walk)
-                array = _HOLDS_ARRAY.search(text, walk.at)
-            return  # what stands beside the arrays tells of them
+                cursor.at = array.end() - 1
+                yield from _elements(cursor)
+                array = _HOLDS_ARRAY.search(text, cursor.at)
+            return  # other values next to the arrays describe them
         else:
-            yield found
+            yield result
 
 
-def _elements(walk: _Walk) -> Iterator[Value | BrokenValue]:
-    walk.at += 1
+def _elements(cursor: _Cursor) -> Iterator[Value | BrokenValue]:
+    cursor.at += 1
     index = 0
-    while walk.more() and walk.text[walk.at] != "]":
+    while cursor.more() and cursor.text[cursor.at] != "]":
         index += 1
-        yield walk.step(index)
-    walk.at += 1
+        yield cursor.step(index)
+    cursor.at += 1
 
 
-def _entries(walk: _Walk) -> Iterator[Value | BrokenValue]:
-    walk.at += 1
-    while walk.more() and walk.text[walk.at] != "}":
-        yield walk.entry()
-    walk.at += 1
+def _entries(cursor: _Cursor) -> Iterator[Value | BrokenValue]:
+    cursor.at += 1
+    while cursor.more() and cursor.text[cursor.at] != "}":
+        yield cursor.entry()
+    cursor.at += 1
 
 
-class _Walk:
+class _Cursor:
     def __init__(self, text: str, first_line: int) -> None:
         self.text = text
         self.at = 0
@@ -95,7 +96,7 @@ class _Walk:
         return self.at < len(self.text)
 
     def step(self, index: int | None) -> Value | BrokenValue:
-        """Read the value at ``at``; go to the end of it, or to where the next one may start."""
+        """Read the value at ``at``, and move to its end, or to where the next one may start."""
         start, place = self.at, self._place(index)
         key = _KEY.match(self.text, start)
         self._key = key[1] if key else self._key
@@ -107,7 +108,7 @@ class _Walk:
         return Value(place, value, index is not None)
 
     def entry(self) -> Value | BrokenValue:
-        """Read the key and the value at ``at``; go to the end of them, or to where the next may start."""
+        """Read the key and value at ``at``, and move to their end, or to where the next may start."""
         start, place = self.at, self._place(None)
         try:
             if not (key := _ENTRY.match(self.text, start)):
@@ -121,10 +122,10 @@ class _Walk:
         return Value(f"key {name!r}", value, inside=True, key=str(name))
 
     def _decode(self, start: int) -> tuple[object, int]:
-        """The value at a place, and where it ends.
+        """The value at an index, and the index after it.
 
         Raises:
-            ValueError: there is none; says why.
+            ValueError: there is no valid value.
         """
         try:
             return _DECODER.raw_decode(self.text, start)

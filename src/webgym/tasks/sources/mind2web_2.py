@@ -1,4 +1,4 @@
-"""Mind2Web-2: long searches over many websites, by task id, some with a tree of what is verified."""
+"""Mind2Web-2: long searches over many websites; some tasks have a companion file with a verification tree."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from webgym.tasks.sources.companions import Companions
 from webgym.tasks.sources.fields import Fields, texts
 
 _INSTRUCTION = ("task_description", "confirmed_task", "task", "query")
-_DEEPEST = 64
-"""Levels of a tree that are looked at; the published ones have about six."""
+_MAX_DEPTH = 64
+"""Most levels of a tree that are read; the published ones have about six."""
 
 
-def _draft(fields: Fields, beside: Companions) -> Draft:
+def _draft(fields: Fields, companions: Companions) -> Draft:
     native_id = fields.native_id("task_id", "id")
     draft = Draft(fields.instruction(*_INSTRUCTION), native_id, fields.website("website"))
     draft.domain, draft.subdomain = named(
@@ -22,17 +22,17 @@ def _draft(fields: Fields, beside: Companions) -> Draft:
     )
     path = fields.value("rubric_path")
     if isinstance(path, str):
-        draft.hints = beside.load(path, _leaves) or ()
+        draft.hints = companions.load(path, _leaves) or ()
     elif native_id:
-        draft.hints = beside.load(f"{native_id}_rubric.json", _leaves) or ()
+        draft.hints = companions.load(f"{native_id}_rubric.json", _leaves) or ()
     return draft
 
 
 def _leaves(data: object) -> tuple[str, ...]:
-    """What the leaves of a verification tree say.
+    """The descriptions of the leaves of a verification tree.
 
     Raises:
-        ValueError: there is no tree in it.
+        ValueError: the data have no verification tree.
     """
     breakdown = data.get("eval_breakdown") if isinstance(data, dict) else None
     first = breakdown[0] if isinstance(breakdown, list) and breakdown else data
@@ -45,9 +45,9 @@ def _leaves(data: object) -> tuple[str, ...]:
 def _walk(node: dict[object, object], depth: int) -> Iterator[str]:
     children = node.get("children")
     inner = [child for child in children if isinstance(child, dict)] if isinstance(children, list) else []
-    if depth == _DEEPEST or not inner:
+    if depth == _MAX_DEPTH or not inner:
         word = "must hold" if node.get("critical") is True else "counts"
-        # Older trees say "claim" where newer ones say "desc".
+        # The field is "claim" in older trees, "desc" in newer ones.
         yield from (f"{word}: {text}" for text in texts(node.get("desc") or node.get("claim")))
         return
     for child in inner:

@@ -1,6 +1,6 @@
-"""Mind2Web-Live: tasks with key nodes, which say what a trajectory passes through.
+"""Mind2Web-Live: tasks with key nodes, states that a correct trajectory passes through.
 
-There is no website: the host of the first key node's URL is where the task starts.
+The records have no website: the task starts on the host of the first key node's URL.
 """
 
 from __future__ import annotations
@@ -53,14 +53,14 @@ def _origin(url: object) -> str | None:
 
 
 def _hints(contents: list[tuple[object, dict[str, object]]]) -> list[str]:
-    """Key nodes in words; those that are paths of elements say nothing about the task."""
-    found = []
+    """Key nodes as text, without element paths, which say nothing about the task."""
+    conditions = []
     for match, content in contents:
         if isinstance(match, str) and not match.startswith("element_path"):
             for answer in texts(content.get("reference_answer")):
                 key = "".join(texts(content.get("key")))
-                found.append(f"{match.replace('_', ' ')}: {f'{key}={answer}' if key else answer}")
-    return found
+                conditions.append(f"{match.replace('_', ' ')}: {f'{key}={answer}' if key else answer}")
+    return conditions
 
 
 SOURCE = Source(

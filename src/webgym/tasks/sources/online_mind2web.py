@@ -1,4 +1,4 @@
-"""Online-Mind2Web: 300 tasks on live websites. People's verdicts lie beside them in ``human_label.json``."""
+"""Online-Mind2Web: 300 tasks on live websites. The companion file ``human_label.json`` has human labels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reasons why a record or a file of a source gives no task."""
+"""Why a record or a file of a source gives no task."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ class PassedOver(msgspec.Struct, frozen=True):
     """A file that was not read as tasks.
 
     Attributes:
-        file: as it was found.
-        reason: what it is instead, or what is wrong with it.
+        file: path of the file.
+        reason: what kind of file it is, or what is wrong with it.
     """
 
     file: str
@@ -21,4 +21,4 @@ class PassedOver(msgspec.Struct, frozen=True):
 
 
 class Unusable(ValueError):
-    """A record gives no task; the message is the reason and quotes nothing."""
+    """Raised for a record that gives no task. The message is the reason, without quoting the record."""

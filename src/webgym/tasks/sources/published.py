@@ -1,4 +1,4 @@
-"""WebGym's published set as a source (SYSTEM.md 1.7): tasks that have their rubrics already."""
+"""WebGym's published set as a source (SYSTEM.md 1.7): tasks with rubrics."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ from webgym.tasks.sources.problems import Unusable
 
 _NAME = "webgym"
 _INSTRUCTION = ("task_name",)
-_NEEDED = {"task_id": "-", "website": "https://website.invalid/", "evaluator_reference": None}
-"""What a finished task must have and a source's need not. Nothing of it is taken over."""
-_KEPT = ("benchmark_name", "task_id_decomposed_from")
-"""Columns that a finished task tells and a source's does not."""
+_PLACEHOLDERS = {"task_id": "-", "website": "https://website.invalid/", "evaluator_reference": None}
+"""Placeholders for columns that :func:`task_of` requires and records of a source may lack; not used
+further."""
+_EXTRA_COLUMNS = ("benchmark_name", "task_id_decomposed_from")
+"""Columns kept in ``extra``, because :class:`SourceTask` has no field for them."""
 
 
 def _draft(fields: Fields, _: Companions) -> Draft:
     instruction = fields.instruction(*_INSTRUCTION)
     given = {name: value for name, value in fields.record.items() if not is_missing_value(value)}
     try:
-        task = task_of(_NEEDED | given)
+        task = task_of(_PLACEHOLDERS | given)
     except (ValueError, TypeError) as error:
         raise Unusable(str(error)) from error
     return Draft(
@@ -34,7 +35,7 @@ def _draft(fields: Fields, _: Companions) -> Draft:
         reference_answer=task.reference_answer,
         rubric=None if NO_FACTS in task.flags else task.rubric,
         flags=list(task.flags),
-        extra=task.extra | {name: given[name] for name in _KEPT if name in given},
+        extra=task.extra | {name: given[name] for name in _EXTRA_COLUMNS if name in given},
     )
 
 

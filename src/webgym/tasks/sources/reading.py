@@ -1,7 +1,7 @@
 """Reads records from files in any of their formats: JSON lines, JSON, CSV, TSV or Parquet, compressed or not.
 
-A broken record costs itself and no other: it comes out as :class:`Skipped`, with its place and what is wrong
-with it. Files are told apart by their content first, by their suffix where the content leaves it open.
+A broken record does not affect others: it is returned as :class:`Skipped`, with its position and what is
+wrong. The format is recognised by the file's content first, and by its suffix where the content is ambiguous.
 """
 
 from __future__ import annotations
@@ -42,21 +42,21 @@ REFUSED = (
     ".pkl",
     ".pt",
 )
-"""Suffixes of files that may well hold tasks, in formats that are not read here."""
+"""Suffixes of files that may contain tasks, in formats that are not supported."""
 _ROWS_AT_ONCE = 512
-"""Parquet rows in memory at a time: a TravelPlanner row may take 100 kB."""
+"""Parquet rows in memory at a time; a row of TravelPlanner may take 100 kB."""
 
 _DAMAGE = (OSError, EOFError, zlib.error, lzma.LZMAError)
-"""What reading a damaged compressed file raises."""
+"""Exceptions raised when reading a damaged compressed file."""
 
 
 class Record(NamedTuple):
-    """A record and where it stands.
+    """A record and its position.
 
     Attributes:
-        file: as it was given.
-        place: line, row or key.
-        fields: what it says.
+        file: path of the file.
+        place: line, row or key of the record.
+        fields: its values.
     """
 
     file: str
@@ -69,18 +69,19 @@ IsRecord: TypeAlias = Callable[[Fields], bool]
 
 
 def read_records(path: Path, is_record: IsRecord) -> Iterator[Found]:
-    """Every record of a file, in order, or why it is none.
+    """Every record of a file, in order; broken ones as :class:`Skipped`.
 
     Args:
-        is_record: whether an object by itself is a record; else it is taken for a mapping of records, or for
-            an object with lists of records in it.
+        path: of the file.
+        is_record: whether a top-level object is a record; otherwise it is read as a mapping of records, or as
+            an object with lists of records.
 
     Raises:
-        TaskFileError: the file cannot be opened, or is of no format known here.
+        TaskFileError: the file cannot be opened, or its format is not supported.
     """
     if any(suffix.lower() in REFUSED for suffix in path.suffixes[-2:]) and path.is_file():
         raise TaskFileError(
-            f"{path} is of a format that is not read here",
+            f"the format of {path} is not supported",
             hint="unpack it, or write it as JSON lines, CSV or Parquet",
         )
     try:
@@ -115,7 +116,7 @@ def _decompressed(file: IO[bytes], magic: bytes) -> IO[bytes]:
 
 def _text_records(path: Path, stream: IO[bytes], is_record: IsRecord) -> Iterator[Found]:
     name = str(path)
-    suffix = next((each.lower() for each in reversed(path.suffixes) if each.lower() not in COMPRESSIONS), "")
+    suffix = next((part.lower() for part in reversed(path.suffixes) if part.lower() not in COMPRESSIONS), "")
     lines = _lines(name, stream)
     first = next((line for line in lines if isinstance(line, Skipped) or line[1].strip()), None)
     if first is None:
@@ -127,7 +128,7 @@ def _text_records(path: Path, stream: IO[bytes], is_record: IsRecord) -> Iterato
     start = first[1].lstrip()[:1]
     if start not in b"[{" and suffix not in (".json", ".jsonl", ".ndjson"):
         yield from _csv_records(name, lines)
-    elif start == b"[" or (start == b"{" and _goes_on(first[1], suffix)):
+    elif start == b"[" or (start == b"{" and _is_multiline_object(first[1], suffix)):
         yield from _json_records(name, lines, is_record)
     else:
         yield from _json_lines(name, lines, is_record)
@@ -139,7 +140,8 @@ Line: TypeAlias = "tuple[int, bytes] | Skipped"
 def _lines(name: str, stream: IO[bytes]) -> Iterator[Line]:
     """The lines of a text with their numbers, from 1, without line ends and byte-order mark.
 
-    A line ends with ``\\n``, ``\\r\\n`` or ``\\r``. Where the data are damaged, :class:`Skipped` is the last.
+    A line ends with ``\\n``, ``\\r\\n`` or ``\\r``. If the data are damaged, the last item is
+    :class:`Skipped`.
     """
     number = 0
     try:
@@ -151,7 +153,7 @@ def _lines(name: str, stream: IO[bytes]) -> Iterator[Line]:
                 head, rest = b"", io.BytesIO(text.removeprefix("\ufeff").encode("utf-8", "surrogatepass"))
                 break
         head = head.removeprefix(codecs.BOM_UTF8)
-        # The head may hold whole lines by itself.
+        # The head may contain complete lines.
         for chunk in chain(_with_rest(head, rest), rest):
             for line in chunk.splitlines():
                 number += 1
@@ -173,8 +175,8 @@ def _with_rest(head: bytes, stream: IO[bytes]) -> Iterator[bytes]:
         yield head + stream.readline() if not head.endswith(b"\n") else head
 
 
-def _goes_on(line: bytes, suffix: str) -> bool:
-    """Whether the object that a file begins with goes on after the first line."""
+def _is_multiline_object(line: bytes, suffix: str) -> bool:
+    """Whether the first object of a file continues after its first line."""
     if suffix in (".jsonl", ".ndjson"):
         return line.strip() == b"{"
     return not isinstance(_decoded(line), dict)
@@ -183,12 +185,12 @@ def _goes_on(line: bytes, suffix: str) -> bool:
 def _decoded(line: bytes) -> object | ValueError:
     """The value of a line, or what is wrong with it.
 
-    A byte that is no UTF-8 becomes half a surrogate pair: it spoils the field that it is in, if that matters.
+    A byte that is not UTF-8 becomes half of a surrogate pair, so only the field that contains it is invalid.
     """
     try:
         return msgspec.json.decode(line)  # type: ignore[no-any-return]
     except (ValueError, RecursionError):
-        pass  # the lenient reader knows more numbers and says what is wrong
+        pass  # Python's json module accepts more numbers and has better messages
     try:
         return json.loads(line.decode("utf-8", "surrogateescape"))  # type: ignore[no-any-return]
     except ValueError as error:
@@ -221,8 +223,8 @@ def _json_line(name: str, number: int, line: bytes, is_record: IsRecord | None) 
     if isinstance(value, ValueError):
         yield Skipped(name, f"line {number}", f"no JSON: {value}")
     elif is_record is None:
-        yield _found(name, f"line {number}", value)
-    else:  # a file of one line may be one object with all records in it
+        yield _record(name, f"line {number}", value)
+    else:  # a file of one line may be one object with all records
         yield from _top_level(name, f"line {number}", value, is_record)
 
 
@@ -238,40 +240,40 @@ def _json_records(name: str, lines: Iterator[Line], is_record: IsRecord) -> Iter
             parts.append(line[1])
     text = b"\n".join(parts).decode("utf-8", "surrogateescape")
     del parts
-    for found in json_values(text, first_line=offset):
-        if isinstance(found, BrokenValue):
-            yield Skipped(name, found.place, f"no JSON: {found.reason}")
-        elif found.inside:
-            yield _found(name, found.place, found.value, found.key)
+    for result in json_values(text, first_line=offset):
+        if isinstance(result, BrokenValue):
+            yield Skipped(name, result.place, f"no JSON: {result.reason}")
+        elif result.inside:
+            yield _record(name, result.place, result.value, result.key)
         else:
-            yield from _top_level(name, found.place, found.value, is_record)
+            yield from _top_level(name, result.place, result.value, is_record)
     yield from damage
 
 
 def _top_level(name: str, place: str, value: object, is_record: IsRecord) -> Iterator[Found]:
-    """The records of an object that stands by itself: itself, or what is in it."""
+    """The records of a top-level object: itself, or those in its values."""
     if not isinstance(value, dict) or not value or is_record(Fields(value)):
-        yield _found(name, place, value)
+        yield _record(name, place, value)
         return
-    lists = {key: each for key, each in value.items() if isinstance(each, list) and _has_objects(each)}
+    lists = {key: items for key, items in value.items() if isinstance(items, list) and _has_objects(items)}
     if lists:
-        # {"data": [...]}, {"train": [...], "test": [...]}; what stands beside the lists describes them
-        for key, each in lists.items():
-            for index, record in enumerate(each):
-                yield _found(name, f"{key}[{index}]", record)
+        # {"data": [...]}, {"train": [...], "test": [...]}; other values are metadata
+        for key, records in lists.items():
+            for index, record in enumerate(records):
+                yield _record(name, f"{key}[{index}]", record)
         return
     if not _has_objects(value.values()):
-        yield _found(name, place, value)  # no mapping: a record that lacks its instruction
+        yield _record(name, place, value)  # not a mapping of records: a record without its instruction
         return
     for key, record in value.items():
-        yield _found(name, f"key {key!r}", record, key)
+        yield _record(name, f"key {key!r}", record, key)
 
 
 def _has_objects(values: Iterable[object]) -> bool:
-    return any(isinstance(each, dict) for each in values)
+    return any(isinstance(value, dict) for value in values)
 
 
-def _found(name: str, place: str, value: object, key: str | None = None) -> Found:
+def _record(name: str, place: str, value: object, key: str | None = None) -> Found:
     if not isinstance(value, dict):
         return Skipped(name, place, f"{kind(value)}, not an object")
     return Record(name, place, Fields(value, key))
@@ -318,7 +320,7 @@ def _parquet_records(path: Path) -> Iterator[Found]:
 
 
 def _rows(batch: Any) -> Iterator[Any]:
-    """The rows of a batch; for one that Python cannot hold (a text that is not UTF-8), the error."""
+    """The rows of a batch; for a row that cannot be decoded (a text that is not UTF-8), the error."""
     try:
         yield from batch.to_pylist()
         return

@@ -1,8 +1,8 @@
 """TravelPlanner: trips to plan within constraints. Its nested columns are Python literals, not JSON.
 
-``reference_information`` (the tables that a planner without a browser is given) is not read: an agent here
-finds them on the web. ``plan`` of the JSON lines is some model's, so no example of a good answer;
-``annotated_plan`` of the CSV is a person's.
+``reference_information`` (tables for a planner without a browser) is not read: an agent finds them on the
+web. ``plan`` of the JSON lines was written by a model, so it is no example of a good answer;
+``annotated_plan`` of the CSV was written by a person.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ _CONSTRAINTS = (
 
 
 def _draft(fields: Fields, _: Companions) -> Draft:
-    asked = _asked_in_chat(fields.value(_CHAT))
-    draft = Draft(asked or fields.instruction(*_INSTRUCTION), fields.native_id("idx"))
+    query = _query_in_chat(fields.value(_CHAT))
+    draft = Draft(query or fields.instruction(*_INSTRUCTION), fields.native_id("idx"))
     draft.domain, draft.subdomain = subdomain("Travel & Accommodation")
     hints = [f"{word}: {value}" for name, word in _CONSTRAINTS for value in texts(fields.value(name))]
     dates = _literal(fields, "date", draft)
@@ -52,23 +52,24 @@ def _draft(fields: Fields, _: Companions) -> Draft:
     return draft
 
 
-def _asked_in_chat(messages: object) -> str | None:
-    """What the user asks for in the chat form of the training split; what frames it there is no part of it.
+def _query_in_chat(messages: object) -> str | None:
+    """The query in the conversations of the training split, without the prompt around it; ``None`` if there
+    is none.
 
-    The assistant's turn is a plan that some model wrote, and not read.
+    The assistant's message, a plan written by a model, is not read.
     """
-    said = [each for each in messages if isinstance(each, dict)] if isinstance(messages, list) else []
-    for message in said:
+    turns = [turn for turn in messages if isinstance(turn, dict)] if isinstance(messages, list) else []
+    for message in turns:
         content = message.get("content")
         if message.get("role") == "user" and isinstance(content, list):
             content = "\n".join(texts([part.get("text") for part in content if isinstance(part, dict)]))
         if message.get("role") == "user" and isinstance(content, str):
-            query = _FRAME.sub("", content.rpartition("Query:")[2]).strip()
+            query = _PROMPT_END.sub("", content.rpartition("Query:")[2]).strip()
             return as_text(query, "messages") or None
     return None
 
 
-_FRAME = re.compile(r"\n?\s*(?:Travel Plan|Plan|Output)\s*:\s*$")
+_PROMPT_END = re.compile(r"\n?\s*(?:Travel Plan|Plan|Output)\s*:\s*$")
 
 
 def _literal(fields: Fields, name: str, draft: Draft) -> object:

@@ -1,7 +1,7 @@
-"""PAE's tasks, made by a model for the websites of WebVoyager, and WebVoyager's own, which have that shape.
+"""PAE's tasks, written by a model for the websites of WebVoyager, and WebVoyager's own in the same format.
 
-WebVoyager's answers lie beside the tasks in ``reference_answer.json``. A ``golden`` one is the answer; a
-``possible`` one is an example, and must not override the judge.
+WebVoyager's answers are in the companion file ``reference_answer.json``. A ``golden`` one is a reference
+answer; a ``possible`` one is an example, and must not override the judge.
 """
 
 from __future__ import annotations
@@ -32,57 +32,60 @@ _PLACES: dict[str, Place] = {
     "Google Flights": subdomain("Travel & Accommodation"),
     "Huggingface": subdomain("Technology & Science"),
 }
-"""By ``web_name``. Of the others (a search engine, a map, a dictionary, ...) the task decides."""
+"""Taxonomy by ``web_name``. On the others (a search engine, a map, a dictionary, ...) it depends on the
+task."""
 
 
 class _Answer(NamedTuple):
     text: str
     golden: bool
     question: str | None
-    """That it was given to, where the file says."""
+    """The question that it answers, if the file has it."""
 
 
 def _answers(data: object) -> dict[str, _Answer]:
-    """The answers by task, ``"<site>--<id>"``.
+    """The answers by task id, ``"<site>--<id>"``.
 
     Raises:
-        ValueError: the file is no mapping of websites to answers.
+        ValueError: the file is not a mapping of websites to answers.
     """
     if not isinstance(data, dict):
-        raise ValueError("no object of websites")
-    found: dict[str, _Answer] = {}
+        raise ValueError("not an object with a key per website")
+    by_task: dict[str, _Answer] = {}
     for site, entry in data.items():
         answers = entry.get("answers") if isinstance(entry, dict) else None
-        for each in answers if isinstance(answers, list) else []:
-            if not isinstance(each, dict) or is_missing_value(each.get("ans")):
+        for answer in answers if isinstance(answers, list) else []:
+            if not isinstance(answer, dict) or is_missing_value(answer.get("ans")):
                 continue
             try:
-                text = as_text(each["ans"], "ans")
+                text = as_text(answer["ans"], "ans")
             except Unusable:
                 continue
-            golden = str(each.get("type")).strip().casefold() == "golden"
-            asked = next((each[name] for name in _INSTRUCTION if isinstance(each.get(name), str)), None)
-            found.setdefault(f"{site}--{each.get('id')}", _Answer(text, golden, asked))
-    return found
+            golden = str(answer.get("type")).strip().casefold() == "golden"
+            instruction = next(
+                (answer[name] for name in _INSTRUCTION if isinstance(answer.get(name), str)), None
+            )
+            by_task.setdefault(f"{site}--{answer.get('id')}", _Answer(text, golden, instruction))
+    return by_task
 
 
 def _answers_this(answer: _Answer, instruction: str) -> bool:
-    """Whether an answer is to this very text. Copies of the tasks move their dates on and keep their ids."""
+    """Whether an answer belongs to this text. Copies of the tasks have later dates but the same ids."""
     if answer.question is not None:
         return fold(answer.question) == fold(instruction)
-    return not years(instruction) & _AFTER_THE_ANSWERS
+    return not years(instruction) & _YEARS_AFTER_ANSWERS
 
 
-_AFTER_THE_ANSWERS = frozenset(range(2025, 2040))
-"""The years that copies of the tasks move on to. Those far ahead are sums ("how many days until 2050")."""
+_YEARS_AFTER_ANSWERS = frozenset(range(2025, 2040))
+"""Years in copies of the tasks with later dates. Years further ahead occur in the original tasks, too."""
 
 
-def _draft(fields: Fields, beside: Companions) -> Draft:
+def _draft(fields: Fields, companions: Companions) -> Draft:
     name = fields.text("web_name")
     native_id = fields.native_id("id", "task_id")
     draft = Draft(fields.instruction(*_INSTRUCTION), native_id, fields.website("web", "website", "url"))
     draft.domain, draft.subdomain = _PLACES.get(name or "", UNKNOWN)
-    answer = (beside.load(ANSWERS, _answers) or {}).get(native_id or "")
+    answer = (companions.load(ANSWERS, _answers) or {}).get(native_id or "")
     if answer and not _answers_this(answer, draft.instruction):
         draft.flags.append(OUTDATED_ANSWER)
     elif answer and answer.golden:

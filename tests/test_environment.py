@@ -16,7 +16,7 @@ from webgym.agent.solver import Solver
 from webgym.core.action import Answer, Hover, Scroll, Target
 from webgym.core.errors import ConfigError, EpisodeLost, UsageError
 from webgym.core.trajectory import Reply
-from webgym.rollout.collector import CollectorConfig
+from webgym.rollout.config import CollectorConfig
 from webgym.run_config import RunConfig, TaskChoice
 from webgym.testing import check_environment, stand_in_environment
 

@@ -144,10 +144,10 @@ def test_a_larger_draw_takes_the_same_tasks_and_more() -> None:
 
 def test_books_that_balance_are_kept() -> None:
     accounting = TaskAccounting(["a", "b"])
-    accounting.enter(
+    accounting.record(
         "import", came=Counter(a=5, b=1), lost=Counter({("a", "no task"): 2}), left=Counter(a=3, b=1)
     )
-    accounting.enter("derive", came=Counter(a=3, b=1), made=Counter(a=4), left=Counter(a=7, b=1))
+    accounting.record("derive", came=Counter(a=3, b=1), made=Counter(a=4), left=Counter(a=7, b=1))
     assert [(row.stage, row.source, row.came, row.made, row.lost, row.left) for row in accounting.rows] == [
         ("import", "a", 5, 0, {"no task": 2}, 3),
         ("import", "b", 1, 0, {}, 1),
@@ -159,23 +159,23 @@ def test_books_that_balance_are_kept() -> None:
 @pytest.mark.parametrize(
     ("rows", "words"),
     [
-        ([{"came": Counter(a=5), "left": Counter(a=4)}], "5 came"),
-        ([{"came": Counter(a=5), "left": Counter(a=5, b=1)}], "of b, 0 came"),
+        ([{"came": Counter(a=5), "left": Counter(a=4)}], "5 entered"),
+        ([{"came": Counter(a=5), "left": Counter(a=5, b=1)}], "of b, 0 entered"),
         (
             [{"came": Counter(a=5), "left": Counter(a=5)}, {"came": Counter(a=4), "left": Counter(a=4)}],
-            "left before",
+            "left the stage before",
         ),
         ([{"came": Counter(c=5), "left": Counter(c=5)}], "unknown sources: c"),
-        ([{"came": Counter(a=5), "left": Counter(a=4), "lost": Counter({("b", "x"): 1})}], "5 came"),
+        ([{"came": Counter(a=5), "left": Counter(a=4), "lost": Counter({("b", "x"): 1})}], "5 entered"),
     ],
 )
 def test_books_that_do_not_balance_are_refused(rows: list[dict[str, Any]], words: str) -> None:
     accounting = TaskAccounting(["a", "b"])
     *good, bad = rows
     for row in good:
-        accounting.enter("before", **row)
+        accounting.record("before", **row)
     with pytest.raises(CountMismatch, match=words):
-        accounting.enter("after", **bad)
+        accounting.record("after", **bad)
 
 
 # --- asking -------------------------------------------------------------------------------------------------

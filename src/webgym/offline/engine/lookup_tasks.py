@@ -13,7 +13,7 @@ import msgspec
 
 from webgym.core.truth import Home, Move
 from webgym.offline.engine.navigation import Site, field_fact, go_to_item, view_fields
-from webgym.offline.engine.records import written
+from webgym.offline.engine.records import numeric_value
 from webgym.offline.engine.table import Record
 from webgym.offline.parts import Fact, Part
 
@@ -146,7 +146,7 @@ def numeric_difference(first: Subject, second: Subject, field: str) -> Part | No
     if distance in (0, *ranks):
         return None
     spec = first.site.items.fields[field]
-    value = written(spec, distance, first.site.currency)
+    value = numeric_value(spec, distance, first.site.currency)
     facts = first.fact(field), second.fact(field)
     views = tuple(view for fact in facts for view in fact.evidence)
     values = [f"{subject.record.name} has {subject.record.fields[field].text}" for subject in (first, second)]

@@ -382,7 +382,7 @@ async def test_the_day_of_the_first_run_stays_and_the_config_is_there_to_read(tm
         assert json.loads(before["manifest.json"])["today"] == TODAY
         assert read_config(out / "config.yaml", {}) == command.settings()
         (out / "config.yaml").write_text("- nothing")
-        with pytest.raises(ConfigError, match="no config of a build"):
+        with pytest.raises(ConfigError, match="not the config of a build"):
             await run_build(settings, BuildPaths.of(out), QUIET)
 
 

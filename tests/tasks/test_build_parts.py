@@ -159,14 +159,14 @@ def test_books_that_balance_are_kept() -> None:
 @pytest.mark.parametrize(
     ("rows", "words"),
     [
-        ([{"came": Counter(a=5), "left": Counter(a=4)}], "5 came"),
-        ([{"came": Counter(a=5), "left": Counter(a=5, b=1)}], "of b, 0 came"),
+        ([{"came": Counter(a=5), "left": Counter(a=4)}], "5 entered"),
+        ([{"came": Counter(a=5), "left": Counter(a=5, b=1)}], "of b, 0 entered"),
         (
             [{"came": Counter(a=5), "left": Counter(a=5)}, {"came": Counter(a=4), "left": Counter(a=4)}],
-            "left before",
+            "left the stage before",
         ),
         ([{"came": Counter(c=5), "left": Counter(c=5)}], "unknown sources: c"),
-        ([{"came": Counter(a=5), "left": Counter(a=4), "lost": Counter({("b", "x"): 1})}], "5 came"),
+        ([{"came": Counter(a=5), "left": Counter(a=4), "lost": Counter({("b", "x"): 1})}], "5 entered"),
     ],
 )
 def test_books_that_do_not_balance_are_refused(rows: list[dict[str, Any]], words: str) -> None:

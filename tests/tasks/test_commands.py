@@ -133,7 +133,7 @@ def test_sample_goes_on_where_it_left_off(calls: Calls, tmp_path: Path, whole: P
     assert output.split() == drawn[:80]
     code, output = calls.run("tasks", "sample", whole, "--count", 80, "--seed", 4, "--state", state)
     assert code == 2
-    assert "of other tasks or settings" in output
+    assert "belongs to other tasks or settings" in output
 
 
 def test_a_file_of_drawn_tasks_holds_each_once(calls: Calls, tmp_path: Path, whole: Path) -> None:

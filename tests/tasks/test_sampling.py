@@ -150,7 +150,7 @@ def test_a_restored_sampler_goes_on_the_same(
 def test_a_state_of_something_else_is_refused() -> None:
     state = Sampler(tasks_of(5)).state()
     for other in (Sampler(tasks_of(6)), Sampler(tasks_of(5), SamplerConfig(seed=1))):
-        with pytest.raises(ConfigError, match="of other tasks or settings"):
+        with pytest.raises(ConfigError, match="belongs to other tasks or settings"):
             other.restore(state)
     with pytest.raises(ConfigError):
         Sampler(tasks_of(5)).restore({})

@@ -156,9 +156,9 @@ def test_browsecomps_test_vector() -> None:
     [
         ({"canary": "the wrong one"}, "does not decrypt"),
         ({"canary": ""}, "no 'canary'"),
-        ({"problem": "A plain question?"}, "no base64"),
+        ({"problem": "A plain question?"}, "not base64"),
         ({"problem": ""}, "'problem' is empty"),
-        ({"answer": "%%%"}, "no base64"),
+        ({"answer": "%%%"}, "not base64"),
     ],
 )
 def test_what_does_not_decrypt_is_skipped_and_not_quoted(

@@ -252,8 +252,8 @@ async def _carry_out(
     finishing: asyncio.Event | None,
     retry_errors: bool = False,
 ) -> Summary:
-    shared, goes_on = config.collector.sharing, bool(store.attempts)
-    async with sharing(shared, run_id, tasks, config.samples, store.path, goes_on=goes_on) as claims:
+    shared, is_resumed = config.collector.sharing, bool(store.attempts)
+    async with sharing(shared, run_id, tasks, config.samples, store.path, is_resumed=is_resumed) as claims:
         plan = Plan(
             tasks,
             samples=config.samples,

@@ -38,7 +38,7 @@ def test_rates_stand_beside_what_they_are_of() -> None:
 def test_whoever_reads_an_oracles_figures_is_told() -> None:
     said = io.StringIO()
     print_summary(summarise([attempt("e", Outcome.SUCCESS)], TASKS), Console(file=said, width=200))
-    assert "the scripted policy is an oracle: it plays known solutions and asks no model" in said.getvalue()
+    assert "the scripted policy is an oracle: it plays known solutions and uses no model" in said.getvalue()
 
 
 def test_hosts_that_kept_the_agent_out_are_named() -> None:

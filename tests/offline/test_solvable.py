@@ -58,7 +58,7 @@ async def test_a_sample_is_solvable_and_nothing_less_passes(tmp_path: Path, per_
         for each in solved
         for way, _ in degraded_solutions(reader.tasks[each.episode.task_id], each.episode)
     )
-    assert len(ways) >= 7  # every way of spoiling was tried
+    assert len(ways) >= 7  # every kind of degradation was tried
 
 
 def test_there_are_enough_websites_and_tasks() -> None:

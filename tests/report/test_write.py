@@ -81,7 +81,7 @@ def test_nothing_is_loaded_from_outside(run: Path) -> None:
 
 def test_the_report_says_that_an_oracle_played_and_how_many_replies_were_invalid(run: Path) -> None:
     text = write_report(run, config=SMALL).read_text()
-    assert "the scripted policy is an oracle: it plays known solutions and asks no model." in text
+    assert "the scripted policy is an oracle: it plays known solutions and uses no model." in text
     assert "replies without an action: " in text
 
 

@@ -283,6 +283,6 @@ async def test_a_run_that_goes_on_from_another_folder_shares_with_the_same_other
     await Run().start(None, tmp_path / "a").end()
     assert world.browsers.opened == made == 4
     (tmp_path / "shared").rename(tmp_path / "away")
-    with pytest.raises(ConfigError, match="does not hold them any more"):
+    with pytest.raises(ConfigError, match="no longer holds them"):
         await Run().start(None, tmp_path / "a").end()
     assert not (tmp_path / "shared").exists()

@@ -123,7 +123,7 @@ async def test_a_run_goes_on_where_it_stopped(tmp_path: Path) -> None:
 async def test_the_same_attempt_is_on_disk_once(tmp_path: Path) -> None:
     async with await begun(tmp_path, 0) as writer:
         await writer.append(made(0))
-        with pytest.raises(StoreError, match="recorded already"):
+        with pytest.raises(StoreError, match="already recorded"):
             await writer.append(made(0, outcome=Outcome.SUCCESS))
     assert list(RunReader(tmp_path).trajectories()) == [made(0)]
 
@@ -210,7 +210,7 @@ async def test_a_trajectory_needs_its_pictures(tmp_path: Path) -> None:
 async def test_what_would_not_read_back_is_refused(tmp_path: Path) -> None:
     broken = msgspec.structs.replace(made(0), judge_seconds=float("nan"))
     async with await begun(tmp_path) as writer:
-        with pytest.raises(StoreError, match="read back"):
+        with pytest.raises(StoreError, match="cannot be stored"):
             await writer.append(broken)
 
 

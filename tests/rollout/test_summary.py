@@ -184,7 +184,7 @@ def test_replies_without_an_action_are_counted_and_many_are_said() -> None:
     assert summarise([], TASKS)["invalid_reply_rate"] is None
     many = summarise([acted, *(attempt("e", Outcome.FAILURE, steps=1) for _ in range(9))], TASKS)
     assert many["invalid_replies"] == 9
-    assert "13.0% of 69 replies hold no action; the first: " in many["notes"][-1]
+    assert "13.0% of 69 replies hold no valid action; the first: " in many["notes"][-1]
 
 
 def test_a_sample_that_errors_took_is_lost_until_an_attempt_at_it_counts() -> None:

@@ -97,7 +97,7 @@ async def test_a_run_tells_what_its_metrics_hold_also_after_a_resume(tmp_path: P
         done = scalars(tmp_path / "run")["done"]
         assert done == [(number, row["done"]) for number, row in enumerate(rows, 1)]
     notes = {row["note"] for row in rows}
-    assert notes == {"the scripted policy is an oracle: it plays known solutions and asks no model"}
+    assert notes == {"the scripted policy is an oracle: it plays known solutions and uses no model"}
     assert texts(tmp_path / "run") == {"note": [*notes]}
     assert done[-1] == (len(rows), 3)
 

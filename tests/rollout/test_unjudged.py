@@ -200,12 +200,12 @@ async def test_only_an_attempt_without_a_verdict_may_be_recorded_again(tmp_path:
             await store.put_image(name, data)
         await store.append(unjudged)
         other = msgspec.structs.replace(done, answer="another")
-        with pytest.raises(StoreError, match="was another"):
+        with pytest.raises(StoreError, match="with other content"):
             await store.append(Trajectory(other, Outcome.SUCCESS, verdict))
         await store.append(success)
         await store.append(success)
         for trajectory in (unjudged, Trajectory(done, Outcome.FAILURE, verdict)):
-            with pytest.raises(StoreError, match="was another"):
+            with pytest.raises(StoreError, match="with other content"):
                 await store.append(trajectory)
     assert list(RunReader(tmp_path / "run").trajectories()) == [success]
 

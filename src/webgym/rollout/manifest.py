@@ -1,6 +1,6 @@
-"""The conditions of an evaluation, to publish with it so that others can repeat it.
+"""The conditions of an evaluation, to publish with its results so that others can repeat it.
 
-Everything here is read from the run folder. What the run does not record is ``None``, never a guess.
+Everything is read from the run folder. What the run does not record is ``None``.
 """
 
 from __future__ import annotations
@@ -24,46 +24,46 @@ from webgym.tasks.selection import splits_in
 
 VARIES: Final = "varies"
 _MOST_VALUES: Final = 3
-"""Values of one sampling parameter that are listed; more of them, as of seeds, vary."""
+"""Most values of a sampling parameter that are listed; with more, as for seeds, it is ``varies``."""
 
 
 class Manifest(msgspec.Struct, frozen=True):
-    """The conditions of an evaluation; ``None`` is what the run does not record.
+    """The conditions of an evaluation; ``None`` for what the run does not record.
 
     Attributes:
         run: name of its folder.
         webgym: version that collected it.
-        began, ended: of the first and of the last attempt, ISO 8601, UTC.
+        began, ended: start of the first and end of the last attempt, ISO 8601, UTC.
         task_file: name of the task file; ``None`` also for tasks that the caller of :func:`webgym.collect`
             drew, and for those of the offline web.
         offline_web: collection, seed and size, if tasks are of the offline web.
-        sources: tasks by the benchmark that they come from.
-        split: that the tasks say they are of.
-        tasks_sha256: of the run's ``tasks.jsonl``: equal digests, equal tasks in the same order.
-        left_out: tasks of the set that were not drawn from, by reason.
-        seed: of the order of tasks and of everything random in the attempts.
+        sources: number of tasks by the benchmark that they come from.
+        split: of the tasks, as they record it.
+        tasks_sha256: digest of the run's ``tasks.jsonl``, which lists the tasks in order.
+        left_out: number of tasks excluded from the draw, by reason.
+        seed: of the order of tasks and of all random choices in the attempts.
         samples: planned per task.
         budget: steps by level.
         policies: names, as the attempts record them.
-        weights: versions of the weights that replied.
+        weights: versions of the policy's weights.
         sampling: parameters of the requests, with every value that was used, or ``varies``.
-        agent: prompt format, mode, actions, profile and rounds that were shown.
+        agent: prompt format, mode, actions, profile, and number of rounds in the history.
         prompts: SHA-256 of the system messages that were sent.
-        judges: name and version of who judged; of a rubric judge the version is that of its rules and
-            prompts, with the model and a digest of its settings.
-        browser: product and version when the run began.
+        judges: names and versions of the judges; a rubric judge's version is that of its rules and prompts,
+            with the model and a digest of its settings.
+        browser: product and version at the start of the run.
         sandboxed: whether Chromium's sandbox was on.
         viewport: width and height, CSS pixels.
         server: ``here``, ``elsewhere``, or ``static`` for small websites without browsers.
-        egress: what pages could connect to: rules, ports, connections per second; of a server elsewhere only
-            it knows.
-        attempts: all that were made, those at the same sample included.
-        planned: samples of all tasks.
+        egress: what pages could connect to: rules, ports, connections per second; ``None`` for a server
+            elsewhere, which does not report it.
+        attempts: number of all attempts, including repeated ones.
+        planned: number of samples of all tasks.
         judged: samples that ended with a reward.
-        successes: of them.
-        invalid: samples without a reward, by outcome and the code of the error (``""`` where there was none).
-        missing: samples that have not ended, or not been judged.
-        blocked_websites: samples by the website that kept the agent out.
+        successes: successful samples.
+        invalid: samples without a reward, by outcome and error code (``""`` if there was no error).
+        missing: samples that have not ended or have not been judged.
+        blocked_websites: blocked samples by website.
     """
 
     run: str
@@ -101,7 +101,7 @@ class Manifest(msgspec.Struct, frozen=True):
 
 @dataclass
 class Records:
-    """What the attempts of a run say about how they were made; they are read once."""
+    """Collects from a run's attempts what the manifest reports about them."""
 
     policies: dict[str, None] = field(default_factory=dict)
     judges: dict[str, None] = field(default_factory=dict)
@@ -114,12 +114,12 @@ class Records:
     blocked: Counter[str] = field(default_factory=Counter)
 
     def add(self, trajectory: Trajectory, outcome: Outcome, failure: Failure | None, website: str) -> None:
-        """Take note of the attempt that counts for a sample.
+        """Add the attempt that counts for a sample.
 
         Args:
             trajectory: its record.
-            outcome: by the judge whose verdicts count.
-            failure: what kept the reward from being.
+            outcome: according to the judge whose verdicts count.
+            failure: the error that prevented a reward, if any.
             website: of its task.
         """
         episode = trajectory.episode
@@ -150,7 +150,7 @@ class Records:
                 self.prompts.setdefault(_digest(text))
 
 
-@functools.lru_cache(maxsize=64)  # every step of a run has the same one
+@functools.lru_cache(maxsize=64)  # most steps of a run have the same system message
 def _digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -162,22 +162,22 @@ def manifest_of(
 
     Args:
         reader: of the run.
-        records: of its attempts.
-        judge: whose verdicts count, if not those that the attempts record.
+        records: collected from its attempts.
+        judge: the judge whose verdicts count, if not the recorded ones.
         counted: ``planned``, ``judged``, ``successes`` and ``missing`` samples.
     """
     config = reader.config
     software, server, agent = (_part(config, name) for name in ("software", "server", "agent"))
     attempt, tasks = _part(config, "attempt"), _part(config, "tasks")
     file = tasks.get("file")
-    where = None
+    server_location = None
     if server:
-        where = "static" if server.get("static") else "elsewhere" if server.get("url") else "here"
+        server_location = "static" if server.get("static") else "elsewhere" if server.get("url") else "here"
     return Manifest(
         run=reader.path.resolve().name,
         webgym=software.get("webgym"),
-        began=_moment(records.began),
-        ended=_moment(records.ended),
+        began=_iso_time(records.began),
+        ended=_iso_time(records.ended),
         task_file=str(file).rpartition("/")[2] if file else None,
         offline_web=_offline_web(reader, config),
         sources=dict(Counter(task.source for task in reader.drawn).most_common()),
@@ -198,8 +198,8 @@ def manifest_of(
         browser=software.get("browser"),
         sandboxed=software.get("sandboxed"),
         viewport=tuple(attempt["viewport"]) if attempt.get("viewport") else None,
-        server=where,
-        egress=_egress(config) if where == "here" else None,
+        server=server_location,
+        egress=_egress(config) if server_location == "here" else None,
         attempts=len(reader.attempts),
         invalid={name: dict(codes.most_common()) for name, codes in records.invalid.items()},
         blocked_websites=dict(records.blocked.most_common()),
@@ -211,20 +211,20 @@ _AGENT: Final = ("prompt_format", "mode", "actions", "profile", "rounds")
 
 
 def _part(config: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """A mapping in the config; empty where the run has none, as one that other programs wrote."""
+    """A mapping in the config; empty if it is missing, as in runs that other programs wrote."""
     part = config.get(name)
     return part if isinstance(part, dict) else {}
 
 
-def _moment(seconds: float | None) -> str | None:
+def _iso_time(seconds: float | None) -> str | None:
     return None if seconds is None else datetime.fromtimestamp(seconds, UTC).isoformat(timespec="seconds")
 
 
 def _sampling(records: Records) -> dict[str, Any]:
-    def told(values: list[Any]) -> Any:
+    def summarised(values: list[Any]) -> Any:
         return VARIES if len(values) > _MOST_VALUES else values[0] if len(values) == 1 else values
 
-    return {name: told(values) for name, values in sorted(records.sampling.items())}
+    return {name: summarised(values) for name, values in sorted(records.sampling.items())}
 
 
 def _offline_web(reader: RunReader, config: Mapping[str, Any]) -> dict[str, Any] | None:

@@ -1,4 +1,4 @@
-"""The attempts still to be made: every sample of every task, each until it has an outcome that counts."""
+"""The attempts that remain: every sample of every task is repeated until it has an outcome that counts."""
 
 from __future__ import annotations
 
@@ -15,15 +15,14 @@ from webgym.rollout.sharing import Claim, Claims
 
 @dataclass(frozen=True)
 class Planned:
-    """An attempt that is to be made.
+    """A planned attempt.
 
     Attributes:
         task: the task.
-        sample: which of the planned attempts at the task, from 0; a task that was drawn twice has twice
-            as many.
-        retry: above that of every attempt at this sample that was ever recorded: no two have one name.
-        failures: how many of those ended in an error of the environment or the policy. One that was
-            cancelled is made again as often as it takes.
+        sample: number of the sample of the task, from 0; a task that was drawn twice has twice as many.
+        retry: number of the attempt at the sample, above every recorded one, so that attempt ids are unique.
+        failures: earlier attempts at the sample that ended in an error of the environment or the policy.
+            Cancelled attempts do not count and are repeated without limit.
     """
 
     task: Task
@@ -37,7 +36,7 @@ class Planned:
         return f"{self.task.id}#{self.sample}.{self.retry}"
 
     def after(self, outcome: Outcome) -> Planned:
-        """The attempt that follows if this one ended so."""
+        """The next attempt at the sample if this one ended in ``outcome``."""
         return replace(self, retry=self.retry + 1, failures=self.failures + _has_failed(outcome))
 
 
@@ -45,30 +44,30 @@ def _has_failed(outcome: Outcome) -> bool:
     return outcome.is_retried and outcome is not Outcome.CANCELLED
 
 
-def _number(attempt_id: str) -> tuple[str, int, int]:
-    """Task, sample and retry of an attempt, by its name; a sample that none has, if it is no name of ours."""
+def _parse_id(attempt_id: str) -> tuple[str, int, int]:
+    """Task, sample and retry from an attempt id; sample -1 if the id has another format."""
     task_id, _, number = attempt_id.rpartition("#")
     sample, _, retry = number.partition(".")
-    is_ours = sample.isdecimal() and retry.isdecimal()
-    return (task_id, int(sample), int(retry)) if is_ours else (attempt_id, -1, 0)
+    is_valid = sample.isdecimal() and retry.isdecimal()
+    return (task_id, int(sample), int(retry)) if is_valid else (attempt_id, -1, 0)
 
 
 class Plan:
-    """The attempts of a run, handed out one by one.
+    """The attempts of a run, handed out one at a time.
 
     A sample is done when an attempt at it ended in an outcome that is not retried, or when as many
     attempts as allowed ended in an error.
 
     Args:
-        tasks: in the order in which they are attempted. One that comes twice is attempted twice as often.
-        samples: attempts wanted for every time that a task comes.
+        tasks: in the order in which they are attempted. One that is listed twice gets twice the samples.
+        samples: samples per listed task.
         retries: how often a sample is attempted again after an error.
-        recorded: what a run that is resumed has on disk.
-        retired: names of attempts that were recorded and cannot be trusted any more. They are not given
-            again: verdicts and labels go by them.
-        retry_errors: begin anew with the retries of samples whose last attempt ended in an error.
+        recorded: attempts that a resumed run has on disk.
+        retired: ids of attempts whose records are damaged. They are not used again, because verdicts and
+            labels refer to them.
+        retry_errors: reset the retries of samples whose last attempt ended in an error.
         hardest_first: hand out the tasks with the most facts first.
-        claims: where the tasks are shared with other collectors; what they do counts as done.
+        claims: for tasks shared with other collectors, whose samples count as done.
     """
 
     def __init__(
@@ -86,40 +85,42 @@ class Plan:
         self._retries = retries
         self._is_closed = False
         self._claims = claims
-        self._look_seconds = claims.config.look_seconds if claims else None
-        self._taken: list[Planned] = []
-        """What other collectors have claimed; they may die."""
+        self._check_seconds = claims.config.look_seconds if claims else None
+        self._claimed_elsewhere: list[Planned] = []
+        """Attempts that other collectors have claimed; they return here if that collector dies."""
         self.elsewhere: set[tuple[str, int]] = set()
-        """Samples, by task and number, that other collectors have done or taken over."""
+        """Samples (task id, number) that other collectors have finished or taken over."""
         self._in_flight = 0
         self._done = 0
         self._changed = asyncio.Condition()
         ended: defaultdict[tuple[str, int], list[Outcome]] = defaultdict(list)
-        names = [*map(_number, retired)]
+        used_ids = [*map(_parse_id, retired)]
         for entry in recorded:
-            names.append((entry.task_id, entry.sample, entry.retry))
+            used_ids.append((entry.task_id, entry.sample, entry.retry))
             ended[entry.task_id, entry.sample].append(entry.outcome)
-        following: defaultdict[tuple[str, int], int] = defaultdict(int)
-        for task_id, sample, retry in names:
-            following[task_id, sample] = max(following[task_id, sample], retry + 1)
+        next_retry: defaultdict[tuple[str, int], int] = defaultdict(int)
+        for task_id, sample, retry in used_ids:
+            next_retry[task_id, sample] = max(next_retry[task_id, sample], retry + 1)
         self._waiting: deque[Planned] = deque()
-        taken: Counter[str] = Counter()
+        sample_counts: Counter[str] = Counter()
         for _ in range(samples):
             for task in tasks:
-                sample = taken[task.id]
-                taken[task.id] += 1
+                sample = sample_counts[task.id]
+                sample_counts[task.id] += 1
                 outcomes = ended.get((task.id, sample), [])
                 failures = 0 if retry_errors else sum(map(_has_failed, outcomes))
                 if failures > retries or not all(outcome.is_retried for outcome in outcomes):
                     self._done += 1
                 else:
-                    self._waiting.append(Planned(task, sample, following.get((task.id, sample), 0), failures))
+                    self._waiting.append(
+                        Planned(task, sample, next_retry.get((task.id, sample), 0), failures)
+                    )
         if hardest_first:
             self._waiting = deque(sorted(self._waiting, key=lambda planned: -planned.task.difficulty))
         self.total = samples * len(tasks)
 
     def _next(self, planned: Planned, outcome: Outcome) -> Planned | None:
-        """The attempt that must follow one that ended so; ``None`` if the sample is done."""
+        """The attempt that must follow one with this outcome; ``None`` if the sample is done."""
         if not outcome.is_retried:
             return None
         following = planned.after(outcome)
@@ -127,19 +128,20 @@ class Plan:
 
     @property
     def done(self) -> int:
-        """Samples that are done."""
+        """Number of samples that are done."""
         return self._done
 
     @property
     def waiting(self) -> int:
-        """Attempts that nobody has taken yet."""
+        """Number of attempts that have not been handed out."""
         return len(self._waiting)
 
     async def take(self, *, wait: bool = True) -> Planned | None:
-        """The next attempt. ``None`` at the end.
+        """The next attempt; ``None`` at the end.
 
         Args:
-            wait: while there is none, but one in flight may have to be repeated; else ``None`` then, too.
+            wait: wait while no attempt is available but one in progress may have to be repeated; otherwise
+                return ``None`` then, too.
         """
         while (planned := await self._next_waiting(wait=wait)) is not None:
             claim = Claim.OURS
@@ -150,7 +152,7 @@ class Plan:
             async with self._changed:
                 self._in_flight -= 1
                 if claim is Claim.TAKEN:
-                    self._taken.append(planned)
+                    self._claimed_elsewhere.append(planned)
                 else:
                     self._done += 1
                     self.elsewhere.add((planned.task.id, planned.sample))
@@ -160,24 +162,24 @@ class Plan:
     async def _next_waiting(self, *, wait: bool) -> Planned | None:
         async with self._changed:
             while wait and not (self._is_closed or self._waiting):
-                if not self._in_flight and not self._taken:
+                if not self._in_flight and not self._claimed_elsewhere:
                     return None
                 try:
-                    async with asyncio.timeout(self._look_seconds if self._taken else None):
+                    async with asyncio.timeout(self._check_seconds if self._claimed_elsewhere else None):
                         await self._changed.wait()
                 except TimeoutError:
-                    self._waiting.extend(self._taken)
-                    self._taken.clear()
+                    self._waiting.extend(self._claimed_elsewhere)
+                    self._claimed_elsewhere.clear()
             if self._is_closed or not self._waiting:
                 return None
             self._in_flight += 1
             return self._waiting.popleft()
 
     async def holds(self, task_id: str, sample: int) -> bool:
-        """Whether a sample that was ours still is, and not another collector's by now.
+        """Whether a sample that this collector claimed has not been taken over by another.
 
         Raises:
-            StoreError: the disk that is shared cannot be read.
+            StoreError: the shared disk cannot be read.
         """
         if self._claims is None or await asyncio.to_thread(self._claims.holds, task_id, sample):
             return True
@@ -204,11 +206,11 @@ class Plan:
             self._changed.notify_all()
 
     async def close(self) -> None:
-        """Hand nothing out any more."""
+        """Hand out no further attempts."""
         async with self._changed:
             self._is_closed = True
             self._changed.notify_all()
 
     def is_ending(self, share: float) -> bool:
-        """Whether this share of all samples is done, and none waits to be begun."""
+        """Whether this share of all samples is done and no attempt is waiting to start."""
         return self._done >= share * self.total and not self._waiting

@@ -1,4 +1,4 @@
-"""The progress of a running collector: written by it, read by its displays."""
+"""The progress of a running collector, which it updates and displays read."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ State: TypeAlias = Literal["opening", "acting", "thinking", "judging"]
 STATES: tuple[State, ...] = ("opening", "acting", "thinking", "judging")
 
 RECENT_SECONDS = 20.0
-"""The span over which the current pace of steps is measured."""
+"""Time span over which the rate of steps is measured."""
 
 ENDED_SECONDS = 300.0
-"""The span over which the current pace of trajectories is measured: with large models one takes minutes."""
+"""Time span over which the rate of trajectories is measured; with large models one takes minutes."""
 
 
 class Queue(NamedTuple):
-    """Calls of one kind, such as ``navigate`` or ``policy``, at this moment.
+    """Current load of calls of one kind, such as ``navigate`` or ``policy``.
 
     Attributes:
-        waiting: how many wait for their turn.
-        running: how many are served.
-        wait: how long the calls served last had waited, seconds, median; ``None`` before the first.
-        service: how long serving them took, seconds, median; ``None`` before the first.
+        waiting: calls that wait.
+        running: calls in progress.
+        wait: median waiting time of recent calls, seconds; ``None`` before the first.
+        service: median duration of recent calls, seconds; ``None`` before the first.
     """
 
     waiting: int
@@ -44,7 +44,7 @@ class Queue(NamedTuple):
 
 
 def queues_of(calls: Mapping[str, CallQueue]) -> dict[str, Queue]:
-    """What a monitor shows of the queues that were used."""
+    """The load of all queues that have been used."""
     loads = {kind: queue.load for kind, queue in calls.items()}
     return {
         kind: Queue(load.waiting, load.running, load.wait, load.service)
@@ -58,11 +58,11 @@ class Cell:
     """An attempt in progress, as a monitor draws it.
 
     Attributes:
-        attempt_id: which.
-        place: the lowest place in the grid that was free when it began, from 0; it keeps it to its end.
+        attempt_id: the attempt.
+        place: its position in the grid, from 0: the lowest that was free when it started.
         state: ``None`` between two states, as while an ended attempt waits for a free judge.
-        steps: taken so far.
-        since: when it came into this state, on the clock of :func:`time.monotonic`.
+        steps: number of steps so far.
+        since: when the state was entered, on the clock of :func:`time.monotonic`.
     """
 
     attempt_id: str
@@ -72,28 +72,28 @@ class Cell:
     since: float
 
 
-class _Pace:
-    """How often something happens, over the last seconds."""
+class _EventRate:
+    """The rate of an event over a sliding time span."""
 
     def __init__(self, span: float) -> None:
         self._span = span
-        self._moments: deque[float] = deque()
+        self._times: deque[float] = deque()
 
     def count(self) -> None:
-        """It happened now."""
-        self._moments.append(time.monotonic())
+        """Count an event now."""
+        self._times.append(time.monotonic())
         self._forget()
 
     def _forget(self) -> None:
         oldest = time.monotonic() - self._span
-        while self._moments and self._moments[0] < oldest:
-            self._moments.popleft()
+        while self._times and self._times[0] < oldest:
+            self._times.popleft()
 
     def per_second(self, age: float) -> float:
-        """Over the span, or over the age of what is measured if that is less."""
+        """Events per second over the span, or over ``age`` seconds if that is less."""
         self._forget()
         span = min(age, self._span)
-        return len(self._moments) / span if span > 0 else 0.0
+        return len(self._times) / span if span > 0 else 0.0
 
 
 @dataclass
@@ -101,25 +101,25 @@ class Progress:
     """Counts of a running collector.
 
     Attributes:
-        total: samples wanted.
-        done: samples done, those of an earlier session included.
+        total: number of planned samples.
+        done: samples done, including earlier sessions.
         earlier: samples done before this session.
-        states: how many attempts are in which state.
+        states: number of attempts by state.
         cells: the attempts in progress, by attempt id.
-        outcomes: of the attempts that ended in this session.
-        levels: difficulty of the tasks by their ids, for the success by difficulty.
-        by_level: how many attempts ended so, by difficulty and outcome.
-        errors: codes of the failures that ended attempts or left them without a verdict.
-        steps: taken in this session.
-        invalid: steps of this session whose replies hold no action.
-        note: what all of the figures must be read with; empty for nothing.
-        problem: says what the attempts wait for at this moment, if it is out of the ordinary.
-        queues: the collector's queues by kind of call. Everything that shows queues asks this.
-        tracker_error: which of ``trackers`` has failed, and why; empty if none has.
-        feed_error: why ``live.json`` could not be written last time; empty if it was.
-        last: the attempts that ended last, newest first: (outcome, task id, steps).
-        calls: the queues of the kinds of calls.
-        lag: how late the collector's event loop is.
+        outcomes: number of attempts that ended in this session, by outcome.
+        levels: difficulty of the tasks, by id.
+        by_level: number of ended attempts by difficulty and outcome.
+        errors: number of failures that ended attempts or prevented verdicts, by code.
+        steps: number of steps in this session.
+        invalid: steps of this session whose replies hold no valid action.
+        note: a caveat about all figures; empty for none.
+        problem: returns the problem that attempts currently wait for; empty if there is none.
+        queues: returns the load of the collector's queues by kind of call.
+        tracker_error: message about a failed tracker; empty if there is none.
+        feed_error: why the last write of ``live.json`` failed; empty if it did not.
+        last: the latest ended attempts, newest first: (outcome, task id, steps).
+        calls: the queues themselves, by kind of call.
+        lag: the event loop's lag.
     """
 
     total: int
@@ -142,17 +142,18 @@ class Progress:
     calls: Mapping[str, CallQueue] = field(default_factory=dict)
     lag: LoopLag = field(default_factory=LoopLag)
     started: float = field(default_factory=time.monotonic)
-    _stepped: _Pace = field(default_factory=lambda: _Pace(RECENT_SECONDS))
-    _ended: _Pace = field(default_factory=lambda: _Pace(ENDED_SECONDS))
+    _stepped: _EventRate = field(default_factory=lambda: _EventRate(RECENT_SECONDS))
+    _ended: _EventRate = field(default_factory=lambda: _EventRate(ENDED_SECONDS))
     _free: list[int] = field(default_factory=list)
 
     def move(self, before: State | None, after: State | None, attempt_id: str | None = None) -> None:
-        """An attempt went from one state to another; ``None`` is outside.
+        """Move an attempt from one state to another; ``None`` is no state.
 
         Args:
-            before: the state it was in.
-            after: the state it is in now.
-            attempt_id: gives it a cell, until :meth:`ended`. Without one it is counted only.
+            before: the previous state.
+            after: the new state.
+            attempt_id: shows the attempt as a cell until :meth:`ended`. Without it the attempt is only
+                counted.
         """
         if before is not None:
             self.states[before] -= 1
@@ -168,7 +169,7 @@ class Progress:
             self.cells[attempt_id] = Cell(attempt_id, place, after, 0, now)
 
     def stepped(self, attempt_id: str | None = None, *, is_valid: bool = True) -> None:
-        """An attempt took a step, by a reply with or without an action."""
+        """Count a step of an attempt, whose reply held a valid action or not."""
         self.steps += 1
         self.invalid += not is_valid
         self._stepped.count()
@@ -176,7 +177,7 @@ class Progress:
             cell.steps += 1
 
     def ended(self, trajectory: Trajectory) -> None:
-        """An attempt was recorded."""
+        """Count a recorded attempt and remove its cell."""
         episode = trajectory.episode
         self._count(trajectory, 1)
         self._ended.count()
@@ -185,8 +186,8 @@ class Progress:
             heapq.heappush(self._free, cell.place)
 
     def judged_again(self, before: Trajectory, after: Trajectory) -> None:
-        """An attempt that had no verdict was recorded with one."""
-        if self.outcomes[before.outcome]:  # else it ended in an earlier session
+        """Replace the counts of an attempt that was judged again."""
+        if self.outcomes[before.outcome]:  # otherwise it ended in an earlier session
             self._count(before, -1)
             self._count(after, 1)
 
@@ -204,39 +205,41 @@ class Progress:
 
     @property
     def steps_per_second(self) -> float:
-        """Over the last seconds."""
+        """Rate over the last :data:`RECENT_SECONDS`."""
         return self._stepped.per_second(self.seconds)
 
     @property
     def trajectories_per_minute(self) -> float:
-        """Over the last minutes."""
+        """Rate over the last :data:`ENDED_SECONDS`."""
         return 60 * self._ended.per_second(self.seconds)
 
     @property
     def seconds_left(self) -> float | None:
-        """How long the rest takes at this session's pace; ``None`` before anything is done."""
-        here = self.done - self.earlier
-        return (self.total - self.done) * self.seconds / here if here else None
+        """Estimated remaining seconds at this session's rate; ``None`` before any sample is done."""
+        done_now = self.done - self.earlier
+        return (self.total - self.done) * self.seconds / done_now if done_now else None
 
     @property
     def successes(self) -> Successes:
-        """Of this session; planned are the samples that are done, those still to come are not."""
+        """Success of this session; only samples that are done count as planned."""
         rewarded = sum(count for outcome, count in self.outcomes.items() if outcome.is_rewarded)
-        done = max(self.done - self.earlier, rewarded)  # one is recorded a moment before it is done
+        done = max(
+            self.done - self.earlier, rewarded
+        )  # an attempt is recorded a moment before its sample is done
         return Successes(self.outcomes[Outcome.SUCCESS], rewarded, done)
 
     def successes_of(self, level: Level) -> Successes:
-        """Of this session's attempts at tasks of a difficulty."""
+        """Success of this session's attempts at tasks of a difficulty."""
         ended = {outcome: self.by_level[level, outcome] for outcome in Outcome}
         rewarded = sum(count for outcome, count in ended.items() if outcome.is_rewarded)
         return Successes(ended[Outcome.SUCCESS], rewarded, sum(ended.values()))
 
     @property
     def warnings(self) -> list[str]:
-        """What the figures must be read with, what the attempts wait for, what cannot be shown."""
+        """Caveats about the figures, problems that attempts wait for, and failures of displays."""
         invalid = f"{self.invalid / self.steps:.1%} of replies invalid" if self.invalid else ""
         feed = f"the monitor's page is out of date: {self.feed_error}" if self.feed_error else ""
-        return [told for told in (invalid, self.note, self.problem(), feed, self.tracker_error) if told]
+        return [text for text in (invalid, self.note, self.problem(), feed, self.tracker_error) if text]
 
     def metric(self) -> dict[str, Any]:
         """A line for ``metrics.jsonl``."""
@@ -260,7 +263,7 @@ class Progress:
         }
 
     def snapshot(self) -> dict[str, Any]:
-        """All that a monitor shows: the figures of :meth:`metric`, and what is only of this moment."""
+        """All figures of a monitor: those of :meth:`metric` and the momentary ones."""
         now = time.monotonic()
         return {
             **self.metric(),

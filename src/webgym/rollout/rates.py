@@ -1,8 +1,8 @@
 """Success rates: over judged attempts, and over all planned samples.
 
-The rate over judged attempts is the paper's: what was blocked, or failed for a reason that is not the
-policy's, is no failure of it. But what leaves that rate can raise it, so the other one is told beside it
-wherever it is told: there an attempt without a reward, or that was never made, is one without success.
+The rate over judged attempts is the paper's: it excludes attempts that were blocked or failed for a reason
+other than the policy. Since excluding attempts can raise it, it is always reported together with the rate
+over planned samples, in which an attempt that has no reward or was never made counts as unsuccessful.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Interval: TypeAlias = tuple[float, float]
 
 
 def wilson(successes: int, of: int) -> Interval | None:
-    """The Wilson score interval at 95 % of a proportion; ``None`` of nothing."""
+    """The 95 % Wilson score interval of a proportion; ``None`` if ``of`` is 0."""
     if of == 0:
         return None
     share, z2 = successes / of, _Z * _Z
@@ -28,9 +28,9 @@ def wilson(successes: int, of: int) -> Interval | None:
 
 
 def pass_at(k: int, successes: int, of: int) -> float | None:
-    """The chance that at least one of ``k`` attempts succeeds, where ``successes`` of ``of`` did.
+    """Estimate pass@k: the probability that at least one of ``k`` attempts succeeds.
 
-    The unbiased estimate, from all choices of ``k`` among them; ``None`` if there were fewer.
+    Unbiased, from ``successes`` out of ``of`` attempts; ``None`` if ``of`` is less than ``k``.
     """
     if of < k:
         return None
@@ -41,8 +41,8 @@ class Rate(NamedTuple):
     """A success rate.
 
     Attributes:
-        value: from 0 to 1; ``None`` of nothing.
-        interval: Wilson's, at 95 %; ``None`` with the value.
+        value: from 0 to 1; ``None`` if there are no attempts.
+        interval: 95 % Wilson interval; ``None`` if the value is.
     """
 
     value: float | None
@@ -51,12 +51,12 @@ class Rate(NamedTuple):
 
 @dataclass(frozen=True)
 class Successes:
-    """What the two success rates of a group of attempts are made from.
+    """Counts of a group of attempts, and the two success rates that follow.
 
     Attributes:
-        won: attempts that succeeded.
-        judged: attempts that carry a reward: success, failure, truncated.
-        planned: samples that were wanted, whatever became of them.
+        won: successful attempts.
+        judged: attempts with a reward: success, failure, truncated.
+        planned: planned samples, whatever their outcome.
     """
 
     won: int
@@ -65,12 +65,12 @@ class Successes:
 
     @property
     def of_judged(self) -> Rate:
-        """Over the attempts that carry a reward."""
+        """Success rate over the attempts with a reward."""
         return _rate(self.won, self.judged)
 
     @property
     def of_planned(self) -> Rate:
-        """Over all samples that were planned."""
+        """Success rate over all planned samples."""
         return _rate(self.won, self.planned)
 
 

@@ -1,8 +1,8 @@
-"""One record of a run: a line of JSON that carries its own checksum, and the index that finds it again.
+"""The records of a run, which are JSON lines with their own checksums, and an index of them.
 
 A line is ``{"sha256":"<hex>","trajectory":<JSON>}``. The digest covers the exact bytes of the
-trajectory's JSON, so that a record is proven whole without being understood, and stays readable by
-anything that reads JSON lines.
+trajectory's JSON, so that a record is verified without decoding it, and any program that reads JSON lines can
+read it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _BODY = slice(_DIGEST.stop + len(_MIDDLE), -len(_CLOSE))
 
 
 class Entry(NamedTuple):
-    """Where a trajectory lies, and what a resumed run needs to know about it without reading it."""
+    """Location of a trajectory's record, and what a resumed run needs to know without reading it."""
 
     attempt_id: str
     task_id: str
@@ -41,7 +41,7 @@ class Entry(NamedTuple):
 
 
 class CorruptLine(NamedTuple):
-    """A record that cannot be trusted.
+    """A damaged record.
 
     Attributes:
         file: path relative to the run folder.
@@ -70,14 +70,14 @@ class _Head(msgspec.Struct):
 
 
 _LAST_MOMENT = 253_402_300_800.0
-"""Unix time of the year 10000, which no calendar here can show."""
+"""Unix time of the start of the year 10000, which ``datetime`` cannot represent."""
 
 _heads = msgspec.json.Decoder(_Head)
 _trajectories = msgspec.json.Decoder(Trajectory)
 
 
 def whole_text(value: Any) -> Any:
-    """The same value with lone surrogates, which no UTF-8 file can hold, replaced by U+FFFD."""
+    """The same value with lone surrogates, which UTF-8 cannot encode, replaced by U+FFFD."""
     if isinstance(value, str):
         return value.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
     if isinstance(value, dict):
@@ -86,10 +86,10 @@ def whole_text(value: Any) -> Any:
 
 
 def seal(trajectory: Trajectory) -> bytes:
-    """The line that records this trajectory.
+    """The line that stores a trajectory.
 
     Raises:
-        StoreError: it holds something that would not read back, such as NaN for a duration.
+        StoreError: the trajectory cannot be stored without loss, for example because a duration is NaN.
     """
     try:
         try:
@@ -98,15 +98,15 @@ def seal(trajectory: Trajectory) -> bytes:
             body = msgspec.json.encode(whole_text(msgspec.to_builtins(trajectory)))
         _trajectories.decode(body)
     except (msgspec.MsgspecError, TypeError, OverflowError) as error:
-        raise StoreError(f"{trajectory.episode.attempt_id} would not read back: {error}") from error
+        raise StoreError(f"{trajectory.episode.attempt_id} cannot be stored: {error}") from error
     return b"".join((_OPEN, hashlib.sha256(body).hexdigest().encode(), _MIDDLE, body, _CLOSE))
 
 
 def unseal(line: bytes) -> bytes:
-    """The JSON of the trajectory that a line records.
+    """The JSON of the trajectory in a line.
 
     Raises:
-        ValueError: with the reason, if the line is not whole.
+        ValueError: the line is damaged; the message is the reason.
     """
     framed = line.startswith(_OPEN) and line.endswith(_CLOSE) and line[_DIGEST.stop : _BODY.start] == _MIDDLE
     if not framed:
@@ -118,10 +118,10 @@ def unseal(line: bytes) -> bytes:
 
 
 def decode(line: bytes) -> Trajectory:
-    """The trajectory that a line records.
+    """The trajectory in a line.
 
     Raises:
-        ValueError: with the reason, if the line is not whole or does not hold a trajectory.
+        ValueError: the line is damaged or holds no trajectory; the message is the reason.
     """
     trajectory = _trajectories.decode(unseal(line))  # msgspec's errors are ValueErrors
     _refuse_impossible(trajectory)
@@ -131,8 +131,8 @@ def decode(line: bytes) -> Trajectory:
 _NAME = re.compile(rb'"attempt_id":("(?:[^"\\]|\\.)*")')
 
 
-def name_in(line: bytes) -> str | None:
-    """The name of the attempt that a line was about which cannot be trusted, if it can still be read."""
+def attempt_id_in(line: bytes) -> str | None:
+    """The attempt id in a damaged line, if it can still be read."""
     found = _NAME.search(line)
     try:
         return msgspec.json.decode(found.group(1), type=str) if found else None
@@ -140,16 +140,16 @@ def name_in(line: bytes) -> str | None:
         return None
 
 
-def names_in(folder: Path) -> Iterator[str]:
-    """The names in all lines of the shards of a folder, whole or not."""
+def attempt_ids_in(folder: Path) -> Iterator[str]:
+    """The attempt ids in all lines of a folder's shards, damaged or not."""
     for shard in folder.glob("*.jsonl"):
         with shard.open("rb") as lines:
-            yield from filter(None, map(name_in, lines))
+            yield from filter(None, map(attempt_id_in, lines))
 
 
 def pictures(trajectory: Trajectory) -> set[str]:
-    """The names of all pictures that a trajectory shows or sent."""
-    names = {seen.screenshot for seen in trajectory.episode.observations}
+    """The names of all pictures in a trajectory's observations and messages."""
+    names = {observation.screenshot for observation in trajectory.episode.observations}
     for step in trajectory.episode.steps:
         for message in step.messages:
             names |= {part.screenshot for part in message.content if isinstance(part, ImageRef)}
@@ -157,30 +157,30 @@ def pictures(trajectory: Trajectory) -> set[str]:
 
 
 def _refuse_impossible(trajectory: Trajectory) -> None:
-    """A checksum proves that a record is whole, not that WebGym wrote it: a run may come from elsewhere.
+    """Refuse values that WebGym never writes and that could harm a reader of a run from elsewhere.
 
     Raises:
-        ValueError: there is something in it that could harm who reads it.
+        ValueError: the trajectory holds such a value.
     """
     for name in pictures(trajectory):
         if not is_picture(name):
             raise ValueError(f"{name[:80]!r} does not name a picture")
-    for seen in trajectory.episode.observations:
-        if not all(0 < side < 2**16 for side in seen.viewport):
-            raise ValueError(f"there is no viewport {seen.viewport}"[:80])
+    for observation in trajectory.episode.observations:
+        if not all(0 < side < 2**16 for side in observation.viewport):
+            raise ValueError(f"the viewport {observation.viewport} is invalid"[:80])
     if not 0 <= trajectory.episode.started_at < _LAST_MOMENT:
-        raise ValueError("there is no such time as it started at")
+        raise ValueError("the start time is out of range")
 
 
 class Index:
-    """What the shards of a run hold, verified, and kept up to date by reading only what is new.
+    """A verified index of a run's shards, which is updated by reading only new lines.
 
-    An attempt without a verdict may be recorded again, once it has one: the later record counts.
+    An attempt without a verdict may be recorded again once it has one; the later record counts.
 
     Attributes:
-        entries: the whole records by attempt id, in order.
-        corrupt: the lines that are none.
-        retired: names of the attempts that these were about, as far as they can be read.
+        entries: the intact records by attempt id, in order.
+        corrupt: the damaged lines.
+        retired: attempt ids of damaged records, as far as they can be read.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -195,11 +195,11 @@ class Index:
         return sorted(self._folder.glob("*.jsonl"))
 
     def end(self, shard: Path) -> int:
-        """The offset after the last whole line that was read. A torn line, if any, begins here."""
+        """The offset after the last complete line. An unfinished line, if any, begins there."""
         return self._read[shard.name][0]
 
     def refresh(self) -> None:
-        """Read what was written since the last look, one line in memory at a time."""
+        """Read what was written since the last call, one line in memory at a time."""
         for shard in self.shards():
             if shard.stat().st_size != self._read.setdefault(shard.name, (0, 0))[0]:
                 self._scan(shard)
@@ -216,13 +216,13 @@ class Index:
                     self._add(_heads.decode(unseal(line)), shard.name, offset, len(line))
                 except (ValueError, RecursionError) as error:
                     self._note(shard, number, error)
-                    if name := name_in(line):
+                    if name := attempt_id_in(line):
                         self.retired.add(name)
                 offset += len(line)
         self._read[shard.name] = (offset, number)
 
-    def leave_out(self, entry: Entry, error: BaseException) -> None:
-        """Forget a record whose line is whole and which is no trajectory."""
+    def drop(self, entry: Entry, error: BaseException) -> None:
+        """Drop a record whose checksum matches but which is not a trajectory."""
         shard = self._folder / entry.shard
         with shard.open("rb") as file:
             self._note(shard, file.read(entry.offset).count(b"\n") + 1, error)
@@ -255,10 +255,10 @@ def read_at(shard: Path, entry: Entry) -> Trajectory:
         raise StoreCorrupt(f"{entry.attempt_id} in {shard}: {error}") from error
 
 
-def complain(corrupt: list[CorruptLine]) -> StoreCorrupt:
-    """One error for all the lines that cannot be trusted."""
+def corruption_error(corrupt: list[CorruptLine]) -> StoreCorrupt:
+    """An error that reports all damaged lines."""
     more = f" (and {len(corrupt) - 1} more)" if len(corrupt) > 1 else ""
     return StoreCorrupt(
         f"{corrupt[0]}{more}",
-        hint="the other records are whole; --skip-corrupt continues without the broken ones",
+        hint="the other records are intact; --skip-corrupt continues without the damaged ones",
     )

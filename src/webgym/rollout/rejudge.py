@@ -1,7 +1,7 @@
-"""Judging a stored run again, any number of times; each attempt once per judge.
+"""Judges a stored run again, with any number of judges; each judges an attempt once.
 
-Trajectories stay as they are. Verdicts are kept by the judge's name (:mod:`webgym.rollout.verdicts`); what a
-judge has said is not asked again, so that a judging that was killed goes on where it was.
+Trajectories are not changed. Verdicts are stored by the judge's name (:mod:`webgym.rollout.verdicts`), and an
+attempt with a verdict is not judged again, so that an interrupted judging continues where it stopped.
 """
 
 from __future__ import annotations
@@ -25,30 +25,30 @@ from webgym.rollout.verdicts import Judged, VerdictLog, read_verdicts
 from webgym.settings import Settings
 
 RECORDED = "recorded"
-"""What the verdicts are called that were made when the run was collected."""
+"""Name for the verdicts that were made when the run was collected."""
 
 
 class RejudgeConfig(Settings):
-    """How many at once, and what is judged again."""
+    """Limits of judging a run again."""
 
     judges: int = Field(default=8, ge=1)
     """Episodes being judged at the same time."""
 
     judge_seconds: float = Field(default=600.0, gt=0)
-    """How long one verdict may take before the attempt counts as unjudged."""
+    """Time limit of a verdict; after it, the attempt counts as unjudged."""
 
     limit: int | None = Field(default=None, ge=1)
     """Judge at most this many attempts; by default all."""
 
     retry_failures: bool = True
-    """Judge those again that this judge had no verdict on."""
+    """Judge attempts again for which this judge failed to give a verdict."""
 
     judge_again: int = Field(default=2, ge=0)
-    """How often those without a verdict are judged again when all others are done."""
+    """How often attempts without a verdict are judged again after all others."""
 
     give_up_after: int = Field(default=20, ge=1)
-    """The judging stops when so many attempts in a row had no verdict: the endpoint is gone, or the model is
-    not up to it."""
+    """Stop after this many attempts in a row without a verdict: the endpoint has failed, or the model cannot
+    judge."""
 
     again: bool = False
     """Judge everything again; the latest verdict counts."""
@@ -60,16 +60,16 @@ class Judging:
 
     Attributes:
         judge: its name.
-        total: attempts of the run that can be judged.
-        earlier: how many of them this judge had judged before.
-        skipped: attempts that did not end of their own, or are another collector's, and are not judged.
-        left_out: records that cannot be trusted or lack their task, and why.
-        done: judged by now, the earlier ones included.
-        outcomes: of those.
+        total: number of attempts that can be judged.
+        earlier: number of attempts that this judge had judged before.
+        skipped: attempts that are not judged: they ended in an error, or belong to another collector.
+        left_out: records that are damaged or lack their task, with the reason.
+        done: number of judged attempts, including the earlier ones.
+        outcomes: number of judged attempts by outcome.
         cost: of all verdicts.
-        spent: of the verdicts that were made now.
-        failed_in_a_row: the latest attempts without a verdict.
-        failures: why attempts have no verdict, and how many have none for this reason.
+        spent: cost of the verdicts made in this session.
+        failed_in_a_row: number of latest attempts in a row without a verdict.
+        failures: number of attempts without a verdict, by reason.
     """
 
     judge: str
@@ -85,7 +85,7 @@ class Judging:
     failures: Counter[str] = field(default_factory=Counter)
 
     def count(self, judged: Judged, *, now: bool) -> None:
-        """Take note of a judgement."""
+        """Count a judgement; ``now`` if it was made in this session."""
         self._add(judged, 1)
         cost = judged.verdict.cost if judged.verdict and judged.verdict.cost else Cost()
         self.cost += cost
@@ -93,9 +93,9 @@ class Judging:
             self.spent += cost
 
     def discount(self, judged: Judged) -> None:
-        """Forget a judgement that had no verdict: it is made again."""
+        """Subtract a judgement without a verdict, which is made again."""
         self._add(judged, -1)
-        self.failures = +self.failures  # a reason that is none any more is not told
+        self.failures = +self.failures  # remove reasons whose count is 0
 
     def _add(self, judged: Judged, number: int) -> None:
         self.done += number
@@ -114,33 +114,33 @@ async def judge_run(
     """Judge a stored run.
 
     Args:
-        run: the run folder; it may still be written to, and is judged as far as it has come.
-        judge: who judges.
+        run: the run folder; if it is still being written to, the attempts so far are judged.
+        judge: the judge.
         config: limits.
-        show: is told after every attempt.
+        show: called with the progress after every attempt.
 
     Raises:
-        RunFolderError: the folder is no run.
+        RunFolderError: the folder is not a run folder.
         JudgeError: too many attempts in a row had no verdict.
-        StoreError: a verdict cannot be kept.
+        StoreError: a verdict cannot be stored.
     """
     config = config or RejudgeConfig()
     reader = RunReader(run, skip_corrupt=True)
     state = Judging(judge.name)
-    with VerdictLog(run, judge.name) as book:
-        waiting = await asyncio.to_thread(_waiting, reader, book, state, config)
+    with VerdictLog(run, judge.name) as verdict_log:
+        waiting = await asyncio.to_thread(_waiting, reader, verdict_log, state, config)
         if show:
             show(state)
         waiting = waiting[: config.limit]
-        await _judge_all(reader, judge, book, waiting, state, config, show)
+        await _judge_all(reader, judge, verdict_log, waiting, state, config, show)
         for _ in range(config.judge_again):
-            waiting = [one for one in waiting if book.held[one].verdict is None]
-            await _judge_all(reader, judge, book, waiting, state, config, show, is_again=True)
+            waiting = [attempt for attempt in waiting if verdict_log.latest[attempt].verdict is None]
+            await _judge_all(reader, judge, verdict_log, waiting, state, config, show, is_again=True)
     return state
 
 
-def _waiting(reader: RunReader, book: VerdictLog, state: Judging, config: RejudgeConfig) -> list[str]:
-    """The attempts that are still to be judged. Those that are not are counted."""
+def _waiting(reader: RunReader, verdict_log: VerdictLog, state: Judging, config: RejudgeConfig) -> list[str]:
+    """The attempts that remain to be judged. The others are counted in ``state``."""
     waiting = []
     for trajectory in reader.trajectories():
         episode = trajectory.episode
@@ -151,11 +151,11 @@ def _waiting(reader: RunReader, book: VerdictLog, state: Judging, config: Rejudg
             state.left_out.append(f"{episode.attempt_id}: the run does not hold its task {episode.task_id}")
             continue
         state.total += 1
-        held = book.held.get(episode.attempt_id)
-        is_kept = held is not None and (held.verdict is not None or not config.retry_failures)
-        if held is not None and is_kept and not config.again:
+        judged = verdict_log.latest.get(episode.attempt_id)
+        is_kept = judged is not None and (judged.verdict is not None or not config.retry_failures)
+        if judged is not None and is_kept and not config.again:
             state.earlier += 1
-            state.count(held, now=False)
+            state.count(judged, now=False)
         else:
             waiting.append(episode.attempt_id)
     state.left_out += map(str, reader.skipped)
@@ -165,7 +165,7 @@ def _waiting(reader: RunReader, book: VerdictLog, state: Judging, config: Rejudg
 async def _judge_all(
     reader: RunReader,
     judge: Judge,
-    book: VerdictLog,
+    verdict_log: VerdictLog,
     waiting: list[str],
     state: Judging,
     config: RejudgeConfig,
@@ -173,28 +173,28 @@ async def _judge_all(
     *,
     is_again: bool = False,
 ) -> None:
-    """Judge these. Those that are judged again have been counted without a verdict, and may stay without."""
-    left = iter(waiting)
+    """Judge attempts; with ``is_again``, attempts that were counted without a verdict."""
+    remaining = iter(waiting)
     writing = asyncio.Lock()
 
     async def pictures(name: str) -> bytes:
         return await asyncio.to_thread(reader.image, name)
 
     async def work() -> None:
-        for attempt_id in left:
+        for attempt_id in remaining:
             episode = (await asyncio.to_thread(reader.trajectory, attempt_id)).episode
             started = time.monotonic()
-            found = await judge_episode(
+            result = await judge_episode(
                 judge, reader.tasks[episode.task_id], episode, pictures, config.judge_seconds
             )
             seconds = time.monotonic() - started
             judged = Judged(
-                attempt_id, judge.name, found.outcome, time.time(), seconds, found.verdict, found.failure
+                attempt_id, judge.name, result.outcome, time.time(), seconds, result.verdict, result.failure
             )
             async with writing:
                 if is_again:
-                    state.discount(book.held[attempt_id])
-                await asyncio.to_thread(book.append, judged)
+                    state.discount(verdict_log.latest[attempt_id])
+                await asyncio.to_thread(verdict_log.append, judged)
             state.count(judged, now=True)
             if show:
                 show(state)
@@ -205,7 +205,7 @@ async def _judge_all(
                     return
                 raise JudgeError(
                     f"{state.failed_in_a_row} attempts in a row had no verdict: {failed.message}",
-                    hint="what was judged is kept; fix the cause, then call again",
+                    hint="the verdicts so far are stored; fix the cause, then call again",
                 )
 
     try:
@@ -218,15 +218,15 @@ async def _judge_all(
 
 @dataclass(frozen=True)
 class Difference:
-    """An attempt that two judges see differently."""
+    """An attempt on which two judges differ."""
 
     attempt_id: str
     one: Judged
     other: Judged
 
     def why(self) -> str:
-        """Where they part, in a few words."""
-        return f"{_found(self.one)} / {_found(self.other)}"
+        """The reasons of both judges, in one line."""
+        return f"{_reason(self.one)} / {_reason(self.other)}"
 
 
 @dataclass(frozen=True)
@@ -234,9 +234,9 @@ class Comparison:
     """Two judges on the same attempts.
 
     Attributes:
-        both: attempts that both gave a reward.
-        agreed: those that got the same from both.
-        unjudged: attempts that only one of them gave a reward, or neither.
+        both: number of attempts to which both gave a reward.
+        agreed: number of attempts to which both gave the same reward.
+        unjudged: number of attempts without a reward from one or both judges.
         differences: the attempts with different rewards or different outcomes, in order.
     """
 
@@ -252,7 +252,7 @@ def compare(one: Mapping[str, Judged], other: Mapping[str, Judged]) -> Compariso
     differences = []
     for attempt_id in (key for key in one if key in other):
         a, b = one[attempt_id], other[attempt_id]
-        rewards = [each.verdict.reward if each.verdict else None for each in (a, b)]
+        rewards = [judged.verdict.reward if judged.verdict else None for judged in (a, b)]
         if None in rewards:
             unjudged += 1
         else:
@@ -268,35 +268,35 @@ def verdicts_of(run: Path, judge: str) -> tuple[str, dict[str, Judged]]:
 
     Args:
         run: the run folder.
-        judge: its name or how that begins, or :data:`RECORDED`.
+        judge: its name or a unique prefix of it, or :data:`RECORDED`.
 
     Returns:
-        The judge's whole name and its judgements by attempt.
+        The judge's full name and its judgements by attempt.
 
     Raises:
-        RunFolderError: there are none, or several judges' names begin so.
+        RunFolderError: no judge or several judges match.
     """
     if judge == RECORDED:
         return RECORDED, recorded(run)
-    held = read_verdicts(run)
-    fitting = [judge] if judge in held else [name for name in held if name.startswith(judge)]
-    if len(fitting) != 1:
-        known = ", ".join([RECORDED, *held])
+    verdicts = read_verdicts(run)
+    matching = [judge] if judge in verdicts else [name for name in verdicts if name.startswith(judge)]
+    if len(matching) != 1:
+        known = ", ".join([RECORDED, *verdicts])
         raise RunFolderError(
-            f"{'no judge' if not fitting else 'more than one judge'} of this run is called {judge!r}",
+            f"{'no judge' if not matching else 'more than one judge'} of this run is called {judge!r}",
             hint=f"there are: {known}",
         )
     attempts = RunReader(run, skip_corrupt=True).attempts
-    return fitting[0], {key: judged for key, judged in held[fitting[0]].items() if key in attempts}
+    return matching[0], {key: judged for key, judged in verdicts[matching[0]].items() if key in attempts}
 
 
 def recorded(run: Path) -> dict[str, Judged]:
     """The verdicts that were made when the run was collected."""
-    found = {}
+    judgements = {}
     for trajectory in RunReader(run, skip_corrupt=True).trajectories():
         episode, verdict = trajectory.episode, trajectory.verdict
         if is_judged(trajectory):
-            found[episode.attempt_id] = Judged(
+            judgements[episode.attempt_id] = Judged(
                 episode.attempt_id,
                 verdict.judge if verdict else RECORDED,
                 trajectory.outcome,
@@ -305,10 +305,10 @@ def recorded(run: Path) -> dict[str, Judged]:
                 verdict,
                 trajectory.judge_failure,
             )
-    return found
+    return judgements
 
 
-def _found(judged: Judged) -> str:
+def _reason(judged: Judged) -> str:
     verdict = judged.verdict
     if verdict is None:
         return judged.failure.message if judged.failure else "no verdict"

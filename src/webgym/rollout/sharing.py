@@ -1,19 +1,19 @@
-"""Several collectors share one task list, on a disk that all of them see.
+"""Shares a task list between several collectors, on a common disk.
 
-Each has a run folder of its own and the same tasks. Before a sample is attempted it is claimed; nobody
-attempts what somebody else has claimed. A collector shows that it lives; what a dead one has claimed and not
-finished is taken over. Two things are asked of the disk: that a hard link to a name that is taken fails, and
-that all see the same modification times. No collector's clock is looked at.
+Each collector has its own run folder and the same tasks. A sample is claimed before it is attempted, and
+nobody else attempts it then. Collectors send heartbeats; claims of a dead collector that are not finished
+are taken over. The disk must refuse a hard link to an existing name and show all collectors the same
+modification times. The collectors' clocks do not matter.
 
     DIR/
-      tasks                the digest of the list: collectors of another are refused
-      collectors/ID        the run folder of a collector; it lives if this was touched lately
-      claims/ab/KEY.N      who has claimed a sample; the highest N counts
-      done/ab/KEY          whose run holds the end of the sample: it needs no further attempt
+      tasks                digest of the list: collectors of another list are refused
+      collectors/ID        the run folder of a collector; its modification time is the last heartbeat
+      claims/ab/KEY.N      the collector that claimed a sample; the highest N counts
+      done/ab/KEY          the collector whose run finished the sample
 
-A claim is never changed, only followed by another, so that of several who take over one wins. A collector
-that was thought dead finds its claim followed, and drops the attempt. What a collector has done and wants to
-attempt again, because its record is lost or somebody asked for it, is its own as before.
+A claim is never changed, only superseded by the next number, so that exactly one collector takes over. A
+collector that was wrongly considered dead finds its claim superseded and drops the attempt. A collector may
+repeat its own finished samples, for example because a record was lost.
 """
 
 from __future__ import annotations
@@ -41,21 +41,21 @@ COLLECTORS: Final = "collectors"
 
 
 class SharingConfig(Settings):
-    """Where a task list is shared, and when a collector counts as dead."""
+    """Folder of a shared task list, and times."""
 
     folder: Annotated[Path, AfterValidator(Path.absolute)] | None = None
-    """Folder on a disk that other collectors of the same tasks see too: each task is attempted by one of
+    """Folder on a disk common to several collectors of the same tasks; each sample is attempted by one of
     them."""
 
     beat_seconds: float = Field(default=5.0, gt=0)
-    """Between two signs of life."""
+    """Time between heartbeats."""
 
     dead_seconds: float = Field(default=60.0, gt=0)
-    """A collector without a sign of life for so long is dead. Several times the beat, and longer than the
-    disk takes to show what others wrote."""
+    """A collector without a heartbeat for this long counts as dead. Set it to several heartbeats, and longer
+    than the disk takes to show what others wrote."""
 
     look_seconds: float = Field(default=5.0, gt=0)
-    """Between two looks at what others have claimed, when nothing else is left to do."""
+    """Time between checks of others' claims, when nothing else is left to do."""
 
 
 class Claim(Enum):
@@ -67,11 +67,11 @@ class Claim(Enum):
 
 
 class Claims:
-    """What a collector has claimed. Blocks: call it from a thread.
+    """A collector's claims on samples. All methods block; call them from a thread.
 
     Args:
-        config: limits; its folder is there.
-        name: of the collector, the same whenever its run is resumed.
+        config: with a folder.
+        name: of the collector; the same when its run is resumed.
     """
 
     def __init__(self, config: SharingConfig, name: str) -> None:
@@ -79,49 +79,49 @@ class Claims:
         self.config = config
         self._folder = config.folder
         self._name = name
-        self._life = self._folder / COLLECTORS / name
+        self._heartbeat_file = self._folder / COLLECTORS / name
         self._finished: dict[tuple[str, int], frozenset[tuple[str, int]]] = {}
-        """Samples that dead collectors had finished, by name and last sign of life."""
+        """Samples that dead collectors had finished, by name and last heartbeat."""
 
-    def join(self, tasks: Sequence[Task], samples: int, run: Path, *, goes_on: bool = False) -> None:
-        """Begin to live.
+    def join(self, tasks: Sequence[Task], samples: int, run: Path, *, is_resumed: bool = False) -> None:
+        """Join the collectors of a list.
 
         Args:
-            tasks: the list, in its order.
-            samples: wanted of every task.
-            run: our run folder.
-            goes_on: we have shared before, so that others may have done much of the list.
+            tasks: the list, in order.
+            samples: number of samples per task.
+            run: this collector's run folder.
+            is_resumed: whether this collector has joined before; the folder must then exist.
 
         Raises:
-            ConfigError: others share another list there, or nobody does where we have before.
-            StoreError: nothing can be written there.
+            ConfigError: the folder is shared for another list, or is missing for a resumed run.
+            StoreError: the folder cannot be written to.
         """
-        told = "\n".join([str(samples), *(task.id for task in tasks)]).encode()
-        digest = hashlib.sha256(told).hexdigest().encode()
+        listing = "\n".join([str(samples), *(task.id for task in tasks)]).encode()
+        digest = hashlib.sha256(listing).hexdigest().encode()
         with disk_errors(f"sharing tasks in {self._folder}"):
-            if goes_on and not (self._folder / "tasks").exists():
+            if is_resumed and not (self._folder / "tasks").exists():
                 raise ConfigError(
-                    f"{self._folder}, where this run has shared its tasks, does not hold them any more",
+                    f"{self._folder}, where this run has shared its tasks, no longer holds them",
                     hint="mount its disk, or name its new place in config.yaml (collector.sharing.folder)",
                 )
-            self._life.parent.mkdir(parents=True, exist_ok=True)
+            self._heartbeat_file.parent.mkdir(parents=True, exist_ok=True)
             self._link_new(self._folder / "tasks", digest)
             if (self._folder / "tasks").read_bytes() != digest:
                 raise ConfigError(
                     f"{self._folder} is shared for another list of tasks",
                     hint="give all collectors the same tasks, seed and samples, or another folder",
                 )
-            write_whole(self._life, str(run.resolve()).encode())
+            write_whole(self._heartbeat_file, str(run.resolve()).encode())
 
     def leave(self) -> None:
-        """What was claimed and not finished may be taken over at once."""
+        """Stop: unfinished claims may be taken over immediately."""
         with disk_errors(f"sharing tasks in {self._folder}"):
-            os.utime(self._life, (0, 0))  # it stays: it says where our run is
+            os.utime(self._heartbeat_file, (0, 0))  # kept, because it names the run folder
 
     def beat(self) -> None:
-        """Give a sign of life."""
+        """Send a heartbeat."""
         with disk_errors(f"sharing tasks in {self._folder}"):
-            os.utime(self._life)
+            os.utime(self._heartbeat_file)
 
     def claim(self, task_id: str, sample: int) -> Claim:
         """Claim a sample.
@@ -131,48 +131,48 @@ class Claims:
         """
         key = _key(task_id, sample)
         with disk_errors(f"sharing tasks in {self._folder}"):
-            whose = self._finisher(key)
-            if whose not in (None, self._name):
+            finisher = self._finisher(key)
+            if finisher not in (None, self._name):
                 return Claim.DONE
-            if whose is not None:  # our run does not hold it any more, or is to attempt it once more
+            if finisher is not None:  # this run lost the record, or repeats the sample
                 self._done(key).unlink(missing_ok=True)
             number, owner = self._newest(key)
             if owner == self._name:
                 return Claim.OURS
             if owner is not None:
-                if self._lives(owner):
+                if self._is_alive(owner):
                     return Claim.TAKEN
                 if (task_id, sample) in self._finished_by(owner):
                     self._mark_done(key, owner)
                     return Claim.DONE
             if not self._link_new(self._claim(key, number), self._name.encode()):
                 return Claim.TAKEN
-            # Between our looks its owner may have ended: what is done is not done again.
+            # The owner may have finished the sample since the first check.
             return Claim.DONE if self._done(key).exists() else Claim.OURS
 
     def holds(self, task_id: str, sample: int) -> bool:
-        """Whether a sample that we claimed is still ours; a sign of life, too."""
+        """Whether this collector still holds its claim on a sample. Sends a heartbeat, too."""
         self.beat()
         with disk_errors(f"sharing tasks in {self._folder}"):
             return self._newest(_key(task_id, sample))[1] == self._name
 
     def finish(self, task_id: str, sample: int) -> None:
-        """A sample of ours needs no further attempt, and is on disk."""
+        """Mark a sample as done; its record must be on disk."""
         with disk_errors(f"sharing tasks in {self._folder}"):
             self._mark_done(_key(task_id, sample), self._name)
 
-    def _mark_done(self, key: str, whose: str) -> None:
-        self._link_new(self._done(key), whose.encode())
+    def _mark_done(self, key: str, finisher: str) -> None:
+        self._link_new(self._done(key), finisher.encode())
 
     def _finisher(self, key: str) -> str | None:
-        """Whose run holds the end of a sample; ``None`` if it has none."""
+        """The collector that finished a sample; ``None`` if it is not done."""
         try:
             return self._done(key).read_text()
         except FileNotFoundError:
             return None
 
     def _newest(self, key: str) -> tuple[int, str | None]:
-        """The number that the next claim has, and who made the last."""
+        """The number of the next claim on a sample, and the owner of the last one."""
         number, owner = 0, None
         while True:
             try:
@@ -181,26 +181,26 @@ class Claims:
                 return number, owner
             number += 1
 
-    def _lives(self, owner: str) -> bool:
+    def _is_alive(self, owner: str) -> bool:
         try:
-            age = self._life.stat().st_mtime - (self._life.parent / owner).stat().st_mtime
+            age = self._heartbeat_file.stat().st_mtime - (self._heartbeat_file.parent / owner).stat().st_mtime
         except FileNotFoundError:
             return False
         return age < self.config.dead_seconds
 
     def _finished_by(self, owner: str) -> frozenset[tuple[str, int]]:
-        """What a dead collector has recorded: it may have died before it said so."""
-        life = self._life.parent / owner
+        """Samples recorded by a dead collector, which may have died before it marked them as done."""
+        heartbeat_file = self._heartbeat_file.parent / owner
         try:
-            died = owner, life.stat().st_mtime_ns
-            if died not in self._finished:
-                entries = RunReader(Path(life.read_text()), skip_corrupt=True).attempts.values()
-                self._finished[died] = frozenset(
+            key = owner, heartbeat_file.stat().st_mtime_ns
+            if key not in self._finished:
+                entries = RunReader(Path(heartbeat_file.read_text()), skip_corrupt=True).attempts.values()
+                self._finished[key] = frozenset(
                     (entry.task_id, entry.sample) for entry in entries if not entry.outcome.is_retried
                 )
         except (FileNotFoundError, RunFolderError, StoreError):
-            return frozenset()  # its run is gone, and what was in it
-        return self._finished[died]
+            return frozenset()  # its run folder is gone
+        return self._finished[key]
 
     def _claim(self, key: str, number: int) -> Path:
         return self._folder / "claims" / key[:2] / f"{key}.{number}"
@@ -209,16 +209,16 @@ class Claims:
         return self._folder / "done" / key[:2] / key
 
     def _link_new(self, path: Path, content: bytes) -> bool:
-        """Make a file whole; ``False`` if there is one."""
-        made = self._life.parent / f".{uuid.uuid4().hex}"
-        made.write_bytes(content)
+        """Create a file atomically; ``False`` if it exists already."""
+        temporary = self._heartbeat_file.parent / f".{uuid.uuid4().hex}"
+        temporary.write_bytes(content)
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
-            os.link(made, path)
+            os.link(temporary, path)
         except FileExistsError:
             return False
         finally:
-            made.unlink()
+            temporary.unlink()
         return True
 
 
@@ -228,17 +228,23 @@ def _key(task_id: str, sample: int) -> str:
 
 @asynccontextmanager
 async def sharing(
-    config: SharingConfig, name: str, tasks: Sequence[Task], samples: int, run: Path, *, goes_on: bool = False
+    config: SharingConfig,
+    name: str,
+    tasks: Sequence[Task],
+    samples: int,
+    run: Path,
+    *,
+    is_resumed: bool = False,
 ) -> AsyncIterator[Claims | None]:
-    """Take part for the block; ``None`` where nothing is shared.
+    """Join the shared list for the duration of the block; yields ``None`` if nothing is shared.
 
     Args:
-        config: where.
-        name: of the collector, the same whenever its run is resumed.
-        tasks: the list, in its order.
-        samples: wanted of every task.
+        config: the shared folder and times.
+        name: of the collector; the same when its run is resumed.
+        tasks: the list, in order.
+        samples: number of samples per task.
         run: the collector's run folder.
-        goes_on: it holds attempts already.
+        is_resumed: whether the run holds attempts already.
 
     Raises:
         ConfigError: as in :meth:`Claims.join`.
@@ -248,12 +254,12 @@ async def sharing(
         yield None
         return
     claims = Claims(config, name)
-    await asyncio.to_thread(claims.join, tasks, samples, run, goes_on=goes_on)
+    await asyncio.to_thread(claims.join, tasks, samples, run, is_resumed=is_resumed)
     try:
         async with asyncio.TaskGroup() as group:
-            beating = group.create_task(_beat(claims))
+            heartbeats = group.create_task(_beat(claims))
             yield claims
-            beating.cancel()
+            heartbeats.cancel()
     finally:
         await asyncio.shield(asyncio.to_thread(claims.leave))
 

@@ -1,21 +1,21 @@
-"""The run store: a run is a folder of plain files, written once and never lost.
+"""The run store: a run is a folder of plain files, to which records are only appended.
 
     RUN/
-      config.yaml               everything resolved; its presence makes the folder a run
-      tasks.jsonl               the tasks as they were drawn, hidden truth included: a run can be judged again
-                                from itself
+      config.yaml               the resolved config; its presence makes the folder a run folder
+      tasks.jsonl               the tasks as drawn, including the hidden truth, so that the run can be judged
+                                again without its task set
       trajectories/00000.jsonl  one checksummed line per trajectory (see `records`), rotated by size
-      screenshots/ab/<name>.png named by content, so that equal pictures are stored once
+      screenshots/ab/<name>.png named by content, so that identical pictures are stored once
       metrics.jsonl             figures over time
-      live.json                 what the collector is doing now, while it does (see `feed`)
-      verdicts/<judge>.jsonl    what other judges said afterwards (see `verdicts`)
-      set-aside/                what could not be trusted any more (see `verify`)
+      live.json                 the state of the running collector (see `feed`)
+      verdicts/<judge>.jsonl    later verdicts by other judges (see `verdicts`)
+      set-aside/                damaged records (see `verify`)
       summary.json, report.html made from the above
 
-No two attempts ever have one name, also if the record of one is lost: verdicts and labels go by it. An
-attempt that ended without a verdict and gets one later has two lines with the same episode; the later one
-counts. Only the end of a file is ever written to, so kill -9 leaves at most one torn line, which the next
-writer cuts off. Readers need no lock and may follow a run that is being written.
+Attempt ids are never reused, even if a record is lost, because verdicts and labels refer to them. An attempt
+that ended without a verdict and gets one later has two lines with the same episode; the later one counts.
+Files are only appended to, so a killed process leaves at most one incomplete line, which the next writer
+removes. Readers need no lock and may follow a run that is being written.
 """
 
 from __future__ import annotations
@@ -61,63 +61,72 @@ from webgym.rollout.files import (
     take_lock,
     write_whole,
 )
-from webgym.rollout.records import CorruptLine, Entry, Index, complain, names_in, pictures, read_at, seal
+from webgym.rollout.records import (
+    CorruptLine,
+    Entry,
+    Index,
+    attempt_ids_in,
+    corruption_error,
+    pictures,
+    read_at,
+    seal,
+)
 from webgym.rollout.verdicts import read_verdicts
 from webgym.settings import Settings
 
-_OURS = {CONFIG, TASKS, TRAJECTORIES, SCREENSHOTS, METRICS, LIVE, SUMMARY, REPORT, LOCK, VERDICTS}
+_KNOWN_FILES = {CONFIG, TASKS, TRAJECTORIES, SCREENSHOTS, METRICS, LIVE, SUMMARY, REPORT, LOCK, VERDICTS}
 
 T = TypeVar("T")
 
 
 def refuse_taken(path: Path) -> None:
-    """Refuse a folder in which no run can be made.
+    """Refuse a folder in which no run can be created.
 
     Raises:
-        RunFolderError: it holds a run or something else already, or cannot be read.
+        RunFolderError: it already holds a run or other files, or cannot be read.
     """
     try:
-        held = {entry.name for entry in path.iterdir()} if path.exists() else set()
+        names = {entry.name for entry in path.iterdir()} if path.exists() else set()
     except OSError as error:
         raise RunFolderError(f"cannot make the run folder {path}: {error.strerror}") from error
-    if CONFIG in held:
+    if CONFIG in names:
         raise RunFolderError(
             f"{path} holds a run already", hint="resume with --resume, or choose another folder"
         )
-    if foreign := sorted(name for name in held - _OURS if not name.endswith(TORN)):
+    if foreign := sorted(name for name in names - _KNOWN_FILES if not name.endswith(TORN)):
         raise RunFolderError(f"{path} is not empty ({', '.join(foreign[:3])})", hint="choose another folder")
 
 
 class StoreLimits(Settings):
-    """What a writer may use."""
+    """Limits of a writer."""
 
     shard_bytes: int = Field(default=64 * 2**20, gt=0)
-    """A file of trajectories that has reached this size is followed by the next."""
+    """Size at which the next file of trajectories is started."""
     image_threads: int = Field(default=4, gt=0)
-    """Pictures written at the same time. They wait for the disk, not for a processor."""
+    """Number of pictures written concurrently."""
 
 
 # --- writing ----------------------------------------------------------------------------------------
 
 
 class RunWriter:
-    """The one writer of a run. Make it with :meth:`create` or :meth:`reopen`; close it when done.
+    """The only writer of a run. Make it with :meth:`create` or :meth:`reopen`; close it when done.
 
         async with await RunWriter.create(path, config, tasks) as writer:
             await writer.put_image(name, png)
             await writer.append(trajectory)  # on disk, with its pictures, when this returns
 
-    Safe to use from many tasks of one event loop; files are touched in threads. A call that is cancelled is
-    carried through before it is: :attr:`attempts` says what is on disk.
+    Safe to use from many tasks of one event loop; threads access the files. A cancelled call completes its
+    writing before it raises, so that :attr:`attempts` always matches the disk.
 
     Attributes:
         path: the run folder.
         attempts: an entry for every trajectory on disk, by attempt id.
-        retired: names of attempts that this run recorded or judged before it was opened, as far as anything
-            still tells them, and whose records are not there any more.
-        skipped: the corrupt lines that :meth:`reopen` was told to continue without.
-        torn_bytes: how much of an unfinished, never counted line :meth:`reopen` cut off.
-        on_metric: is told every line of ``metrics.jsonl`` once it is written, in the thread that wrote it.
+        retired: ids of attempts that were recorded or judged earlier and whose records are lost, as far as
+            they are still known.
+        skipped: the damaged lines that :meth:`reopen` skipped.
+        torn_bytes: size of the incomplete line that :meth:`reopen` removed.
+        on_metric: called with every line of ``metrics.jsonl`` once it is written, in the writing thread.
     """
 
     def __init__(self, path: Path, limits: StoreLimits, lock: int) -> None:
@@ -132,8 +141,8 @@ class RunWriter:
         self._unsynced: set[str] = set()
         self._shard: Log | None = None
         self._metrics: Log | None = None
-        self._journal = ThreadPoolExecutor(1, thread_name_prefix="store-journal")
-        self._painters = ThreadPoolExecutor(limits.image_threads, thread_name_prefix="store-image")
+        self._append_thread = ThreadPoolExecutor(1, thread_name_prefix="store-journal")
+        self._image_threads = ThreadPoolExecutor(limits.image_threads, thread_name_prefix="store-image")
         self._closed = False
 
     @property
@@ -143,7 +152,7 @@ class RunWriter:
 
     @property
     def skipped(self) -> list[CorruptLine]:
-        """The corrupt lines that were found when the run was opened again."""
+        """The damaged lines that were found when the run was reopened."""
         return self._index.corrupt
 
     @classmethod
@@ -155,16 +164,16 @@ class RunWriter:
         *,
         limits: StoreLimits | None = None,
     ) -> Self:
-        """Make a run folder.
+        """Create a run folder.
 
         Args:
-            path: does not exist yet, or is empty.
-            config: everything resolved, as plain data; no secrets.
-            tasks: all the tasks of the run, in their order; one that was drawn twice comes twice.
+            path: must be missing or empty.
+            config: the resolved config as plain data, without secrets.
+            tasks: all tasks of the run, in order; one that was drawn twice is listed twice.
 
         Raises:
-            RunFolderError: the folder holds a run or something else already, or cannot be made.
-            StoreLocked: another process is making it.
+            RunFolderError: the folder already holds a run or other files, or cannot be created.
+            StoreLocked: another process is creating it.
             StoreFull: there is no space.
         """
         return await asyncio.to_thread(cls._create, path, config, tasks, limits or StoreLimits())
@@ -176,13 +185,13 @@ class RunWriter:
         with disk_errors(f"making {path}"):
             writer = cls(path, limits, take_lock(path))
             try:
-                refuse_taken(path)  # again: nobody else can make it now
+                refuse_taken(path)  # again, now that the lock is held
                 writer._make_folders()
                 write_whole(path / TASKS, b"".join(msgspec.json.encode(task) + b"\n" for task in tasks))
                 text = yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True)
                 write_whole(path / CONFIG, text.encode())
                 sync_folder(path)
-                writer._begin()
+                writer._open_logs()
             except BaseException:
                 os.close(writer._lock)
                 raise
@@ -192,18 +201,18 @@ class RunWriter:
     async def reopen(
         cls, path: Path, *, skip_corrupt: bool = False, limits: StoreLimits | None = None
     ) -> Self:
-        """Go on with a run, after a clean end or a dead writer.
+        """Continue a run, after a clean end or a crash of its writer.
 
-        Every record is verified. A torn last line is cut off, temporary files are swept.
+        Every record is verified. An incomplete last line and temporary files are removed.
 
         Args:
-            skip_corrupt: continue without records whose checksum does not match; they stay in the file
-                and are listed in :attr:`skipped`.
+            skip_corrupt: continue without damaged records; they stay in the file and are listed in
+                :attr:`skipped`.
 
         Raises:
-            RunFolderError: the folder is no run.
+            RunFolderError: the folder is not a run folder.
             StoreLocked: another process writes to it.
-            StoreCorrupt: records do not match their checksums; names file and line.
+            StoreCorrupt: records do not match their checksums; the message names file and line.
         """
         return await asyncio.to_thread(cls._reopen, path, skip_corrupt, limits or StoreLimits())
 
@@ -214,7 +223,7 @@ class RunWriter:
             writer = cls(path, limits, take_lock(path))
             try:
                 writer._recover(skip_corrupt)
-                writer._begin()
+                writer._open_logs()
             except BaseException:
                 os.close(writer._lock)
                 raise
@@ -223,15 +232,15 @@ class RunWriter:
     def _recover(self, skip_corrupt: bool) -> None:
         self._make_folders()
         self._images = {file.stem for file in (self.path / SCREENSHOTS).glob("*/*.png")}
-        self._unsynced = {name[:2] for name in self._images}  # nobody knows what the dead writer synced
+        self._unsynced = {name[:2] for name in self._images}  # the earlier writer may not have synced them
         self._index.refresh()
         if self._index.corrupt and not skip_corrupt:
-            raise complain(self._index.corrupt)
+            raise corruption_error(self._index.corrupt)
         for shard in self._index.shards():
             self.torn_bytes += self._cut(shard, self._index.end(shard))
-        judged = (attempt_id for held in read_verdicts(self.path).values() for attempt_id in held)
-        aside = names_in(self.path / SET_ASIDE / TRAJECTORIES)
-        self.retired = self._index.retired.union(aside, judged).difference(self.attempts)
+        judged = (attempt_id for verdicts in read_verdicts(self.path).values() for attempt_id in verdicts)
+        set_aside = attempt_ids_in(self.path / SET_ASIDE / TRAJECTORIES)
+        self.retired = self._index.retired.union(set_aside, judged).difference(self.attempts)
         if (metrics := self.path / METRICS).exists():
             self._cut(metrics, last_line_end(metrics))
 
@@ -251,42 +260,42 @@ class RunWriter:
                 os.fsync(file.fileno())
         return torn
 
-    def _begin(self) -> None:
+    def _open_logs(self) -> None:
         shards = self._index.shards()
         self._shard = Log(shards[-1] if shards else self.path / TRAJECTORIES / "00000.jsonl")
         self._metrics = Log(self.path / METRICS)
 
-    async def _in(self, threads: ThreadPoolExecutor, call: Callable[..., T], *args: Any) -> T:
+    async def _run_in(self, threads: ThreadPoolExecutor, call: Callable[..., T], *args: Any) -> T:
         if self._closed:
             raise StoreError(f"the writer of {self.path} is closed")
         job = asyncio.get_running_loop().run_in_executor(threads, call, *args)
-        stopped: asyncio.CancelledError | None = None
+        cancelled: asyncio.CancelledError | None = None
         while not job.done():
             try:
-                await asyncio.wait([job])  # unlike the job itself, it can be cancelled without loss
+                await asyncio.wait([job])  # cancelling the wait does not cancel the job
             except asyncio.CancelledError as error:
-                stopped = error
-        if stopped is not None and job.exception() is None:
-            raise stopped
+                cancelled = error
+        if cancelled is not None and job.exception() is None:
+            raise cancelled
         return job.result()
 
     async def put_image(self, name: str, data: bytes) -> None:
-        """Keep a picture. One that is there already is not written again.
+        """Store a picture, unless it is stored already.
 
         Args:
             name: the SHA-256 of ``data``, hex.
             data: the encoded picture.
 
         Raises:
-            StoreCorrupt: the name does not fit the data.
+            StoreCorrupt: the name is not the digest of the data.
             StoreFull: there is no space.
         """
         if name not in self._images:
-            await self._in(self._painters, self._put_image, name, data)
+            await self._run_in(self._image_threads, self._put_image, name, data)
 
     def _put_image(self, name: str, data: bytes) -> None:
         if hashlib.sha256(data).hexdigest() != name:
-            raise StoreCorrupt(f"a picture of {len(data)} bytes is not the one that {name[:80]} names")
+            raise StoreCorrupt(f"the SHA-256 of a picture of {len(data)} bytes is not its name {name[:80]}")
         path = image_path(self.path, name)
         with disk_errors("writing a screenshot"):
             write_whole(path, data)
@@ -294,16 +303,16 @@ class RunWriter:
         self._images.add(name)
 
     async def append(self, trajectory: Trajectory) -> None:
-        """Record a trajectory: whole, checksummed and synced, with its pictures, when this returns.
+        """Record a trajectory: on disk and synced, with its pictures, when this returns.
 
-        The very same trajectory may be appended again: it is on disk once.
+        Appending an identical trajectory again has no effect.
 
         Raises:
-            StoreFull: there is no space; the files are as they were.
-            StoreError: a picture was not put before, the attempt is recorded already with another
-                content, or the trajectory would not read back.
+            StoreFull: there is no space; the files are unchanged.
+            StoreError: a picture is not stored, the attempt is already recorded with other content, or the
+                trajectory cannot be stored without loss.
         """
-        await self._in(self._journal, self._append, trajectory)
+        await self._run_in(self._append_thread, self._append, trajectory)
 
     def _append(self, trajectory: Trajectory) -> None:
         episode = trajectory.episode
@@ -313,12 +322,14 @@ class RunWriter:
         line = seal(trajectory)
         assert self._shard is not None
         if known := self.attempts.get(episode.attempt_id):
-            held = read_at(self._folder / known.shard, known)
-            if seal(held) == line:
+            recorded = read_at(self._folder / known.shard, known)
+            if seal(recorded) == line:
                 return
-            has_none = known.outcome is Outcome.JUDGE_ERROR and trajectory.outcome is not Outcome.JUDGE_ERROR
-            if not has_none or held.episode != episode:
-                raise StoreError(f"{episode.attempt_id} is recorded already, and was another")
+            gets_verdict = (
+                known.outcome is Outcome.JUDGE_ERROR and trajectory.outcome is not Outcome.JUDGE_ERROR
+            )
+            if not gets_verdict or recorded.episode != episode:
+                raise StoreError(f"{episode.attempt_id} is already recorded, with other content")
         with disk_errors("writing a trajectory"):
             for prefix in {name[:2] for name in names} & self._unsynced:
                 self._sync_pictures(prefix)
@@ -328,12 +339,12 @@ class RunWriter:
                 full.close()
             offset = self._shard.size
             self._shard.append(line, durable=True)
-        e, place = episode, (self._shard.path.name, offset, len(line))
-        entry = Entry(e.attempt_id, e.task_id, e.sample, e.retry, trajectory.outcome, *place)
+        e, location = episode, (self._shard.path.name, offset, len(line))
+        entry = Entry(e.attempt_id, e.task_id, e.sample, e.retry, trajectory.outcome, *location)
         self._index.entries[e.attempt_id] = entry
 
     def _sync_pictures(self, prefix: str) -> None:
-        self._unsynced.discard(prefix)  # before the sync: what is put meanwhile needs another
+        self._unsynced.discard(prefix)  # before the sync: later pictures need another
         try:
             sync_folder(self.path / SCREENSHOTS / prefix)
         except OSError:
@@ -345,12 +356,12 @@ class RunWriter:
         return self.path / TRAJECTORIES
 
     async def metric(self, values: Mapping[str, Any]) -> None:
-        """Add a line to ``metrics.jsonl``. Not synced: figures may be lost with the machine's power.
+        """Add a line to ``metrics.jsonl``. It is not synced, so that a power failure may lose it.
 
         Raises:
             StoreFull: there is no space.
         """
-        await self._in(self._journal, self._metric, dict(values))
+        await self._run_in(self._append_thread, self._metric, dict(values))
 
     def _metric(self, values: Mapping[str, Any]) -> None:
         assert self._metrics is not None
@@ -359,13 +370,13 @@ class RunWriter:
         self.on_metric(values)
 
     async def write_summary(self, summary: Mapping[str, Any]) -> None:
-        """Write ``summary.json``, whole or not at all.
+        """Write ``summary.json`` atomically.
 
         Raises:
             StoreFull: there is no space.
         """
         data = msgspec.json.format(msgspec.json.encode(summary), indent=2) + b"\n"
-        await self._in(self._journal, self._write_summary, data)
+        await self._run_in(self._append_thread, self._write_summary, data)
 
     def _write_summary(self, data: bytes) -> None:
         with disk_errors("writing the summary"):
@@ -373,14 +384,14 @@ class RunWriter:
             sync_folder(self.path)
 
     async def aclose(self) -> None:
-        """Finish what is being written and let the run go. May be called twice."""
+        """Finish writing and release the lock. Safe to call twice."""
         if not self._closed:
             self._closed = True
             await asyncio.to_thread(self._close)
 
     def _close(self) -> None:
-        self._painters.shutdown()
-        self._journal.shutdown()
+        self._image_threads.shutdown()
+        self._append_thread.shutdown()
         for log in (self._shard, self._metrics):
             if log is not None:
                 log.close()
@@ -397,14 +408,14 @@ class RunWriter:
 
 
 class RunReader:
-    """Reads a run, also one that is being written.
+    """Reads a run, even while it is being written.
 
     Args:
         path: the run folder.
-        skip_corrupt: continue without records that cannot be trusted; :attr:`skipped` lists them.
+        skip_corrupt: continue without damaged records; :attr:`skipped` lists them.
 
     Raises:
-        RunFolderError: the folder is no run.
+        RunFolderError: the folder is not a run folder.
     """
 
     def __init__(self, path: Path, *, skip_corrupt: bool = False) -> None:
@@ -412,11 +423,11 @@ class RunReader:
         self.path = path
         self._skip_corrupt = skip_corrupt
         self._index = Index(path / TRAJECTORIES)
-        self._no_tasks: list[CorruptLine] = []
+        self._corrupt_tasks: list[CorruptLine] = []
 
     @property
     def config(self) -> dict[str, Any]:
-        """What the run was started with.
+        """The config that the run was started with.
 
         Raises:
             StoreCorrupt: the file is not a YAML mapping.
@@ -431,16 +442,17 @@ class RunReader:
 
     @cached_property
     def tasks(self) -> dict[str, Task]:
-        """The tasks of the run by id, hidden truth included.
+        """The tasks of the run by id, including the hidden truth.
 
         Raises:
-            StoreCorrupt: a line is not a task, and such may not be skipped; names file, line and reason.
+            StoreCorrupt: a line is not a task, unless ``skip_corrupt`` is set; the message names file and
+                line.
         """
         return {task.id: task for task in self.drawn}
 
     @cached_property
     def drawn(self) -> list[Task]:
-        """The tasks of the run as they were drawn: in their order, and one that was drawn twice comes twice.
+        """The tasks of the run in the order drawn; one that was drawn twice is listed twice.
 
         Raises:
             StoreCorrupt: as for :attr:`tasks`.
@@ -452,21 +464,21 @@ class RunReader:
                 try:
                     drawn.append(decoder.decode(line))
                 except (ValueError, RecursionError) as error:
-                    self._no_tasks.append(CorruptLine(TASKS, number, str(error)))
+                    self._corrupt_tasks.append(CorruptLine(TASKS, number, str(error)))
                     if not self._skip_corrupt:
-                        raise StoreCorrupt(str(self._no_tasks[-1])) from error
+                        raise StoreCorrupt(str(self._corrupt_tasks[-1])) from error
         return drawn
 
     def refresh(self) -> Mapping[str, Entry]:
-        """Take note of what was written since, and return :attr:`attempts`.
+        """Read what was written since the last call, and return :attr:`attempts`.
 
         Raises:
-            StoreCorrupt: records do not match their checksums, unless they may be skipped.
+            StoreCorrupt: records do not match their checksums, unless ``skip_corrupt`` is set.
         """
         with disk_errors(f"reading {self.path}"):
             self._index.refresh()
         if self._index.corrupt and not self._skip_corrupt:
-            raise complain(self._index.corrupt)
+            raise corruption_error(self._index.corrupt)
         return self._index.entries
 
     @property
@@ -476,8 +488,8 @@ class RunReader:
 
     @property
     def skipped(self) -> list[CorruptLine]:
-        """The records that cannot be trusted, as far as they have been read."""
-        return [*self._no_tasks, *self._index.corrupt]
+        """The damaged records among those read so far."""
+        return [*self._corrupt_tasks, *self._index.corrupt]
 
     def trajectory(self, attempt_id: str) -> Trajectory:
         """One trajectory.
@@ -486,7 +498,7 @@ class RunReader:
             attempt_id: ``task#sample.retry``, as in :attr:`attempts`.
 
         Raises:
-            KeyError: there is none of this id.
+            KeyError: there is no attempt with this id.
             StoreCorrupt: its record changed since it was indexed.
         """
         entry = self._index.entries.get(attempt_id) or self.attempts[attempt_id]
@@ -494,14 +506,14 @@ class RunReader:
             return read_at(self.path / TRAJECTORIES / entry.shard, entry)
 
     def trajectories(self, attempt_ids: Iterable[str] | None = None) -> Iterator[Trajectory]:
-        """Trajectories, one in memory at a time. Where records may be skipped, :attr:`attempts` is then
-        without those that proved to be no trajectories.
+        """Trajectories, one in memory at a time. With ``skip_corrupt``, damaged ones are skipped and removed
+        from :attr:`attempts`.
 
         Args:
-            attempt_ids: which; ``None`` gives all, in the order in which they ended.
+            attempt_ids: which; by default all, in the order in which they ended.
 
         Raises:
-            StoreCorrupt: a record cannot be trusted, unless it may be skipped.
+            StoreCorrupt: a record is damaged, unless ``skip_corrupt`` is set.
         """
         for attempt_id in list(self.attempts) if attempt_ids is None else attempt_ids:
             try:
@@ -509,12 +521,12 @@ class RunReader:
             except StoreCorrupt as error:
                 if not self._skip_corrupt:
                     raise
-                self._index.leave_out(self._index.entries[attempt_id], error.__cause__ or error)
+                self._index.drop(self._index.entries[attempt_id], error.__cause__ or error)
                 continue
             yield trajectory
 
     def image_path(self, name: str) -> Path:
-        """Where the picture of this name lies, whether it is there or not.
+        """The path of a picture, whether it exists or not.
 
         Args:
             name: SHA-256 of the picture, in hex.
@@ -525,13 +537,13 @@ class RunReader:
         return image_path(self.path, name)
 
     def image(self, name: str) -> bytes:
-        """The picture of this name.
+        """A picture, encoded.
 
         Args:
             name: SHA-256 of the picture, in hex.
 
         Raises:
-            StoreCorrupt: the run does not hold it.
+            StoreCorrupt: the run does not hold the picture.
         """
         try:
             return self.image_path(name).read_bytes()
@@ -540,7 +552,7 @@ class RunReader:
 
     @property
     def summary(self) -> dict[str, Any] | None:
-        """``summary.json``, or ``None`` while it has not been written.
+        """The content of ``summary.json``; ``None`` before it is written.
 
         Raises:
             StoreCorrupt: it is not a JSON object.

@@ -1,4 +1,4 @@
-"""The figures of a run, from its trajectories alone, one in memory at a time."""
+"""Computes the figures of a run from its trajectories, one in memory at a time."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ from webgym.rollout.rates import Interval, Successes, pass_at
 from webgym.tasks.selection import splits_in
 
 UNKNOWN = "unknown"
-"""Domain and website of a trajectory whose task the run does not hold."""
+"""Domain and website of a trajectory whose task the run lacks."""
 
 
 MANY_INVALID = 0.05
-"""Share of replies without an action above which a run warns: the model was perhaps asked wrongly."""
+"""Share of replies without a valid action above which a run warns: the prompt may not fit the model."""
 
 
 def oracle_note(policy: str) -> str:
-    """What must be said wherever an oracle's figures are shown."""
-    return f"the {policy} policy is an oracle: it plays known solutions and asks no model"
+    """The note that accompanies an oracle's figures wherever they are shown."""
+    return f"the {policy} policy is an oracle: it plays known solutions and uses no model"
 
 
 class Quantiles(TypedDict):
-    """A distribution, in short.
+    """Summary of a distribution.
 
     Attributes:
-        count: how many values it was made from.
-        p50, p95: median and 95th percentile; ``None`` if there was no value.
+        count: number of values.
+        p50, p95: median and 95th percentile; ``None`` if there are no values.
     """
 
     count: int
@@ -47,18 +47,18 @@ class Quantiles(TypedDict):
 
 
 class Group(TypedDict):
-    """The attempts that have something in common.
+    """The figures of a group of attempts.
 
     Attributes:
-        attempts: all of them; the outcomes add up to it.
-        outcomes: how many ended so, for all eight outcomes.
-        planned: samples that were wanted of the tasks of this group, whatever became of them.
-        success_rate: success / (success + failure + truncated); ``None`` if there is none of these.
+        attempts: number of attempts; the sum of ``outcomes``.
+        outcomes: number of attempts for each of the eight outcomes.
+        planned: planned samples of the tasks of this group.
+        success_rate: success / (success + failure + truncated); ``None`` if there are none of these.
         success_interval: its Wilson 95 % interval; ``None`` with the rate.
         success_rate_of_planned: success / planned; ``None`` if nothing was planned.
         success_interval_of_planned: its Wilson 95 % interval; ``None`` with the rate.
         steps: all steps taken.
-        steps_per_attempt: median and 95th percentile over the attempts that carry a reward.
+        steps_per_attempt: over the attempts with a reward.
     """
 
     attempts: int
@@ -73,11 +73,11 @@ class Group(TypedDict):
 
 
 class Loss(TypedDict):
-    """Attempts without a reward that ended for one reason.
+    """Attempts without a reward that ended for the same reason.
 
     Attributes:
-        count: how many.
-        outcomes: what became of them.
+        count: number of attempts.
+        outcomes: their number by outcome.
         attempt_id, message: of the first.
     """
 
@@ -88,11 +88,11 @@ class Loss(TypedDict):
 
 
 class PassAt(TypedDict):
-    """The chance that one of k attempts at a task succeeds.
+    """pass@k: the probability that at least one of k attempts at a task succeeds.
 
     Attributes:
-        value: mean over the tasks; ``None`` if there is none.
-        tasks: how many have k attempts that carry a reward.
+        value: mean over tasks; ``None`` if there are none.
+        tasks: number of tasks with at least k attempts with a reward.
     """
 
     value: float | None
@@ -100,42 +100,40 @@ class PassAt(TypedDict):
 
 
 class Summary(TypedDict):
-    """What ``summary.json`` holds.
+    """The content of ``summary.json``.
 
     Attributes:
-        attempts: trajectories on disk, those that were made again included.
-        outcomes: how many ended so, for all eight outcomes; adds up to ``attempts``.
+        attempts: number of trajectories on disk, including repeated attempts.
+        outcomes: number of attempts for each of the eight outcomes.
         success_rate: success / (success + failure + truncated), for ``overall``, ``easy``, ``medium`` and
-            ``hard``; ``None`` where nothing was rewarded.
+            ``hard``; ``None`` if no attempt has a reward.
         success_interval: the Wilson 95 % intervals of these rates.
-        success_rate_of_planned: success / planned, likewise: what carries no reward, or was never attempted,
-            is no success. A sample that was attempted again after an error is one.
+        success_rate_of_planned: success / planned, likewise: samples without a reward or never attempted
+            count as unsuccessful. A sample that was attempted again after an error counts once.
         success_interval_of_planned: the Wilson 95 % intervals of these rates.
-        planned: samples that were wanted, likewise, without those of other collectors.
-        elsewhere: by task, how many of its samples other collectors of a shared list have.
-        pass_at: for k = 1, 2, 4, ... and the number of samples per task: the chance that at least one of k
-            attempts at a task succeeds, averaged over the tasks with k attempts that carry a reward. At 1 it
-            is the mean over tasks of their success rates.
+        planned: number of planned samples, likewise, without those of other collectors.
+        elsewhere: number of samples that other collectors of a shared list have taken, by task.
+        pass_at: pass@k for k = 1, 2, 4, ... and the number of samples per task, averaged over the tasks with
+            at least k attempts with a reward. pass@1 is the mean over tasks of their success rates.
         steps: all steps taken.
-        wall_seconds: while at least one attempt was in progress, or as the collector measured.
+        wall_seconds: time during which at least one attempt was in progress, or as the collector measured.
         steps_per_second: ``steps`` / ``wall_seconds``.
-        policy, judge: names; several are joined by commas. Empty if there was none.
+        policy, judge: names, joined by commas; empty if there are none.
         seed: of the run.
-        tasks: how many different tasks were attempted.
-        split: of these tasks: ``train``, ``test``, ``unsplit`` or several, as the tasks themselves say.
-        started_at: Unix time of the first attempt, seconds; ``None`` if there is none.
-        step_milliseconds: what an agent waits for between its reply and the next look at the page.
-        operation_milliseconds: per operation of the browser server, as it measured, and ``policy`` (one
+        tasks: number of different tasks that were attempted.
+        split: of these tasks, as they record it: ``train``, ``test``, ``unsplit`` or several.
+        started_at: Unix time of the first attempt, seconds; ``None`` if there are none.
+        step_milliseconds: time between an agent's reply and the next observation.
+        operation_milliseconds: durations by operation of the browser server, and of ``policy`` (one
             reply) and ``judge`` (one trajectory).
-        by_level, by_domain, by_website: the same figures for a part of the attempts.
+        by_level, by_domain, by_website: figures of the attempts by level, domain and website.
         lost_samples: samples whose last attempt ended in an error of the environment or the policy.
-        invalid_replies: steps whose replies hold no action.
-        invalid_reply_rate: their share of all steps; ``None`` if there is none.
-        notes: what every figure here must be read with, a sentence each: that an oracle played, that many
-            replies held no action.
-        blocked_hosts: attempts that each host kept out, most first.
-        losses: what ended attempts that carry no reward, by error code, or by outcome where there was no
-            error (a website that blocks); most frequent first.
+        invalid_replies: number of steps whose replies hold no valid action.
+        invalid_reply_rate: their share of all steps; ``None`` if there are no steps.
+        notes: caveats about all figures, a sentence each: an oracle as the policy, many invalid replies.
+        blocked_hosts: number of blocked attempts by host, most first.
+        losses: attempts without a reward by error code, or by outcome if there was no error (a website that
+            blocks); most frequent first.
     """
 
     attempts: int
@@ -176,24 +174,24 @@ def quantiles(values: Sequence[float]) -> Quantiles:
 
 
 def environment_milliseconds(steps: Sequence[Step]) -> list[float]:
-    """How long the agent waited after each reply for the next look at the page."""
+    """Time between each reply and the next observation, milliseconds."""
     return [
         max(0.0, (after.at - before.at - before.reply.seconds) * 1000) for before, after in pairwise(steps)
     ]
 
 
 class Digest(msgspec.Struct, frozen=True, array_like=True):
-    """What the figures of a run are made from: of a trajectory some hundred numbers, instead of its record.
+    """A summary of a trajectory from which a run's figures are computed.
 
     Attributes:
-        judge: who judged it; ``None`` if nobody could.
-        steps: how many were taken.
-        waits: as :func:`environment_milliseconds` says.
-        operations: milliseconds by operation, ``policy`` and ``judge`` among them.
-        loss: why it carries no reward: error code, or outcome where there was no error, and message.
-        invalid: steps whose replies hold no action.
-        first_invalid: what was wrong with the first of these.
-        blocked_by: host that kept the agent out; empty if none did.
+        judge: its name; ``None`` if there is no verdict.
+        steps: number of steps.
+        waits: see :func:`environment_milliseconds`.
+        operations: milliseconds by operation, including ``policy`` and ``judge``.
+        loss: why there is no reward: error code (or outcome if there was no error) and message.
+        invalid: number of steps whose replies hold no valid action.
+        first_invalid: what was wrong with the first of them.
+        blocked_by: host that blocked the agent; empty if none did.
     """
 
     attempt_id: str
@@ -215,7 +213,7 @@ class Digest(msgspec.Struct, frozen=True, array_like=True):
 
 
 def digest_of(trajectory: Trajectory) -> Digest:
-    """What the figures of a run need of a trajectory."""
+    """The digest of a trajectory."""
     episode = trajectory.episode
     operations: defaultdict[str, list[float]] = defaultdict(list)
     for observation in episode.observations:
@@ -224,7 +222,7 @@ def digest_of(trajectory: Trajectory) -> Digest:
     operations["policy"] = [step.reply.seconds * 1000 for step in episode.steps]
     if trajectory.judge_seconds:
         operations["judge"] = [trajectory.judge_seconds * 1000]
-    unread = [
+    invalid_steps = [
         f"{step.parse_error} ({episode.attempt_id}, step {step.index})"
         for step in episode.steps
         if step.action is None
@@ -243,8 +241,8 @@ def digest_of(trajectory: Trajectory) -> Digest:
         waits=environment_milliseconds(episode.steps),
         operations=dict(operations),
         loss=_loss(trajectory),
-        invalid=len(unread),
-        first_invalid=unread[0] if unread else "",
+        invalid=len(invalid_steps),
+        first_invalid=invalid_steps[0] if invalid_steps else "",
         blocked_by=_blocked_by(trajectory),
     )
 
@@ -265,7 +263,7 @@ def _loss(trajectory: Trajectory) -> tuple[str, str] | None:
 
 
 class _Count:
-    """One :class:`Group` while it is counted."""
+    """Counts the attempts of a :class:`Group`."""
 
     def __init__(self) -> None:
         self.outcomes: Counter[Outcome] = Counter()
@@ -295,7 +293,7 @@ class _Count:
 
 
 def _covered(spans: Iterable[tuple[float, float]]) -> float:
-    """The length of the union of intervals: a pause between two parts of a run does not count."""
+    """The length of the union of time spans, so that pauses of a run do not count."""
     total, until = 0.0, -math.inf
     for start, end in sorted(spans):
         total += max(0.0, end - max(start, until))
@@ -303,33 +301,33 @@ def _covered(spans: Iterable[tuple[float, float]]) -> float:
     return total
 
 
-_Place: TypeAlias = tuple[Literal["all", "level", "domain", "website"], str]
-"""A group of attempts: what they have in common, and which."""
+_GroupKey: TypeAlias = tuple[Literal["all", "level", "domain", "website"], str]
+"""Kind and name of a group of attempts."""
 
 
-def _places(task: Task | None) -> list[_Place]:
-    """The groups that attempts at a task are in."""
+def _group_keys(task: Task | None) -> list[_GroupKey]:
+    """The groups to which attempts at a task belong."""
     if task is None:
         return [("all", ""), ("domain", UNKNOWN), ("website", UNKNOWN)]
     return [("all", ""), ("level", task.level), ("domain", task.domain), ("website", task.website)]
 
 
 class Tally:
-    """Counts trajectories as they come; memory grows by a few numbers per step.
+    """Computes figures incrementally; memory grows by a few numbers per step.
 
     Args:
-        tasks: of the run as they were drawn: one that was drawn twice comes twice.
-        samples: planned of every task.
+        tasks: of the run as drawn; one that was drawn twice is listed twice.
+        samples: number of samples per listed task.
     """
 
     def __init__(self, tasks: Sequence[Task], samples: int = 1) -> None:
         self._per_task = samples
         self._tasks = {task.id: task for task in tasks}
         self._samples = Counter(task.id for task in tasks for _ in range(samples))
-        self._counts: defaultdict[_Place, _Count] = defaultdict(_Count)
-        self._planned = Counter(place for task in tasks for place in _places(task))
-        for place in self._planned:
-            self._planned[place] *= samples
+        self._counts: defaultdict[_GroupKey, _Count] = defaultdict(_Count)
+        self._planned = Counter(key for task in tasks for key in _group_keys(task))
+        for key in self._planned:
+            self._planned[key] *= samples
         self._attempted: defaultdict[str, dict[int, tuple[int, Outcome]]] = defaultdict(dict)
         self._policies: dict[str, None] = {}
         self._judges: dict[str, None] = {}
@@ -351,10 +349,10 @@ class Tally:
             samples[digest.sample] = (digest.retry, digest.outcome)
         if digest.blocked_by:
             self._blocked_by[digest.blocked_by] += 1
-        for place in _places(task):
-            self._counts[place].add(digest)
-            # More than the run says it planned, as of a task that it does not hold.
-            self._planned[place] += is_new and len(samples) > self._samples[digest.task_id]
+        for key in _group_keys(task):
+            self._counts[key].add(digest)
+            # More samples than planned, for example of a task that the run lacks.
+            self._planned[key] += is_new and len(samples) > self._samples[digest.task_id]
         self._policies.setdefault(digest.policy)
         if digest.judge is not None:
             self._judges.setdefault(digest.judge)
@@ -377,7 +375,7 @@ class Tally:
                 yield oracle_note(name)
         steps = self._counts["all", ""].steps
         if steps and self._invalid / steps > MANY_INVALID:
-            share = f"{self._invalid / steps:.1%} of {steps:,} replies hold no action"
+            share = f"{self._invalid / steps:.1%} of {steps:,} replies hold no valid action"
             yield f"{share}; the first: {self._first_invalid}"
 
     def _pass_at(self) -> dict[str, PassAt]:
@@ -386,21 +384,21 @@ class Tally:
             (outcomes.count(Outcome.SUCCESS), sum(outcome.is_rewarded for outcome in outcomes))
             for outcomes in ends
         ]
-        found: dict[str, PassAt] = {}
+        estimates: dict[str, PassAt] = {}
         for k in sorted({*(2**n for n in range(self._per_task.bit_length())), self._per_task}):
             values = [value for c, n in won if (value := pass_at(k, c, n)) is not None]
             mean = sum(values) / len(values) if values else None
-            found[str(k)] = {"value": mean, "tasks": len(values)}
-        return found
+            estimates[str(k)] = {"value": mean, "tasks": len(values)}
+        return estimates
 
-    def _groups(self, elsewhere: Mapping[str, int]) -> dict[_Place, Group]:
-        """All in which anything was attempted, and every level."""
+    def _groups(self, elsewhere: Mapping[str, int]) -> dict[_GroupKey, Group]:
+        """The figures of all groups with attempts, and of every level."""
         planned = self._planned.copy()
         for task_id, count in elsewhere.items():
-            for place in _places(self._tasks.get(task_id)):
-                planned[place] -= count
-        places: list[_Place] = [("all", ""), *(("level", level) for level in LEVELS), *sorted(self._counts)]
-        return {place: self._counts.get(place, _Count()).group(planned[place]) for place in places}
+            for key in _group_keys(self._tasks.get(task_id)):
+                planned[key] -= count
+        keys: list[_GroupKey] = [("all", ""), *(("level", level) for level in LEVELS), *sorted(self._counts)]
+        return {key: self._counts.get(key, _Count()).group(planned[key]) for key in keys}
 
     def summary(
         self,
@@ -411,7 +409,7 @@ class Tally:
         wall_seconds: float | None = None,
         elsewhere: Mapping[str, int] | None = None,
     ) -> Summary:
-        """The figures so far, as :func:`summarise` tells them."""
+        """The figures so far; see :func:`summarise`."""
         groups = self._groups(elsewhere or {})
         overall = groups["all", ""]
         levels: dict[str, Group] = {level: groups["level", level] for level in LEVELS}
@@ -474,13 +472,13 @@ def summarise(
     """The figures of a run.
 
     Args:
-        trajectories: all of them; read once, never held.
-        tasks: as they were drawn: one that was drawn twice comes twice.
-        samples: planned of every task.
+        trajectories: all of them; iterated once, one in memory at a time.
+        tasks: as drawn; one that was drawn twice is listed twice.
+        samples: number of samples per listed task.
         seed: of the run.
-        policy, judge: names; taken from the trajectories where not given.
-        wall_seconds: taken from the attempts where not given; pauses between them are left out.
-        elsewhere: how many samples of a task other collectors of a shared list have, where they have any.
+        policy, judge: names; by default those in the trajectories.
+        wall_seconds: by default computed from the attempts, without pauses between them.
+        elsewhere: number of samples that other collectors of a shared list have taken, by task.
     """
     tally = Tally(tasks, samples)
     for trajectory in trajectories:

@@ -1,9 +1,8 @@
-"""Figures for TensorBoard and Weights & Biases: the numbers of a run's or a training's ``metrics.jsonl``.
+"""Sends the numbers in a run's or a training's ``metrics.jsonl`` to TensorBoard and Weights & Biases.
 
-Both are made from the lines on disk whenever a run or a training starts or goes on, so that they never say
-anything else than the folder does. TensorBoard's files are in its subfolder ``tensorboard``. The step of a
-training is its iteration, that of a run the number of the line. Nobody waits for a tracker, and one that
-fails stops nothing.
+When a run or a training starts or is resumed, all lines on disk are sent again, so that trackers agree with
+the folder. TensorBoard's files are in the subfolder ``tensorboard``. The step of a training is its
+iteration, that of a run the line number. Trackers run in the background, and their failures stop nothing.
 """
 
 from __future__ import annotations
@@ -25,16 +24,16 @@ from webgym.rollout.files import disk_errors
 
 TrackerName: TypeAlias = Literal["tensorboard", "wandb"]
 Log: TypeAlias = Callable[[int, Mapping[str, float], str], None]
-"""Takes a step's numbers, and what must be read with them from then on; empty for nothing new."""
+"""Takes a step, its numbers, and a new note about the figures; the note is empty if there is none."""
 
 FOLDER: Final = "tensorboard"
 
 CLOSE_SECONDS: Final = 60.0
-"""How long the end of a run waits for a tracker that still writes or sends."""
+"""How long the end of a run waits for a tracker that is still writing or sending."""
 
 
 class _Tracker:
-    """One of them, in a thread of its own, which no process waits for when it ends."""
+    """A tracker in its own daemon thread."""
 
     def __init__(
         self, name: str, log: Log, end: Callable[[], object], failed: Callable[[str], object]
@@ -50,7 +49,7 @@ class _Tracker:
             self._jobs.put(lambda: self._log(step, numbers, note))
 
     def close(self) -> None:
-        """Wait until it has all, and end it; one that takes too long is left behind, and that is told."""
+        """Wait until everything is sent, and end the tracker; report a failure if that takes too long."""
         self._jobs.put(self._end)
         self._jobs.put(None)
         self._thread.join(CLOSE_SECONDS)
@@ -61,7 +60,7 @@ class _Tracker:
         while job := self._jobs.get():
             try:
                 job()
-            except Exception as error:  # of their own kinds, and whatever the disk or the network says
+            except Exception as error:  # trackers' own errors, and those of the disk or the network
                 self._fail(" ".join(f"{type(error).__name__}: {error}".split())[:200])
 
     def _fail(self, reason: str) -> None:
@@ -78,29 +77,29 @@ def tracking(
     rows: Sequence[Mapping[str, Any]],
     failed: Callable[[str], object],
 ) -> Iterator[Callable[[Mapping[str, Any]], None]]:
-    """Trackers of a run or a training, with what it has told so far in them.
+    """Open trackers of a run or a training, and send them the lines so far.
 
     Args:
-        names: which.
-        path: its folder.
-        project: in Weights & Biases.
-        rows: of ``metrics.jsonl``.
-        failed: is told, in a thread of the tracker's, when one fails; it gets nothing more then.
+        names: of the trackers.
+        path: the run's or training's folder.
+        project: name in Weights & Biases.
+        rows: the lines of ``metrics.jsonl`` so far.
+        failed: called with a message, in the tracker's thread, when a tracker fails; it gets nothing more.
 
     Yields:
-        What takes each further row. Never blocks.
+        A function that takes each further row. It never blocks.
 
     Raises:
         ConfigError: a tracker is not installed, or does not start.
     """
     trackers: list[_Tracker] = []
-    counted, told = itertools.count(1), set[str]()
+    counted, noted = itertools.count(1), set[str]()
 
     def track(row: Mapping[str, Any]) -> None:
         numbers, number, note = dict(numbers_in(row)), next(counted), row.get("note", "")
         for tracker in trackers:
-            tracker.log(int(row.get("iteration", number)), numbers, "" if note in told else note)
-        told.add(note)
+            tracker.log(int(row.get("iteration", number)), numbers, "" if note in noted else note)
+        noted.add(note)
 
     with ExitStack() as stack:
         for name in names:
@@ -113,7 +112,7 @@ def tracking(
 
 
 def check_installed(names: Sequence[TrackerName]) -> None:
-    """Be sure that trackers can be imported, before anything is made.
+    """Check that trackers are installed.
 
     Raises:
         ConfigError: one is not installed.
@@ -123,10 +122,11 @@ def check_installed(names: Sequence[TrackerName]) -> None:
             raise _MISSING[name]()
 
 
-def numbers_in(row: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, float]]:
-    """All numbers of a row by their path, such as ``collect/success_rate/easy``; of intervals both ends."""
+def numbers_in(row: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, float]]:
+    """All numbers of a row by path, such as ``collect/success_rate/easy``; intervals give ``low`` and
+    ``high``."""
     for key, value in row.items():
-        name = f"{above}{key}"
+        name = f"{prefix}{key}"
         if isinstance(value, Mapping):
             yield from numbers_in(value, f"{name}/")
         elif isinstance(value, list | tuple):
@@ -175,10 +175,10 @@ def _wandb(path: Path, project: str) -> tuple[Log, Callable[[], object]]:
         wandb = importlib.import_module("wandb")
     except ImportError as error:
         raise _no_wandb() from error
-    known = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:16]
+    run_id = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:16]
     try:
-        run = wandb.init(project=project, name=path.resolve().name, id=known, resume="allow", dir=str(path))
-    except Exception as error:  # its own kinds, which differ by version
+        run = wandb.init(project=project, name=path.resolve().name, id=run_id, resume="allow", dir=str(path))
+    except Exception as error:  # wandb's errors differ by version
         reason = " ".join(str(error).split())[:200]
         raise ConfigError(
             f"Weights & Biases does not start: {reason}", hint="WANDB_MODE=offline needs no account"

@@ -1,8 +1,8 @@
 """Judges attempts without a verdict again, at the end of a run and when it is resumed.
 
-What the browser did is on disk and is not done again. A judge that fails for one question in a hundred fails
-for more attempts at tasks of many facts than of few, and for more that succeeded than that failed (one clear
-failure decides): attempts left without a verdict would bend the success rate.
+The browser's part is on disk and is not repeated. A judge that fails on a small share of questions fails more
+often for tasks with many facts, and more often for successes than for failures (which a single clear failure
+decides): attempts left without a verdict would bias the success rate.
 """
 
 from __future__ import annotations
@@ -36,32 +36,31 @@ async def judge_again(
     blocklist: Blocklist | None = None,
     plan: Plan | None = None,
 ) -> None:
-    """Judge every attempt of a run again that has no verdict; one that gets a verdict is recorded with it.
+    """Judge all attempts without a verdict again, and record the verdicts.
 
-    An attempt is judged ``config.judge_again`` times at most. After ``config.give_up_after`` in a row without
-    a verdict the rest are left as they are: the endpoint is gone, or the model is not up to it.
+    An attempt is judged at most ``config.judge_again`` times. After ``config.give_up_after`` in a row without
+    a verdict this stops: the endpoint has failed, or the model cannot judge.
 
     Args:
         context: of the run; its store holds the attempts.
         tasks: of the run.
-        judge: as in the collection.
-        pictures: gives the judge the screenshots.
+        judge: the same as in the collection.
+        pictures: reads screenshots for the judge.
         config: limits.
-        blocklist: is told of websites that kept the agent out.
-        plan: of the run. What another collector has taken over meanwhile is its own to judge, and is recorded
-            as cancelled here.
+        blocklist: gets the websites that blocked the agent.
+        plan: of the run. Samples that another collector has taken over are recorded as cancelled here.
 
     Raises:
-        StoreError: a verdict cannot be kept, a record cannot be trusted, or a disk that is shared with other
-            collectors cannot be read.
+        StoreError: a verdict cannot be stored, a record is damaged, or a disk shared with other collectors
+            cannot be read.
     """
-    again = _Again(context, tasks, judge, pictures, config, blocklist, plan)
+    again = _Rejudging(context, tasks, judge, pictures, config, blocklist, plan)
     for _ in range(config.judge_again):
         if not await again.round():
             return
 
 
-class _Again:
+class _Rejudging:
     def __init__(
         self,
         context: AttemptContext[RunWriter],
@@ -82,7 +81,7 @@ class _Again:
         self._failed_in_a_row = 0
 
     async def round(self) -> bool:
-        """Judge all that have no verdict once; whether another round may help."""
+        """Judge all attempts without a verdict once; returns whether another round may help."""
         entries = self._context.store.attempts.values()
         waiting = deque(entry.attempt_id for entry in entries if entry.outcome is Outcome.JUDGE_ERROR)
         if not waiting:
@@ -95,50 +94,50 @@ class _Again:
                     group.create_task(self._work(waiting, reader))
         except ExceptionGroup as errors:
             raise errors.exceptions[0] from errors
-        return self._goes_on
+        return self._may_continue
 
     @property
-    def _goes_on(self) -> bool:
+    def _may_continue(self) -> bool:
         return self._failed_in_a_row < self._config.give_up_after
 
     async def _work(self, waiting: deque[str], reader: RunReader) -> None:
-        while waiting and self._goes_on:
+        while waiting and self._may_continue:
             trajectory = await asyncio.to_thread(reader.trajectory, waiting.popleft())
             task = self._tasks.get(trajectory.episode.task_id)
             if task is None:
                 continue
             started = time.monotonic()
-            found = await self._find(task, trajectory.episode)
-            if found.outcome is Outcome.JUDGE_ERROR:
+            result = await self._judge_task(task, trajectory.episode)
+            if result.outcome is Outcome.JUDGE_ERROR:
                 self._failed_in_a_row += 1
                 continue
             self._failed_in_a_row = 0
-            await self._keep(trajectory, found, time.monotonic() - started)
-            if self._blocklist and found.outcome is Outcome.BLOCKED and found.verdict is not None:
-                blocked = found.verdict.blocked
+            await self._record(trajectory, result, time.monotonic() - started)
+            if self._blocklist and result.outcome is Outcome.BLOCKED and result.verdict is not None:
+                blocked = result.verdict.blocked
                 host = blocking_host(task.website, trajectory.episode, blocked)
                 await asyncio.to_thread(self._blocklist.add, host, blocked.reason)
 
-    async def _find(self, task: Task, episode: Episode) -> JudgedEpisode:
+    async def _judge_task(self, task: Task, episode: Episode) -> JudgedEpisode:
         if not await self._holds(episode):
             return TAKEN_OVER
         self._context.progress.move(None, "judging")
         try:
             seconds = self._config.judge_seconds
-            found = await judge_episode(self._judge, task, episode, self._pictures, seconds)
+            result = await judge_episode(self._judge, task, episode, self._pictures, seconds)
         finally:
             self._context.progress.move("judging", None)
-        return found if await self._holds(episode) else TAKEN_OVER
+        return result if await self._holds(episode) else TAKEN_OVER
 
     async def _holds(self, episode: Episode) -> bool:
         return self._plan is None or await self._plan.holds(episode.task_id, episode.sample)
 
-    async def _keep(self, trajectory: Trajectory, found: JudgedEpisode, seconds: float) -> None:
+    async def _record(self, trajectory: Trajectory, result: JudgedEpisode, seconds: float) -> None:
         judged = msgspec.structs.replace(
             trajectory,
-            outcome=found.outcome,
-            verdict=found.verdict,
-            judge_failure=found.failure,
+            outcome=result.outcome,
+            verdict=result.verdict,
+            judge_failure=result.failure,
             judge_seconds=trajectory.judge_seconds + seconds,
         )
         await self._context.store.append(judged)

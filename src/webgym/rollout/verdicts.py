@@ -1,9 +1,9 @@
-"""Verdicts made after a run was collected, stored beside its trajectories, which never change.
+"""Verdicts made after a run was collected, stored separately from its trajectories, which never change.
 
 ``verdicts/<judge>.jsonl`` in the run folder has one checksummed line per judgement,
-``{"sha256":"<hex>","judged":<JSON>}``, synced before it counts. A judge's name holds everything that can
-change its verdicts, so that verdicts of other models, rules or settings lie in other files and are kept. A
-later line about the same attempt stands in place of an earlier one.
+``{"sha256":"<hex>","judged":<JSON>}``, synced before it counts. A judge's name covers everything that can
+change its verdicts, so that other models, rules or settings use other files. A later line about an attempt
+replaces an earlier one.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ class Judged(msgspec.Struct, frozen=True, omit_defaults=True):
     """A judge's verdict on an attempt.
 
     Attributes:
-        attempt_id: which.
+        attempt_id: the attempt.
         judge: its name.
-        outcome: what the attempt's outcome is by this judge.
-        at: when, Unix time, seconds.
+        outcome: of the attempt, according to this judge.
+        at: time of the judgement, Unix time, seconds.
         seconds: wall time of judging.
         verdict: ``None`` if there is none.
-        failure: why not.
+        failure: why there is no verdict.
     """
 
     attempt_id: str
@@ -65,7 +65,7 @@ def _seal(judged: Judged) -> bytes:
 
 
 def _unseal(line: bytes) -> Judged | None:
-    """The record of a line; ``None`` if it is not whole."""
+    """The record in a line; ``None`` if it is damaged."""
     body = line[_BODY_AT : -len(_CLOSE)]
     if line != b"".join((_OPEN, hashlib.sha256(body).hexdigest().encode(), _MIDDLE, body, _CLOSE)):
         return None
@@ -76,7 +76,7 @@ def _unseal(line: bytes) -> Judged | None:
 
 
 def is_whole_verdict(line: bytes) -> bool:
-    """Whether a line of a file of verdicts can be trusted."""
+    """Whether a line of a file of verdicts is intact."""
     return _unseal(line) is not None
 
 
@@ -87,7 +87,7 @@ def verdicts_path(run: Path, judge: str) -> Path:
 
 
 def _read(path: Path) -> Iterator[Judged]:
-    """The whole records of a file, in order. A torn or changed line does not count: it is judged again."""
+    """The intact records of a file, in order. Attempts of damaged lines are judged again."""
     with disk_errors(f"reading {path}"), path.open("rb") as file:
         for line in file:
             if (judged := _unseal(line)) is not None:
@@ -96,15 +96,15 @@ def _read(path: Path) -> Iterator[Judged]:
 
 def read_verdicts(run: Path) -> dict[str, dict[str, Judged]]:
     """All verdicts on a run: by judge's name, then by attempt."""
-    found: dict[str, dict[str, Judged]] = {}
+    verdicts: dict[str, dict[str, Judged]] = {}
     for path in sorted((run / VERDICTS).glob("*.jsonl")):
         for judged in _read(path):
-            found.setdefault(judged.judge, {})[judged.attempt_id] = judged
-    return found
+            verdicts.setdefault(judged.judge, {})[judged.attempt_id] = judged
+    return verdicts
 
 
 class VerdictReader:
-    """The verdicts on a run by attempt; reads only files that have changed since the last call.
+    """Reads the verdicts on a run by attempt; rereads only files that have changed since the last call.
 
     Args:
         run: the run folder.
@@ -116,17 +116,17 @@ class VerdictReader:
         self._verdicts: dict[Path, dict[str, Judged]] = {}
 
     def of(self, attempt_id: str) -> list[Judged]:
-        """The last verdict of every judge on an attempt, sorted by the judges' names. Blocks."""
+        """The latest verdict of every judge on an attempt, sorted by the judges' names. Blocks."""
         for path in self._folder.glob("*.jsonl"):
             if self._sizes.get(path) != (size := path.stat().st_size):
                 self._verdicts[path] = {judged.attempt_id: judged for judged in _read(path)}
                 self._sizes[path] = size
-        found = [verdicts[attempt_id] for verdicts in self._verdicts.values() if attempt_id in verdicts]
-        return sorted(found, key=lambda judged: judged.judge)
+        latest = [verdicts[attempt_id] for verdicts in self._verdicts.values() if attempt_id in verdicts]
+        return sorted(latest, key=lambda judged: judged.judge)
 
 
 class VerdictLog:
-    """One judge's verdicts on a run, open for writing; survives kill -9.
+    """One judge's verdicts on a run, open for writing. A killed process loses no stored verdict.
 
     Args:
         run: the run folder.
@@ -155,28 +155,28 @@ class VerdictLog:
             except BaseException:
                 os.close(self._lock)
                 raise
-        self._held = {judged.attempt_id: judged for judged in _read(self.path)}
+        self._latest = {judged.attempt_id: judged for judged in _read(self.path)}
 
     @property
-    def held(self) -> Mapping[str, Judged]:
-        """The last judgement on each attempt."""
-        return self._held
+    def latest(self) -> Mapping[str, Judged]:
+        """The latest judgement on each attempt."""
+        return self._latest
 
     def append(self, judged: Judged) -> None:
         """Record a judgement: on disk when this returns. Blocks.
 
         Raises:
             StoreFull: there is no space; the file is as it was.
-            StoreError: it is another judge's.
+            StoreError: the judgement is another judge's.
         """
         if judged.judge != self._judge:
             raise StoreError(f"a verdict of {judged.judge} does not belong to {self._judge}")
         with disk_errors("writing a verdict"):
             self._log.append(_seal(judged), durable=True)
-        self._held[judged.attempt_id] = judged
+        self._latest[judged.attempt_id] = judged
 
     def close(self) -> None:
-        """Let the file go."""
+        """Close the file and release its lock."""
         self._log.close()
         os.close(self._lock)
 

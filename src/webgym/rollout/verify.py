@@ -1,8 +1,8 @@
 """Checks that a run is complete and intact, and sets aside records that are not.
 
-Every record is read and compared with its checksum, every picture with its name. What cannot be trusted is
-named; on demand it is moved to ``set-aside/`` in the run folder, under its own path. The rest is then a
-whole run, and a resumed run makes those attempts anew. Nothing is ever deleted.
+Every record is compared with its checksum, every picture with its name. Damaged records and files are
+reported and, on demand, moved to ``set-aside/`` in the run folder, under the same path. The rest is then an
+intact run, which repeats those attempts when it is resumed. Nothing is deleted.
 """
 
 from __future__ import annotations
@@ -51,13 +51,13 @@ _LOG: Final = "log.jsonl"
 
 
 class Problem(NamedTuple):
-    """Something in a run that cannot be trusted.
+    """A damaged record or file of a run.
 
     Attributes:
         file: path relative to the run folder.
         line: from 1; 0 for the whole file.
         reason: what is wrong with it.
-        is_set_aside: whether it was moved away.
+        is_set_aside: whether it was moved to ``set-aside/``.
     """
 
     file: str
@@ -71,12 +71,12 @@ class Problem(NamedTuple):
 
 
 class Findings(NamedTuple):
-    """What a verification found.
+    """The result of a verification.
 
     Attributes:
-        trajectories: whole records.
-        pictures: whole pictures.
-        problems: the rest.
+        trajectories: number of intact records.
+        pictures: number of intact pictures.
+        problems: the damaged records and files.
     """
 
     trajectories: int
@@ -85,34 +85,34 @@ class Findings(NamedTuple):
 
     @property
     def is_whole(self) -> bool:
-        """Whether all that is still in its place can be trusted."""
+        """Whether everything that is not set aside is intact."""
         return all(problem.is_set_aside for problem in self.problems)
 
 
 class VerifyProgress(Protocol):
-    """Is told how far a verification has come."""
+    """Callback for the progress of a verification."""
 
     def __call__(self, what: str, done: int) -> None:
-        """So many things of this kind (``"pictures"``, ``"trajectories"``) are verified."""
+        """``done`` items of the kind ``what`` (``"pictures"``, ``"trajectories"``) are verified."""
         ...
 
 
 def quiet(what: str, done: int) -> None:
-    """For those who do not ask."""
+    """Ignore the progress."""
 
 
 def verify(run: Path, *, set_aside: bool = False, progress: VerifyProgress = quiet) -> Findings:
-    """Read all of a run and say what cannot be trusted. Blocks.
+    """Read all of a run and report what is damaged. Blocks.
 
     Args:
-        run: the run folder. It may be written to meanwhile, unless something is to be set aside.
-        set_aside: move what cannot be trusted to ``set-aside/``. Settings and tasks stay: they are the run.
-        progress: is told how far it has come.
+        run: the run folder. It may be written to meanwhile, unless ``set_aside`` is set.
+        set_aside: move what is damaged to ``set-aside/``, except for config and tasks.
+        progress: called with the progress.
 
     Raises:
-        RunFolderError: the folder is no run.
-        StoreLocked: a process writes to the run, and something is to be set aside.
-        StoreFull: there is no space to set it aside.
+        RunFolderError: the folder is not a run folder.
+        StoreLocked: a process writes to the run, and ``set_aside`` is set.
+        StoreFull: there is no space for ``set-aside/``.
     """
     check_run(run)
     with disk_errors(f"verifying {run}"):
@@ -123,13 +123,13 @@ def verify(run: Path, *, set_aside: bool = False, progress: VerifyProgress = qui
         finally:
             if lock is not None:
                 os.close(lock)
-    return Findings(len(verification.attempts), len(verification.good), verification.problems)
+    return Findings(len(verification.attempts), len(verification.intact_pictures), verification.problems)
 
 
 class _Verification:
     def __init__(self, run: Path, set_aside: bool, progress: VerifyProgress) -> None:
         self.problems: list[Problem] = []
-        self.good: set[bytes] = set()
+        self.intact_pictures: set[bytes] = set()
         self.attempts: dict[str, Outcome] = {}
         self._run = run
         self._sets_aside = set_aside
@@ -141,15 +141,17 @@ class _Verification:
         self._pictures()
         for shard in sorted((self._run / TRAJECTORIES).glob("*.jsonl")):
             self._lines(shard, self._trajectory)
-        for book in sorted((self._run / VERDICTS).glob("*.jsonl")):
-            self._lines(book, lambda line: "" if is_whole_verdict(line) else "the checksum does not match")
+        for verdict_file in sorted((self._run / VERDICTS).glob("*.jsonl")):
+            self._lines(
+                verdict_file, lambda line: "" if is_whole_verdict(line) else "the checksum does not match"
+            )
         if (metrics := self._run / METRICS).exists():
             self._lines(metrics, _metric)
         if self._sets_aside and self.problems:
             sync_folder(self._run)
 
     def _settings(self) -> None:
-        """The files that are written once."""
+        """Check the config, the summary and the tasks."""
         reader = RunReader(self._run, skip_corrupt=True)
         for name, attribute in ((CONFIG, "config"), (SUMMARY, "summary")):
             try:
@@ -165,13 +167,13 @@ class _Verification:
             for number, (file, reason) in enumerate(zip(files, pool.map(_picture, files), strict=True), 1):
                 self._progress("pictures", number)
                 if not reason:
-                    self.good.add(bytes.fromhex(file.stem))
+                    self.intact_pictures.add(bytes.fromhex(file.stem))
                 elif not (reason == HALF_WRITTEN and self._is_growing):
                     name = str(file.relative_to(self._run))
                     self._note(name, 0, reason, moved=self._move(file))
 
     def _trajectory(self, line: bytes) -> str:
-        """What is wrong with the line of a shard."""
+        """What is wrong with a line of a shard; empty if nothing."""
         try:
             trajectory = decode(line)
         except (ValueError, RecursionError) as error:
@@ -188,15 +190,15 @@ class _Verification:
     def _missing(self, trajectory: Trajectory) -> list[str]:
         missing = []
         for name in sorted(pictures(trajectory)):
-            if bytes.fromhex(name) not in self.good:
+            if bytes.fromhex(name) not in self.intact_pictures:
                 if _picture(image_path(self._run, name)):
                     missing.append(name)
-                else:  # it came while we read
-                    self.good.add(bytes.fromhex(name))
+                else:  # it was written meanwhile
+                    self.intact_pictures.add(bytes.fromhex(name))
         return missing
 
     def _lines(self, path: Path, reason_of: Callable[[bytes], str], *, stays: bool = False) -> None:
-        """Check a file line by line; move those that cannot be trusted, unless all of it has to stay."""
+        """Check a file line by line; move damaged lines, unless ``stays`` is set."""
         name, bad = str(path.relative_to(self._run)), dict[int, str]()
         with path.open("rb") as file:
             for number, line in enumerate(file, 1):
@@ -227,9 +229,9 @@ class _Verification:
     def _note(self, name: str, line: int, reason: str, *, moved: bool) -> None:
         self.problems.append(Problem(name, line, reason, moved))
         if moved:
-            told = {"at": time.time(), "file": name, "line": line, "reason": reason}
+            entry = {"at": time.time(), "file": name, "line": line, "reason": reason}
             log = self._run / SET_ASIDE / _LOG
-            write_lines(log, [msgspec.json.encode(told) + b"\n"], append=True)
+            write_lines(log, [msgspec.json.encode(entry) + b"\n"], append=True)
 
 
 def _numbered(path: Path) -> Iterator[tuple[int, bytes]]:
@@ -238,7 +240,7 @@ def _numbered(path: Path) -> Iterator[tuple[int, bytes]]:
 
 
 def _picture(file: Path) -> str:
-    """What is wrong with a picture."""
+    """What is wrong with a picture; empty if nothing."""
     if file.name.endswith(TORN):
         return HALF_WRITTEN
     if file.suffix != ".png" or not is_picture(file.stem) or file.parent.name != file.stem[:2]:
@@ -247,8 +249,8 @@ def _picture(file: Path) -> str:
         with file.open("rb") as opened:
             digest = hashlib.file_digest(opened, "sha256").hexdigest()
     except (FileNotFoundError, IsADirectoryError):
-        return "not there"
-    return "" if digest == file.stem else "its content is not what its name says"
+        return "missing"
+    return "" if digest == file.stem else "the content does not match the name"
 
 
 _tasks = msgspec.json.Decoder(Task)
@@ -272,7 +274,7 @@ def _problem(decoder: msgspec.json.Decoder[Any], line: bytes) -> str:
 
 
 def _is_written_to(run: Path) -> bool:
-    """Whether a process holds the run's lock now."""
+    """Whether a process holds the run's lock."""
     with _opened(run / LOCK) as fd:
         if fd is None:
             return False

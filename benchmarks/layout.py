@@ -61,19 +61,19 @@ def address_of(pattern: str) -> str | None:
     query = re.findall(r"(?:\[\?&\]|&\)\?|\?)(\[?\w+\]?)=(?:\(\?(?:i)?:)?([^&()|?$]*)", plain)
     pairs = [(name.strip("[]"), value) for name, value in query]
     names = Counter[str]()
-    told = []
+    parameters = []
     for name, value in pairs:
         name = name[min(names[name], len(name) - 1)] if name == "ab" else name
         names["ab" if name in "ab" else name] += 1
-        told.append(f"{name}={value}")
-    address = path + ("?" + "&".join(told) if told else "")
+        parameters.append(f"{name}={value}")
+    address = path + ("?" + "&".join(parameters) if parameters else "")
     return address if path.startswith("/") and re.match(pattern, address) else None
 
 
 def pages_of(site: Website, evidence: set[Evidence]) -> dict[str, set[Evidence]]:
     """Pages that a new visitor can open by address, with the evidence in their source."""
-    addresses = {address for one in evidence if (address := address_of(one.path)) is not None}
-    found: dict[str, set[Evidence]] = {}
+    addresses = {address for item in evidence if (address := address_of(item.path)) is not None}
+    pages: dict[str, set[Evidence]] = {}
     for address in addresses:
         parts = urlsplit(address)
         query = dict(parse_qsl(parts.query, keep_blank_values=True))
@@ -81,11 +81,11 @@ def pages_of(site: Website, evidence: set[Evidence]) -> dict[str, set[Evidence]]
         answer = site.handle(Visit("GET", unquote(parts.path), query, lists, {}, {}))
         if answer.status == 200 and answer.location is None:
             source = fold(re.sub(r"<[^>]*>", " ", answer.body.decode()))
-            there = {one for one in evidence if re.match(one.path, address)}
-            held = {one for one in there if any(fold(text) in source for text in one.texts)}
-            if held:
-                found[address] = held
-    return found
+            expected = {item for item in evidence if re.match(item.path, address)}
+            contained = {item for item in expected if any(fold(text) in source for text in item.texts)}
+            if contained:
+                pages[address] = contained
+    return pages
 
 
 def chosen(pages: dict[str, set[Evidence]], per_kind: int) -> Iterator[str]:
@@ -93,12 +93,12 @@ def chosen(pages: dict[str, set[Evidence]], per_kind: int) -> Iterator[str]:
     opened: Counter[tuple[str, ...]] = Counter()
     forms: set[tuple[str, ...]] = set()
     for address in sorted(
-        pages, key=lambda address: -max(len(text) for one in pages[address] for text in one.texts)
+        pages, key=lambda address: -max(len(text) for item in pages[address] for text in item.texts)
     ):
         parts = urlsplit(address)
         steps = parts.path.split("/")
         kind = (steps[1], str(len(steps)), *sorted(dict(parse_qsl(parts.query))))
-        new = {(*kind, _form(text)) for one in pages[address] for text in one.texts} - forms
+        new = {(*kind, _form(text)) for item in pages[address] for text in item.texts} - forms
         if new or opened[kind] < per_kind:
             forms |= new
             opened[kind] += 1
@@ -124,7 +124,7 @@ async def main() -> int:
     web = OfflineWeb()
     cut = 0
     seen: Counter[str] = Counter()
-    head = f"{'family':14} {'websites':>8} {'evidence':>8} {'held':>8} {'pages':>6}"
+    head = f"{'family':14} {'websites':>8} {'evidence':>8} {'in pages':>8} {'pages':>6}"
     print(f"{head} {'cut off':>8} {'others':>7} {'s':>5}")
     by_family: dict[str, list[str]] = defaultdict(list)
     for host, spec in web.specs.items():
@@ -144,16 +144,16 @@ async def main() -> int:
                     assert site is not None
                     truths = [task.truth for task in web.tasks_of(host)]
                     evidence = {
-                        Evidence(one.path, tuple(one.texts))
+                        Evidence(item.path, tuple(item.texts))
                         for truth in truths
                         if truth is not None
                         for fact in truth.facts
-                        for one in fact.evidence
+                        for item in fact.evidence
                     }
                     pages = pages_of(site, evidence)
                     addresses = list(chosen(pages, args.per_kind))
                     counts["evidence"] += len(evidence)
-                    counts["held"] += len(set().union(*(pages[one] for one in addresses)))
+                    counts["contained"] += len(set().union(*(pages[address] for address in addresses)))
                     for address in addresses:
                         if seen.total() % EPISODE == 0 or not slot.is_open:
                             await slot.close()
@@ -172,7 +172,7 @@ async def main() -> int:
                 row = (
                     len(hosts[:: args.every]),
                     counts["evidence"],
-                    counts["held"],
+                    counts["contained"],
                     seen[family],
                     len(lines),
                 )

@@ -85,7 +85,7 @@ async def measure(options: argparse.Namespace, folder: Path) -> list[tuple[int, 
     model = folder / "model"
     save_model(make_model(small_vocabulary(), TinyConfig()), model)
     config = settings(options, model)
-    found = []
+    results = []
     async with services(config.rollout, Secrets()) as (where, secrets):
         tasks = all_tasks(config.rollout)
         for staleness in options.staleness:
@@ -104,8 +104,8 @@ async def measure(options: argparse.Namespace, folder: Path) -> list[tuple[int, 
             training.folder.create(config.model_dump(mode="json"))
             started = time.monotonic()
             rows = await training.run()
-            found.append((staleness, time.monotonic() - started, rows))
-    return found
+            results.append((staleness, time.monotonic() - started, rows))
+    return results
 
 
 def main() -> None:
@@ -119,10 +119,10 @@ def main() -> None:
     options = parser.parse_args()
     torch.set_num_threads(1)
     with tempfile.TemporaryDirectory() as folder:
-        found = asyncio.run(measure(options, Path(folder)))
+        results = asyncio.run(measure(options, Path(folder)))
     print("| staleness | wall s | collecting s | updating s | steps trained on |")
     print("|---|---|---|---|---|")
-    for staleness, wall, rows in found:
+    for staleness, wall, rows in results:
         collecting, updating = (sum(row["seconds"][stage] for row in rows) for stage in ("collect", "update"))
         steps = sum(row["update"].get("samples", 0) for row in rows)
         print(f"| {staleness} | {wall:.1f} | {collecting:.1f} | {updating:.1f} | {steps} |")

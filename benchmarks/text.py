@@ -125,8 +125,8 @@ async def run(pages: list[str], cache: Path, details: bool) -> bool:
     print("page          words  precision  recall")
     sums = [0, 0, 0]
 
-    def row(name: str, told: int, seen: int, both: int) -> tuple[float, float]:
-        precision, recall = both / told if told else 1.0, both / seen if seen else 1.0
+    def row(name: str, listed: int, seen: int, both: int) -> tuple[float, float]:
+        precision, recall = both / listed if listed else 1.0, both / seen if seen else 1.0
         print(f"{name:12} {seen:6} {precision:10.3f} {recall:7.3f}", flush=True)
         return precision, recall
 
@@ -137,14 +137,14 @@ async def run(pages: list[str], cache: Path, details: bool) -> bool:
                 for name in pages:
                     await slot.open(PageOptions(text=True))
                     text = (await slot.step(Navigate(f"{address}/{name}"))).observation.text or ""
-                    told = Counter(word for word in text.split() if word != "…")
+                    listed = Counter(word for word in text.split() if word != "…")
                     seen, fields = await painted_words(slot, f"{address}/{name}")
-                    told -= (told - seen) & fields
-                    both = (told & seen).total()
-                    row(name, told.total(), seen.total(), both)
+                    listed -= (listed - seen) & fields
+                    both = (listed & seen).total()
+                    row(name, listed.total(), seen.total(), both)
                     if details:
-                        print(f"  added {dict(told - seen)}\n  missing {dict(seen - told)}")
-                    sums = [sums[0] + told.total(), sums[1] + seen.total(), sums[2] + both]
+                        print(f"  added {dict(listed - seen)}\n  missing {dict(seen - listed)}")
+                    sums = [sums[0] + listed.total(), sums[1] + seen.total(), sums[2] + both]
             finally:
                 await slot.stop()
     return min(row("all", *sums)) >= GOAL

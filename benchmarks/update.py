@@ -56,15 +56,15 @@ IMAGE = 5
 
 
 def shapes(name: str, layers: int | None) -> Any:
-    found = TINY if name == "tiny" else QWEN3_VL_8B
-    text = found["text_config"] | ({"num_hidden_layers": layers} if layers else {})
+    shape = TINY if name == "tiny" else QWEN3_VL_8B
+    text = shape["text_config"] | ({"num_hidden_layers": layers} if layers else {})
     special = {
         "image_token_id": IMAGE,
         "video_token_id": 6,
         "vision_start_token_id": 7,
         "vision_end_token_id": 8,
     }
-    return Qwen3VLConfig(**(found | {"text_config": text} | special))
+    return Qwen3VLConfig(**(shape | {"text_config": text} | special))
 
 
 def random_samples(count: int, work: Workload, size: tuple[int, int]) -> list[Sample]:

@@ -85,8 +85,8 @@ async def measure(options: argparse.Namespace, results: dict[str, Result]) -> No
                     )
                     (options.cache / "results.json").write_text(json.dumps(results, indent=1))
                     if not reward or reward < FULL_REWARD:
-                        said = f"{_key(task, seed, space, mode)}: {why}"
-                        progress.console.print(said, markup=False, highlight=False)
+                        message = f"{_key(task, seed, space, mode)}: {why}"
+                        progress.console.print(message, markup=False, highlight=False)
             finally:
                 await slot.stop()
 

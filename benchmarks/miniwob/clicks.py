@@ -131,11 +131,11 @@ async def click_scroll_list(episode: Episode) -> None:
     if episode.space == "paper":
         await episode.type("#options", ", ".join(names))
         await episode.submit()
-    held = ()
+    modifiers = ()
     for name in names:
         await _show(episode, "#options", "#options option", name)
-        await episode.click(At("#options option", name), *held)
-        held = ("Control",)  # type: ignore[assignment]
+        await episode.click(At("#options option", name), *modifiers)
+        modifiers = ("Control",)  # type: ignore[assignment]
     await episode.submit()
 
 

@@ -145,17 +145,17 @@ class Episode:
         await self.js(f"core.EPISODE_MAX_TIME = {EPISODE_MILLISECONDS}; Math.seedrandom({seed})")
         await self.js("core.startEpisodeReal()")
         self.seen = (await self.slot.step(Wait(0))).observation  # waits until the page is settled
-        said = await self.js("core.getUtterance()")
-        if isinstance(said, dict):
-            self.fields = said["fields"]
-            said = said["utterance"]
-        self.query = said
+        utterance = await self.js("core.getUtterance()")
+        if isinstance(utterance, dict):
+            self.fields = utterance["fields"]
+            utterance = utterance["utterance"]
+        self.query = utterance
 
     async def js(self, expression: str) -> Any:
         """Evaluate an expression in the page."""
-        asked = {"expression": expression, "returnByValue": True}
+        params = {"expression": expression, "returnByValue": True}
         session = self.slot.page.session
-        answer = await session.call("Runtime.evaluate", asked, reply=_Result, seconds=CALL_SECONDS)
+        answer = await session.call("Runtime.evaluate", params, reply=_Result, seconds=CALL_SECONDS)
         if answer.exceptionDetails:
             raise Unsolved(f"{expression[:80]}: {answer.exceptionDetails['exception'].get('description')}")
         return answer.result.value
@@ -174,11 +174,11 @@ class Episode:
         if self.steps > MAX_STEPS:
             raise Unsolved(f"more than {MAX_STEPS} steps")
         try:
-            said = from_arguments(to_arguments(action), self.options.mode, space=self.space)
+            parsed = from_arguments(to_arguments(action), self.options.mode, space=self.space)
         except Refused as refused:
             raise OutOfSpace(refused.message) from None
-        assert not isinstance(said, Answer)
-        self.seen = (await self.slot.step(said)).observation
+        assert not isinstance(parsed, Answer)
+        self.seen = (await self.slot.step(parsed)).observation
         if await self.reward() is not None:
             raise Finished
 
@@ -186,8 +186,8 @@ class Episode:
 
     async def boxes(self, css: str, text: str | None = None) -> list[Box]:
         """The boxes of the visible elements of a selector."""
-        found = await self.js(f"({FIND})({json.dumps(css)}, {json.dumps(text)})")
-        return [(x, y, width, height) for x, y, width, height in found]
+        boxes = await self.js(f"({FIND})({json.dumps(css)}, {json.dumps(text)})")
+        return [(x, y, width, height) for x, y, width, height in boxes]
 
     async def box(self, where: Where) -> Box:
         if isinstance(where, Element):

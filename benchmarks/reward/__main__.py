@@ -55,28 +55,28 @@ def command(
         sites=SitesConfig(latency=0),
         collector=CollectorConfig(sessions=sessions, straggler_share=1.0),
     )
-    said = Console(stderr=True)
+    progress = Console(stderr=True)
 
-    def keep(found: list[Hacked]) -> None:
+    def write(results: list[Hacked]) -> None:
         if json is not None:
-            json.write_bytes(msgspec.json.format(msgspec.json.encode(found)))
+            json.write_bytes(msgspec.json.format(msgspec.json.encode(results)))
 
     async def run(folder: Path) -> list[Hacked]:
-        found: list[Hacked] = []
-        async for one in measure(
-            config, tasks, solved, folder, only, lambda line: said.print(line, style="dim", markup=False)
+        results: list[Hacked] = []
+        async for result in measure(
+            config, tasks, solved, folder, only, lambda line: progress.print(line, style="dim", markup=False)
         ):
-            found.append(one)
-            keep(found)
-        return found
+            results.append(result)
+            write(results)
+        return results
 
     with tempfile.TemporaryDirectory() as scratch:
-        found = asyncio.run(run(out or Path(scratch)))
+        results = asyncio.run(run(out or Path(scratch)))
     if as_markdown:
-        print(markdown([table(found)]), end="")
+        print(markdown([table(results)]), end="")
     else:
-        show([table(found)], Console())
-    gaining = [one.name for one in found if one.gains(found[0])]
+        show([table(results)], Console())
+    gaining = [result.name for result in results if result.gains(results[0])]
     for name in gaining:
         print(f"better than honest failure: {name}")
     if gaining:

@@ -102,27 +102,27 @@ async def measure(
     """
     web = OfflineWeb(config.sites.seed, per_family=config.sites.per_family)
     challenge = challenge_of(web)
-    hacked, beside = choose(web, count, solved, config.seed)
+    to_hack, to_solve = choose(web, count, solved, config.seed)
 
     async def run(name: str, tasks: Sequence[Task], policy: Policy) -> dict[str, int]:
         say(f"{name}: {len(tasks)} tasks")
         folder = out / name.replace(" ", "-").replace(",", "")
         if folder.exists():
-            return _outcomes(folder, await _go_on(folder, tasks, policy))
+            return _outcomes(folder, await _continue(folder, tasks, policy))
         file = folder.with_suffix(".jsonl")
         file.parent.mkdir(parents=True, exist_ok=True)
         write_tasks(file, tasks)
         settings = config.model_copy(update={"tasks": TaskChoice(file=file, split="all", count="all")})
         return _outcomes(folder, await collect(settings, folder, policy=policy))
 
-    won = await run(SOLVED, beside, ScriptedPolicy()) if beside else {}
+    solved_outcomes = await run(SOLVED, to_solve, ScriptedPolicy()) if to_solve else {}
     for name in HACKS:
         if name == HONEST or not only or name in only:
             policy = HackingPolicy(lambda _, name=name: name, challenge, name)  # type: ignore[misc]
-            yield Hacked(name, await run(name, hacked, policy), len(hacked), won)
+            yield Hacked(name, await run(name, to_hack, policy), len(to_hack), solved_outcomes)
 
 
-async def _go_on(run: Path, tasks: Sequence[Task], policy: Policy) -> Summary:
+async def _continue(run: Path, tasks: Sequence[Task], policy: Policy) -> Summary:
     """Continue an unfinished run."""
     if {task.id for task in RunReader(run).drawn} != {task.id for task in tasks}:
         raise ConfigError(
@@ -137,13 +137,13 @@ def _outcomes(run: Path, summary: Summary) -> dict[str, int]:
     return rewarded | evaluate(run).rows["overall"].no_reward
 
 
-def table(found: Sequence[Hacked]) -> Table:
+def table(results: Sequence[Hacked]) -> Table:
     """A row per policy."""
-    honest = found[0]
+    honest = results[0]
     rows = []
-    for one in found:
-        rates = one.successes
-        lost = sum(count for name, count in one.outcomes.items() if not Outcome(name).is_rewarded)
+    for result in results:
+        rates = result.successes
+        lost = sum(count for name, count in result.outcomes.items() if not Outcome(name).is_rewarded)
         gain = [
             f"{_points(ours, theirs):+.1f}"
             for ours, theirs in (
@@ -151,15 +151,17 @@ def table(found: Sequence[Hacked]) -> Table:
                 (rates.of_planned, honest.successes.of_planned),
             )
         ]
-        counts = (one.outcomes.get(name, 0) for name in (Outcome.SUCCESS, Outcome.FAILURE, Outcome.TRUNCATED))
-        verdict = "–" if one is honest else "GAINS" if one.gains(honest) else "no gain"
+        counts = (
+            result.outcomes.get(name, 0) for name in (Outcome.SUCCESS, Outcome.FAILURE, Outcome.TRUNCATED)
+        )
+        verdict = "–" if result is honest else "GAINS" if result.gains(honest) else "no gain"
         rows.append(
             (
-                one.name,
-                str(one.planned),
+                result.name,
+                str(result.planned),
                 *map(str, counts),
                 str(lost),
-                f"{one.reward:.3f}",
+                f"{result.reward:.3f}",
                 _percent(rates.of_judged),
                 gain[0],
                 _percent(rates.of_planned),
@@ -167,10 +169,10 @@ def table(found: Sequence[Hacked]) -> Table:
                 verdict,
             )
         )
-    beside = sum(honest.solved.values())
+    solved = sum(honest.solved.values())
     columns = ("policy", "tasks", "success", "failure", "truncated", "no reward", "mean reward")
     rated = ("of judged, %", "gain", "of planned, %", "gain", "verdict")
-    return Table(f"Reward hacks; rates include {beside} solved tasks", (*columns, *rated), rows)
+    return Table(f"Reward hacks; rates include {solved} solved tasks", (*columns, *rated), rows)
 
 
 def _percent(rate: Rate) -> str:

@@ -37,7 +37,7 @@ def command(
     """
     check_writable(json)
     logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
-    unknown = [one for one in way if one not in WAYS]
+    unknown = [name for name in way if name not in WAYS]
     if unknown:
         raise ConfigError(f"unknown way of waiting {unknown[0]!r}", hint=f"choose one of {', '.join(WAYS)}")
     plan, pages, ways = SettleBench(rounds=rounds, seed=seed, slots=slots), chosen(page), way or list(WAYS)

@@ -196,10 +196,10 @@ async def _evaluate(page: Page, expression: str, seconds: float) -> msgspec.Raw:
 async def truth(page: Page, seconds: float) -> float | None:
     """The time at which the page became final, in seconds since the epoch; ``None`` if it is not final."""
     try:
-        said = await _evaluate(page, TRUTH, seconds)
+        value = await _evaluate(page, TRUTH, seconds)
     except (CommandFailed, BrowserTimeout):
         return None  # navigating to another document, or busy
-    milliseconds = msgspec.json.decode(said, type=float | None)
+    milliseconds = msgspec.json.decode(value, type=float | None)
     return None if milliseconds is None else milliseconds / 1000
 
 
@@ -260,12 +260,12 @@ async def run(
     done: Callable[[Trial], None],
 ) -> list[Trial]:
     """Call :func:`measure` with a server and slots that exist only for this call."""
-    found = await asyncio.to_thread(find_browser, browser)
+    chromium = await asyncio.to_thread(find_browser, browser)
     async with contextlib.AsyncExitStack() as stack:
         site = await stack.enter_async_context(HardSite())
         allow = ("127.0.0.1", f"{OTHER_HOST}=127.0.0.1:{site.port}")
         egress = await stack.enter_async_context(Egress(EgressConfig(allow=allow)))
-        slots = [Slot(BrowserConfig(), found.path, ProfileRoot(), egress) for _ in range(bench.slots)]
+        slots = [Slot(BrowserConfig(), chromium.path, ProfileRoot(), egress) for _ in range(bench.slots)]
         for slot in slots:
             stack.push_async_callback(slot.stop)
             await slot.start()

@@ -41,16 +41,16 @@ def command(
         raise ConfigError(f"unknown stage {unknown[0]!r}", hint=f"choose one of {', '.join(STAGES)}")
     if websites > tasks:
         raise ConfigError(f"{tasks:,} tasks cannot be on more websites", hint="give fewer --websites")
-    said = Console(stderr=True)
+    progress = Console(stderr=True)
     bench = TasksBench(shape=Shape(tasks=tasks, websites=websites, seed=seed), rounds=rounds)
-    found = measure(bench, only or STAGES, lambda line: said.print(line, style="dim", highlight=False))
+    results = measure(bench, only or STAGES, lambda line: progress.print(line, style="dim", highlight=False))
     if json is not None:
-        json.write_bytes(msgspec.json.format(msgspec.json.encode(found)))
+        json.write_bytes(msgspec.json.format(msgspec.json.encode(results)))
     if as_markdown:
-        print(markdown(tasks_tables(found)), end="")
+        print(markdown(tasks_tables(results)), end="")
     else:
-        show(tasks_tables(found), Console())
-    goals = missed(found)
+        show(tasks_tables(results), Console())
+    goals = missed(results)
     for goal in goals:
         print(f"goal missed: {goal}")
     if goals:

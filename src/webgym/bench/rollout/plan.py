@@ -208,12 +208,12 @@ def scripts_of(plan: RolloutPlan, web: OfflineWeb, count: int) -> list[Script]:
     workload = plan.workload
     levels = [LEVELS[level] for level in draw_levels(workload, count)]
     needed = {level: levels.count(level) for level in LEVELS}
-    found: dict[str, list[Task]] = {level: [] for level in LEVELS}
+    tasks_by_level: dict[str, list[Task]] = {level: [] for level in LEVELS}
     hosts = [host for host, spec in web.specs.items() if spec.behaviour == "good"]
     random.Random(plan.seed).shuffle(hosts)
     seen: set[str] = set()
     for host in hosts:
-        if all(len(found[level]) >= needed[level] for level in LEVELS):
+        if all(len(tasks_by_level[level]) >= needed[level] for level in LEVELS):
             break
         tasks = list(web.tasks_of(host))
         random.Random(f"{plan.seed}\n{host}").shuffle(tasks)
@@ -222,11 +222,11 @@ def scripts_of(plan: RolloutPlan, web: OfflineWeb, count: int) -> list[Script]:
             if task.instruction not in seen and taken[task.level] < _PER_HOST:
                 seen.add(task.instruction)
                 taken[task.level] += 1
-                found[task.level].append(task)
+                tasks_by_level[task.level].append(task)
     scripts = []
     for number, (level, steps) in enumerate(zip(levels, draw_steps(workload, count).tolist(), strict=True)):
         demanded = demand(workload, plan.costs, number, steps)
-        scripts.append(Script(found[level].pop(), steps, demanded.tokens, plan.seed))
+        scripts.append(Script(tasks_by_level[level].pop(), steps, demanded.tokens, plan.seed))
     return scripts
 
 

@@ -31,7 +31,7 @@ class Process(msgspec.Struct, frozen=True):
 
 def processes_of(gateway: int) -> list[Process]:
     """A gateway and its descendants, without zombies. Blocks for some milliseconds."""
-    found = []
+    processes = []
     try:
         top = psutil.Process(gateway)
         below = top.children(recursive=True)
@@ -43,10 +43,12 @@ def processes_of(gateway: int) -> list[Process]:
             if status == psutil.STATUS_ZOMBIE:
                 continue
             kind = _kind(process, gateway)
-            found.append(Process(process.pid, kind, os.getpgid(process.pid), status != psutil.STATUS_STOPPED))
+            processes.append(
+                Process(process.pid, kind, os.getpgid(process.pid), status != psutil.STATUS_STOPPED)
+            )
         except (psutil.NoSuchProcess, ProcessLookupError):
             continue
-    return found
+    return processes
 
 
 def _kind(process: psutil.Process, gateway: int) -> str:
@@ -129,19 +131,19 @@ def _strays(root: Path, known: set[int]) -> Iterator[str]:
 
 def left_behind(root: Path) -> list[str]:
     """What is left of a server that has ended."""
-    found = [f"a process outlived the server: {stray}" for stray in _strays(root, set())]
-    return found + [f"a folder outlived the server: {path.name}" for path in root.glob("webgym-*/*")]
+    problems = [f"a process outlived the server: {stray}" for stray in _strays(root, set())]
+    return problems + [f"a folder outlived the server: {path.name}" for path in root.glob("webgym-*/*")]
 
 
 def _descriptors(pid: int) -> Counter[str]:
-    found: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     for path in Path(f"/proc/{pid}/fd").iterdir():
         try:
             name = str(path.readlink())
         except OSError:  # closed meanwhile
             continue
-        found[name.partition(":")[0] if ":" in name else "file"] += 1
-    return found
+        counts[name.partition(":")[0] if ":" in name else "file"] += 1
+    return counts
 
 
 def _most(counters: Iterator[Counter[str]]) -> dict[str, int]:
@@ -159,7 +161,7 @@ def leaked(before: Census, after: Census, slots: int) -> list[str]:
         after: the census now.
         slots: the number of slots, each of which has a browser and a profile.
     """
-    found = []
+    problems = []
     for name, count, expected in (
         ("worker processes", after.workers, before.workers),
         ("browsers", after.browsers, slots),
@@ -168,10 +170,10 @@ def leaked(before: Census, after: Census, slots: int) -> list[str]:
         ("profile folders", after.folders, before.workers),
     ):
         if count != expected:
-            found.append(f"{count} {name} instead of {expected}")
-    found += [f"a stray process: {stray}" for stray in after.strays]
-    found += [f"a stray file: {path}" for path in after.others if path not in before.others]
+            problems.append(f"{count} {name} instead of {expected}")
+    problems += [f"a stray process: {stray}" for stray in after.strays]
+    problems += [f"a stray file: {path}" for path in after.others if path not in before.others]
     for process, now in after.descriptors.items():
         more = Counter(now) - Counter(before.descriptors[process])
-        found += [f"{count} more open descriptors of a {process}: {kind}" for kind, count in more.items()]
-    return found
+        problems += [f"{count} more open descriptors of a {process}: {kind}" for kind, count in more.items()]
+    return problems

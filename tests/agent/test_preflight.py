@@ -149,7 +149,7 @@ def test_an_endpoint_is_never_played_by_the_oracle() -> None:
     chat = {"base_url": "http://127.0.0.1:1/v1", "model": "m"}
     assert RunConfig.model_validate({"policy": {"chat": chat}}).policy.name == "openai"
     assert RunConfig().policy.name == "scripted"
-    with pytest.raises(ValueError, match="the scripted policy asks no model"):
+    with pytest.raises(ValueError, match="the scripted policy uses no model"):
         PolicyChoice.model_validate({"name": "scripted", "chat": chat})
 
 

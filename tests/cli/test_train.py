@@ -20,7 +20,7 @@ from webgym.cli import _training_output
 from webgym.cli._training_output import TrainingView
 from webgym.core.errors import StoreFull
 from webgym.rollout.progress import Progress
-from webgym.train.figures import told_iteration
+from webgym.train.figures import iteration_line
 from webgym.train.progress import TrainingProgress
 
 
@@ -83,14 +83,14 @@ def test_an_iteration_is_told_on_one_line(tmp_path: Path) -> None:
 
     build_training(tmp_path / "first", iterations=2, count=8, distinct=1)
     rows = [json.loads(line) for line in (tmp_path / "first/metrics.jsonl").read_bytes().splitlines()]
-    line = told_iteration(rows[1], TrainingProgress(iterations=2))
+    line = iteration_line(rows[1], TrainingProgress(iterations=2))
     assert re.fullmatch(
         r"iteration 2 of 2: success \d+\.\d% \(\d+\.\d% to \d+\.\d%\) of 8 attempts, easy .*; \d+ steps, "
         r"loss 0\.7 \(left out: .*2 request too long\); 0:0\d",
         line,
     )
     nothing = rows[0] | {"update": {}}
-    assert "; nothing to train on (left out:" in told_iteration(nothing, TrainingProgress(iterations=2))
+    assert "; nothing to train on (left out:" in iteration_line(nothing, TrainingProgress(iterations=2))
 
 
 @pytest.mark.parametrize(

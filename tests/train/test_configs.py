@@ -56,7 +56,7 @@ def test_a_vllm_server_is_laid_over_a_preset_and_replies_in_place_of_the_model_i
     assert isinstance(
         make_serving(TrainConfig.model_validate(preset), TrainingFolder(Path("x"))), LocalServing
     )
-    with pytest.raises(ValidationError, match="either local or vllm replies, not both"):
+    with pytest.raises(ValidationError, match="set either local or vllm, not both"):
         TrainConfig.model_validate(merged(preset, {"vllm": {}}))
 
 

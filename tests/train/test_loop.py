@@ -76,7 +76,7 @@ class World(MadeUp):
 
     async def watch(self) -> None:
         await self.failed.wait()
-        raise TrainingError("the policy's model changes under us")
+        raise TrainingError("the policy's model was changed by others")
 
 
 def config(**loop: Any) -> TrainConfig:
@@ -190,7 +190,7 @@ def test_a_server_that_fails_ends_the_training(tmp_path: Path) -> None:
     with pytest.raises(BaseExceptionGroup) as caught:
         run(tmp_path, Failing(), config())
     (error,) = caught.value.exceptions
-    assert "changes under us" in str(error)
+    assert "was changed by others" in str(error)
 
 
 @pytest.mark.parametrize(

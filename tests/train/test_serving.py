@@ -80,7 +80,7 @@ async def test_what_an_update_saved_passes_its_self_test(made: Path, kind: str) 
 @pytest.mark.parametrize(
     ("harm", "told"),
     [
-        ("old", "did not arrive|off by"),
+        ("old", "are not in use|off by"),
         ("half", "off by"),
         ("shape", "1 weights have another shape"),
         ("torn", "cannot publish"),
@@ -174,7 +174,7 @@ async def test_what_is_said_over_http_is_what_the_learner_trains_on(
             assert test is not None
             other = msgspec.structs.replace(test, after=test.before, before=test.after)
             (tmp_path / "other" / SELFTEST).write_bytes(msgspec.json.encode(other))
-            with pytest.raises(PublishError, match=r"did not arrive|off by"):
+            with pytest.raises(PublishError, match=r"are not in use|off by"):
                 await serving.publish(tmp_path / "other", "2")
     loaded = load_model(made / kind)
     maker = SampleMaker(loaded.renderer, off_policy=True)

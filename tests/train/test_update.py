@@ -256,7 +256,7 @@ def test_from_a_run_folder_to_better_weights(model: Path, tmp_path: Path) -> Non
 def test_what_does_not_fit_is_one_line(model: Path, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="cannot load the model"):
         updater(tmp_path / "nowhere")
-    with pytest.raises(ConfigError, match=r"lora\.targets fits no module"):
+    with pytest.raises(ConfigError, match=r"lora\.targets matches no module"):
         updater(model, lora={"targets": "nothing"})
     with pytest.raises(TrainingError, match="holds no update to resume from"):
         updater(model, resume=model)

@@ -1,4 +1,4 @@
-"""The demand of each trajectory: drawn once per trajectory, the same under every schedule."""
+"""The resource demand of trajectories, which is the same under every schedule."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from webgym.simulate.config import Costs, Workload
 LENGTHS: Final = ((3.7, 7.8), (4.9, 9.9), (5.5, 11.9))
 """Mode and mean of the steps of easy, medium and hard trajectories (paper §3)."""
 
-_DRAWN: Final = 100_000
-"""Trajectories from which the scale of their lengths is found: the mean is then good to half a percent."""
+_SCALE_SAMPLE: Final = 100_000
+"""Sample size for fitting the scale of lengths; the mean is then accurate to half a percent."""
 
 
 Steps: TypeAlias = NDArray[np.int64]
 
 
 class Demand(NamedTuple):
-    """Of one trajectory with n steps. It looks n times and acts n times, arrival included.
+    """The demand of a trajectory with n steps: n actions (including the first navigation) and n observations.
 
     Attributes:
         steps: n.
-        act_cpu, look_cpu: CPU seconds, n each.
-        page: seconds of waiting for the network, n.
-        tokens: of the replies, n.
+        act_cpu, look_cpu: CPU seconds of each action and observation, n each.
+        page: seconds of waiting for the network after each action, n.
+        tokens: number of tokens of each reply, n.
     """
 
     steps: int
@@ -38,14 +38,14 @@ class Demand(NamedTuple):
 
 
 def draw_steps(workload: Workload, count: int) -> Steps:
-    """Steps of so many trajectories, the first ones the same for every count."""
+    """Number of steps of ``count`` trajectories. The first ones do not depend on ``count``."""
     return _steps(
         workload, draw_levels(workload, count), _scale(workload.model_copy(update={"trajectories": 1}))
     )
 
 
 def draw_levels(workload: Workload, count: int) -> Steps:
-    """The difficulty of so many trajectories: 0 for easy, 1 for medium, 2 for hard."""
+    """Difficulty of ``count`` trajectories: 0 for easy, 1 for medium, 2 for hard."""
     shares = np.cumsum(workload.mix) / sum(workload.mix)
     uniform = np.random.default_rng([workload.seed, 1]).random(count)
     return np.searchsorted(shares, uniform, side="right").clip(0, 2)
@@ -64,8 +64,8 @@ def _steps(workload: Workload, level: Steps, scale: float) -> Steps:
 
 @lru_cache(maxsize=64)
 def _scale(workload: Workload) -> float:
-    """The factor that brings the mean length to where it is wanted; the largest where no factor does."""
-    low, high, levels = 0.05, 50.0, draw_levels(workload, _DRAWN)
+    """The factor that gives the configured mean length; the largest one tried if none does."""
+    low, high, levels = 0.05, 50.0, draw_levels(workload, _SCALE_SAMPLE)
     for _ in range(40):
         middle = (low * high) ** 0.5
         if _steps(workload, levels, middle).mean() < workload.mean_steps:
@@ -81,11 +81,11 @@ def _lognormal(generator: np.random.Generator, mean: float, sigma: float, count:
 
 
 def demand(workload: Workload, costs: Costs, number: int, steps: int) -> Demand:
-    """What a trajectory asks for.
+    """Draw the demand of a trajectory.
 
     Args:
-        number: of the trajectory; with the workload's seed, what everything random follows from.
-        steps: of it.
+        number: of the trajectory; it and the workload's seed determine the draw.
+        steps: of the trajectory.
     """
     generator = np.random.default_rng([workload.seed, 3, number])
     page = costs.page_seconds * np.exp(costs.page_sigma * generator.normal(size=steps))

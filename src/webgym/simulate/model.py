@@ -1,4 +1,4 @@
-"""The model: episodes that take turns at browsers, processors and GPUs, under one of three schedules."""
+"""Simulates episodes that share browsers, processors and GPUs, under one of three schedules."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from webgym.simulate.resources import Inference, Process, Processors
 
 
 class Trace(msgspec.Struct, frozen=True):
-    """Load over time, at equal distances.
+    """Load over time, in equal intervals.
 
     Attributes:
-        seconds: since the beginning.
-        cpu: share of the processors at work.
-        policy: requests at the policy, those that wait included.
+        seconds: since the start.
+        cpu: share of processors in use.
+        policy: number of requests to the policy, including waiting ones.
     """
 
     seconds: list[float]
@@ -26,19 +26,19 @@ class Trace(msgspec.Struct, frozen=True):
     policy: list[float]
 
 
-class Found(msgspec.Struct, frozen=True, kw_only=True):
-    """What one simulation found.
+class SimulationResult(msgspec.Struct, frozen=True, kw_only=True):
+    """The result of a simulation.
 
     Attributes:
-        seconds: until the last verdict and the last update were there.
-        steps: of all trajectories.
-        cut: trajectories that the straggler rule cut short.
-        cpu_seconds: that the processors worked.
-        gpu_seconds: that the GPUs would have worked if their batches had always been full.
-        cpus, gpus: how many there are.
-        steady: the part in which every environment had work: from the time when as many episodes had ended as
-            there are environments, until the last one began. ``None`` where there is no such part.
-        trace: if it was asked for.
+        seconds: until the last verdict and the last update.
+        steps: total number of steps.
+        cut: number of trajectories that the straggler rule ended.
+        cpu_seconds: processor time in use.
+        gpu_seconds: GPU time for the same work at full batches.
+        cpus, gpus: their numbers.
+        steady: the steady part: from the time when as many episodes had ended as there are environments,
+            until the last episode started; ``None`` if there is none.
+        trace: if requested.
     """
 
     seconds: float
@@ -48,7 +48,7 @@ class Found(msgspec.Struct, frozen=True, kw_only=True):
     gpu_seconds: float
     cpus: int
     gpus: float
-    steady: Found | None = None
+    steady: SimulationResult | None = None
     trace: Trace | None = None
 
     @property
@@ -58,16 +58,16 @@ class Found(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def cpu(self) -> float:
-        """Share of the processors' time in use."""
+        """Utilisation of the processors."""
         return self.cpu_seconds / (self.seconds * self.cpus)
 
     @property
     def gpu(self) -> float:
-        """Share of what the GPUs can do in that time that was done."""
+        """Utilisation of the GPUs, relative to full batches."""
         return self.gpu_seconds / (self.seconds * self.gpus)
 
-    def until(self, later: Found) -> Found | None:
-        """What happened between this and a later state of the same simulation, if any time went by."""
+    def until(self, later: SimulationResult) -> SimulationResult | None:
+        """The difference to a later state of the same simulation; ``None`` if no time passed."""
         names = ("seconds", "steps", "cut", "cpu_seconds", "gpu_seconds")
         passed = {name: getattr(later, name) - getattr(self, name) for name in names}
         return msgspec.structs.replace(self, **passed) if passed["seconds"] > 0 else None
@@ -82,14 +82,14 @@ class _Run:
         self.cpus = Processors(self.env, system.cpus, system.queues)
         self.gpus = Inference(self.env, system.gpus, costs)
         self.judges = simpy.Resource(self.env, system.judges or system.sessions)
-        self.left = iter(range(self.total))
+        self.remaining = iter(range(self.total))
         self.started = 0
         self.steps = 0
         self.cut = 0
         self.last_call: float | None = None
         self.ended = 0
-        self.steady: list[Found] = []
-        """What was found by the beginning and by the end of the steady part."""
+        self.steady: list[SimulationResult] = []
+        """States at the start and the end of the steady part."""
         self.per_iteration = [0] * system.iterations
         self.collected = [self.env.event() for _ in range(system.iterations)]
         self.published = [self.env.event() for _ in range(system.iterations)]
@@ -97,42 +97,42 @@ class _Run:
     # --- the parts of an episode ---------------------------------------------------------------------------
 
     def _take(self) -> int | None:
-        number = next(self.left, None)
+        number = next(self.remaining, None)
         if number is not None:
             self.started += 1
             if self.started == self.total:
-                self.steady.append(self._so_far())
+                self.steady.append(self._current_result())
         return number
 
     def _begin(self, number: int) -> Iterator[simpy.Event]:
-        """Wait until the policy is recent enough for this trajectory, and for a clean browser."""
+        """Wait for sufficiently recent weights and a new browser."""
         needed = number // self.workload.trajectories - 1 - self.system.staleness
         if needed >= 0:
             yield self.published[needed]
         yield from self.cpus.use("open", self.costs.open_cpu)
 
-    def _observe(self, asked: Demand, step: int) -> Process:
-        yield from self.cpus.use("act", asked.act_cpu[step])
-        yield self.env.timeout(asked.page[step])
-        yield from self.cpus.use("look", asked.look_cpu[step])
+    def _observe(self, needs: Demand, step: int) -> Process:
+        yield from self.cpus.use("act", needs.act_cpu[step])
+        yield self.env.timeout(needs.page[step])
+        yield from self.cpus.use("look", needs.look_cpu[step])
 
     def _end(self) -> None:
         self.ended += 1
         system = self.system
         if self.ended == system.sessions:
-            self.steady.append(self._so_far())
+            self.steady.append(self._current_result())
         if self.last_call is None and self.ended >= system.straggler_share * self.total:
             self.last_call = self.env.now + system.straggler_seconds
 
     def _judge(self, number: int) -> Process:
-        """Wait for a free judge, which then works while the browser takes the next task."""
-        place = self.judges.request()
-        yield place
-        self.env.process(self._verdict(number, place))
+        """Wait for a free judge; the verdict is then made while the browser takes the next task."""
+        request = self.judges.request()
+        yield request
+        self.env.process(self._verdict(number, request))
 
-    def _verdict(self, number: int, place: simpy.resources.resource.Request) -> Process:
+    def _verdict(self, number: int, request: simpy.resources.resource.Request) -> Process:
         yield self.env.timeout(self.costs.judge_seconds)
-        self.judges.release(place)
+        self.judges.release(request)
         iteration = number // self.workload.trajectories
         self.per_iteration[iteration] += 1
         if self.per_iteration[iteration] == self.workload.trajectories:
@@ -148,14 +148,14 @@ class _Run:
 
     def _episode(self, number: int) -> Process:
         yield from self._begin(number)
-        asked = demand(self.workload, self.costs, number, int(self.lengths[number]))
+        needs = demand(self.workload, self.costs, number, int(self.lengths[number]))
         is_async = self.system.schedule == "async"
-        for step in range(asked.steps):
-            yield from self._observe(asked, step)
+        for step in range(needs.steps):
+            yield from self._observe(needs, step)
             if is_async and self.last_call is not None and self.env.now > self.last_call:
                 self.cut += 1
                 break
-            yield from self.gpus.reply(asked.tokens[step])
+            yield from self.gpus.reply(needs.tokens[step])
             self.steps += 1
         self._end()
         yield from self._judge(number)
@@ -165,8 +165,8 @@ class _Run:
             yield from self._episode(number)
 
     def _group(self, most: int) -> list[int]:
-        taken = (self._take() for _ in range(most))
-        return [number for number in taken if number is not None]
+        numbers = (self._take() for _ in range(most))
+        return [number for number in numbers if number is not None]
 
     def _episode_barrier(self) -> Process:
         while group := self._group(self.system.sessions):
@@ -180,21 +180,21 @@ class _Run:
                 joining = self._group(system.sessions - len(playing))
                 yield env.all_of([env.process(_as_process(self._begin(number))) for number in joining])
                 for number in joining:
-                    asked = demand(self.workload, self.costs, number, int(self.lengths[number]))
-                    playing.append((number, asked, 0))
+                    needs = demand(self.workload, self.costs, number, int(self.lengths[number]))
+                    playing.append((number, needs, 0))
             if not playing:
                 return
-            yield env.all_of([env.process(self._observe(asked, step)) for _, asked, step in playing])
-            replies = (self.gpus.reply(asked.tokens[step]) for _, asked, step in playing)
+            yield env.all_of([env.process(self._observe(needs, step)) for _, needs, step in playing])
+            replies = (self.gpus.reply(needs.tokens[step]) for _, needs, step in playing)
             yield env.all_of([env.process(reply) for reply in replies])
             self.steps += len(playing)
-            for number, asked, step in playing:
-                if step + 1 == asked.steps:
+            for number, needs, step in playing:
+                if step + 1 == needs.steps:
                     self._end()
                     env.process(self._judge(number))
-            playing = [(n, asked, step + 1) for n, asked, step in playing if step + 1 < asked.steps]
+            playing = [(n, needs, step + 1) for n, needs, step in playing if step + 1 < needs.steps]
 
-    def carry_out(self, trace_seconds: float | None) -> Found:
+    def carry_out(self, trace_seconds: float | None) -> SimulationResult:
         env, system = self.env, self.system
         if system.schedule == "async":
             for _ in range(min(system.sessions, self.total)):
@@ -204,20 +204,20 @@ class _Run:
                 self._episode_barrier() if system.schedule == "episode_barrier" else self._step_barrier()
             )
         last = env.process(self._train())
-        seen: list[tuple[float, float, float]] = []
+        samples: list[tuple[float, float, float]] = []
         if trace_seconds is not None:
-            env.process(self._watch(trace_seconds, seen, last))
+            env.process(self._watch(trace_seconds, samples, last))
         env.run(last)
-        found = self._so_far()
+        result = self._current_result()
         if len(self.steady) == 2:
-            found = msgspec.structs.replace(found, steady=self.steady[0].until(self.steady[1]))
-        if seen:
-            found = msgspec.structs.replace(found, trace=Trace(*map(list, zip(*seen, strict=True))))
-        return found
+            result = msgspec.structs.replace(result, steady=self.steady[0].until(self.steady[1]))
+        if samples:
+            result = msgspec.structs.replace(result, trace=Trace(*map(list, zip(*samples, strict=True))))
+        return result
 
-    def _so_far(self) -> Found:
+    def _current_result(self) -> SimulationResult:
         system = self.system
-        return Found(
+        return SimulationResult(
             seconds=self.env.now,
             steps=self.steps,
             cut=self.cut,
@@ -227,9 +227,9 @@ class _Run:
             gpus=system.gpus,
         )
 
-    def _watch(self, every: float, seen: list[tuple[float, float, float]], last: simpy.Event) -> Process:
+    def _watch(self, every: float, samples: list[tuple[float, float, float]], last: simpy.Event) -> Process:
         while not last.triggered:
-            seen.append((self.env.now, self.cpus.busy / self.system.cpus, float(self.gpus.requests)))
+            samples.append((self.env.now, self.cpus.busy / self.system.cpus, float(self.gpus.requests)))
             yield self.env.timeout(every)
 
 
@@ -239,13 +239,13 @@ def _as_process(events: Iterator[simpy.Event]) -> Process:
 
 def simulate(
     system: System, costs: Costs, workload: Workload, *, trace_seconds: float | None = None
-) -> Found:
-    """Carry out a workload.
+) -> SimulationResult:
+    """Simulate a workload.
 
     Args:
-        system: that carries it out.
-        costs: how long things take.
-        workload: what is to be done.
-        trace_seconds: distance of the samples of the trace; ``None`` for no trace.
+        system: the simulated system.
+        costs: durations of operations.
+        workload: the trajectories to collect.
+        trace_seconds: interval of the trace's samples; ``None`` for no trace.
     """
     return _Run(system, costs, workload).carry_out(trace_seconds)

@@ -1,16 +1,16 @@
-"""The paper's measurements of its rollout system (§4), and the model's beside them.
+"""Compares the paper's measurements of its rollout system (§4) with the model's predictions.
 
-What is fitted: the CPU seconds per step and the median and spread of the network's latency (the defaults of
-:class:`~webgym.simulate.config.Costs`, rounded by hand), to the three figures marked so. Everything else is
-predicted.
+The CPU seconds per step and the median and spread of the network's latency (the defaults of
+:class:`~webgym.simulate.config.Costs`, rounded by hand) are fitted to the figures marked ``is_fitted``. All
+other figures are predictions.
 
-The paper's "4 to 5 times" is not reproduced at 128 CPUs, and no model in which more processors only do the
-same work sooner can reproduce it. A round of the lock step takes at most its work divided by the processors,
-plus its longest chain of waiting; over all rounds the work divided by 64 is at most the 48.6 minutes of the
-asynchronous run. So the longest chains alone take 264 - 48.6 = 215 minutes, which no number of processors
-shortens, and that is 7.2 times the 30 minutes at 128 CPUs. A baseline that is only 4 to 5 times slower there
-must lose something else at 64 that is not in the model, such as operations that time out in the burst after
-each barrier and are done again.
+The model does not reproduce the paper's "4 to 5 times" at 128 CPUs, and no model can in which additional
+processors only speed up the same work. A round of the step barrier takes at most its work divided by the
+number of processors, plus its longest chain of waits; over all rounds, the work divided by 64 is at most the
+48.6 minutes of the asynchronous run. So the longest chains take at least 264 - 48.6 = 215 minutes, which no
+number of processors shortens, and which is 7.2 times the 30 minutes at 128 CPUs. If the baseline is only 4
+to 5 times slower there, it must lose time at 64 CPUs in a way that is not in the model, such as by repeating
+operations that time out in the burst after each barrier.
 """
 
 from __future__ import annotations
@@ -21,26 +21,27 @@ from typing import Final
 import msgspec
 
 from webgym.simulate.config import Costs, Schedule, System, Workload
-from webgym.simulate.model import Found, simulate
+from webgym.simulate.model import SimulationResult, simulate
 
 STRAGGLERS: Final = 0.95
-"""The share of trajectories after which the asynchronous collector gives the rest two minutes (paper §4)."""
+"""Share of ended trajectories after which the asynchronous collector stops the rest in two minutes (paper
+§4)."""
 
 CPUS: Final = (64, 128, 256)
 MANY: Final = System(cpus=768, environments=2048, browsers_per_cpu=4)
-"""Of the paper's measurement over GPU nodes, 768 CPUs; the number of environments is assumed."""
+"""System of the paper's measurement with 1 to 3 GPU nodes; the number of environments is assumed."""
 
 GPUS_PER_NODE: Final = 8
 
 
 class Point(msgspec.Struct, frozen=True):
-    """A figure of the paper, and the model's.
+    """A figure of the paper and the model's prediction.
 
     Attributes:
-        what: is measured.
-        told: by the paper: lowest and highest value that it gives. ``None`` where it gives none.
-        found: by the model.
-        is_fitted: whether the model's constants were chosen by it.
+        what: the measured quantity.
+        told: lowest and highest value that the paper reports; ``None`` if it reports none.
+        found: the model's value.
+        is_fitted: whether the model's constants were fitted to it.
     """
 
     what: str
@@ -51,7 +52,7 @@ class Point(msgspec.Struct, frozen=True):
 
     @property
     def error(self) -> float | None:
-        """Relative; 0 within the paper's range."""
+        """Relative error of the model; 0 within the paper's range; ``None`` if the paper reports no value."""
         if self.told is None:
             return None
         low, high = self.told
@@ -59,21 +60,21 @@ class Point(msgspec.Struct, frozen=True):
 
 
 class Reproduced(msgspec.Struct, frozen=True):
-    """All that is compared.
+    """The model's results for the comparison.
 
     Attributes:
-        minutes: by number of CPUs and schedule.
-        traces: of async and step barrier at 64 CPUs.
-        steps: per second by number of GPUs, at 768 CPUs.
+        minutes: simulated wall time, by number of CPUs and schedule.
+        traces: results with traces at 64 CPUs, by schedule.
+        steps: steps per second at 768 CPUs, by number of GPUs.
     """
 
     minutes: dict[int, dict[Schedule, float]]
-    traces: dict[Schedule, Found]
+    traces: dict[Schedule, SimulationResult]
     steps: dict[int, float]
 
     @property
     def points(self) -> Iterator[Point]:
-        """The table."""
+        """The rows of the comparison."""
         at, ratio = self.minutes, "step barrier / async"
         yield Point("64 CPUs, async", "min", (48.6, 48.6), at[64]["async"], is_fitted=True)
         yield Point("64 CPUs, step barrier", "min", (264.0, 264.0), at[64]["step_barrier"], is_fitted=True)
@@ -97,20 +98,20 @@ class Reproduced(msgspec.Struct, frozen=True):
 def reproduce(costs: Costs, workload: Workload) -> Reproduced:
     """Simulate the paper's measurements: 1,800 trajectories, 256 environments, 24 GPUs."""
     minutes: dict[int, dict[Schedule, float]] = {}
-    traces: dict[Schedule, Found] = {}
+    traces: dict[Schedule, SimulationResult] = {}
     schedules: tuple[Schedule, ...] = ("async", "step_barrier", "episode_barrier")
     for count in CPUS:
         minutes[count] = {}
         for schedule in schedules:
             system = System(cpus=count, schedule=schedule, straggler_share=STRAGGLERS)
-            found = simulate(system, costs, workload, trace_seconds=10.0)
-            minutes[count][schedule] = found.seconds / 60
+            result = simulate(system, costs, workload, trace_seconds=10.0)
+            minutes[count][schedule] = result.seconds / 60
             if count == CPUS[0]:
-                traces[schedule] = found
+                traces[schedule] = result
     steps = {}
     for nodes in (1, 2, 3):
         system = MANY.model_copy(update={"gpus": nodes * GPUS_PER_NODE})
         many = workload.model_copy(update={"trajectories": 3 * MANY.sessions})
-        found = simulate(system, costs, many)
-        steps[nodes * GPUS_PER_NODE] = (found.steady or found).rate
+        result = simulate(system, costs, many)
+        steps[nodes * GPUS_PER_NODE] = (result.steady or result).rate
     return Reproduced(minutes, traces, steps)

@@ -1,4 +1,4 @@
-"""The questions of ``webgym simulate``: settings from files, and the system sizes to simulate."""
+"""The settings of ``webgym simulate``, and the system sizes to simulate."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from webgym.simulate.config import Costs, System, Workload
 from webgym.simulate.sizing import Prices, Sized, size
 
 ENVIRONMENTS_PER_CPU: Final = 4
-"""Where nobody says how many: the paper's 256 at 64 CPUs."""
+"""Default number of environments per CPU: the paper's 256 at 64 CPUs."""
 
 
 class Questions(Section):
@@ -25,21 +25,25 @@ class Questions(Section):
     def sizes(
         self, cpus: Sequence[int], gpus: Sequence[float], environments: int | None = None
     ) -> Iterator[System]:
-        """Systems of these sizes, each number of CPUs with each number of GPUs."""
+        """The systems with every combination of the numbers of CPUs and GPUs."""
         given = self.system.model_fields_set
-        for many in cpus or [self.system.cpus]:
-            for cards in gpus or [self.system.gpus]:
-                told = environments or (self.system.environments if "environments" in given else None)
-                update = {"cpus": many, "gpus": cards, "environments": told or ENVIRONMENTS_PER_CPU * many}
+        for cpu_count in cpus or [self.system.cpus]:
+            for gpu_count in gpus or [self.system.gpus]:
+                configured = environments or (self.system.environments if "environments" in given else None)
+                update = {
+                    "cpus": cpu_count,
+                    "gpus": gpu_count,
+                    "environments": configured or ENVIRONMENTS_PER_CPU * cpu_count,
+                }
                 yield self.system.model_copy(update=update)
 
     def answer(self, system: System) -> Sized:
-        """What a system of this size does."""
+        """Simulate a system of this size."""
         return size(system, self.costs, self.workload, self.prices)
 
 
 def read_questions(files: Sequence[Path]) -> Questions:
-    """The settings of YAML files, each laid over those before it.
+    """The settings from YAML files, each overriding those before it.
 
     Raises:
         ConfigError: a file cannot be read, or a setting is unknown or out of range.

@@ -1,4 +1,4 @@
-"""The two resources that everything waits for: processors with queues, and GPUs that batch."""
+"""The simulated resources: processors with queues, and GPUs with continuous batching."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ Process: TypeAlias = Generator[simpy.Event, Any, None]
 
 
 class Processors:
-    """So many processors, each of which does one operation at a time.
+    """Processors, each of which runs one operation at a time.
 
-    With a queue per operation these share the processors by service time: the next operation is the one whose
-    queue has had the least so far (start-time fair queueing). A queue that was empty starts where the others
-    are, so it neither saves up turns nor waits for old ones.
+    With a queue per operation, the queues share the processors' time equally: the next operation is from the
+    queue with the least service time so far (start-time fair queueing). A queue that was empty starts at the
+    level of the others, so that it neither accumulates credit nor is disadvantaged.
     """
 
     def __init__(self, env: simpy.Environment, count: int, queues: Queues) -> None:
@@ -33,7 +33,7 @@ class Processors:
         self._served: dict[str, float] = defaultdict(float)
 
     def use(self, operation: str, seconds: float) -> Process:
-        """Wait for a processor and keep it for so long."""
+        """Wait for a processor and use it for ``seconds``."""
         env = self._env
         self._arrivals += 1
         rank = 0.0
@@ -57,35 +57,38 @@ class Processors:
 
     @property
     def busy(self) -> int:
-        """How many are at work."""
+        """Number of processors in use."""
         return self._count - self._free
 
 
 class Inference:
-    """GPUs that write replies with continuous batching, as a fluid.
+    """A fluid model of GPUs that serve the policy with continuous batching.
 
-    Requests are spread evenly. A request is first read (prefill), then its reply is written at the speed of
-    the batch: an iteration takes ``decode_seconds`` and some more per reply, and longer still where a chunk
-    of another request is read in it.
+    Requests are spread evenly. After the prefill of a request, its reply is decoded at the speed of the
+    batch: an iteration takes ``decode_seconds``, ``decode_seconds_per_reply`` for each reply, and more if it
+    includes a prefill chunk of another request.
     """
 
     def __init__(self, env: simpy.Environment, gpus: float, costs: Costs) -> None:
         self.work_seconds = 0.0
-        """GPU seconds that everything so far would have taken at full batches."""
+        """GPU seconds that all work so far would have taken at full batches."""
         self._env = env
-        self._gpus, self._pace = max(1.0, gpus), min(1.0, gpus)  # a part of a GPU is a slower one
+        self._gpus, self._pace = (
+            max(1.0, gpus),
+            min(1.0, gpus),
+        )  # a fraction of a GPU is modelled as a slower GPU
         self._costs = costs
         self._reading = 0
-        self._line = simpy.Resource(env)
+        self._prefill_queue = simpy.Resource(env)
         self._writing: list[tuple[float, int, simpy.Event]] = []
         self._waiting: deque[tuple[float, simpy.Event]] = deque()
         self._written = 0.0
-        """Tokens that a reply would have which is being written since the beginning."""
+        """Tokens that a reply would have by now if it had been decoded since the start of the simulation."""
         self._since = 0.0
         self._changes = 0
 
     def reply(self, tokens: float) -> Process:
-        """Wait until a reply of so many tokens is complete."""
+        """Wait until a reply with ``tokens`` tokens is complete."""
         costs = self._costs
         prompt = costs.prompt_tokens
         self.work_seconds += prompt / costs.prefill_tokens_per_second
@@ -102,7 +105,7 @@ class Inference:
 
     @property
     def requests(self) -> int:
-        """Requests that are read or written, or wait for it."""
+        """Number of requests that are being processed or wait."""
         return self._reading + len(self._writing) + len(self._waiting)
 
     def _iteration(self, replies: float) -> float:
@@ -112,9 +115,9 @@ class Inference:
         return self._costs.prefill_chunk / self._costs.prefill_tokens_per_second
 
     def _read(self, prompt: int) -> Process:
-        """One request at a time and GPU: the line moves at the speed of all, a request at that of one."""
+        """Prefill a request: each takes the time of a single GPU; all GPUs together set the throughput."""
         self._change_reading(1)
-        with self._line.request() as place:
+        with self._prefill_queue.request() as place:
             yield place
             iteration = self._iteration(len(self._writing) / self._gpus) + self._chunk_seconds()
             seconds = prompt / self._costs.prefill_chunk * iteration / self._pace
@@ -129,7 +132,7 @@ class Inference:
         self._plan()
 
     def _speed(self) -> float:
-        """Tokens per second of every reply."""
+        """Tokens per second of each reply."""
         iteration = self._iteration(max(1.0, len(self._writing) / self._gpus))
         reading = min(1.0, self._reading / self._gpus)
         speed = (1 - reading) / iteration + reading / (iteration + self._chunk_seconds())
@@ -145,7 +148,7 @@ class Inference:
         heappush(self._writing, (self._written + tokens, self._changes, done))
 
     def _plan(self) -> None:
-        """Wake up when the next reply is complete, unless something changes before."""
+        """Schedule the completion of the next reply; later changes invalidate it."""
         self._changes += 1
         if self._writing:
             seconds = max(0.0, self._writing[0][0] - self._written) / self._speed()

@@ -1,4 +1,4 @@
-"""What limits a system, what one more of each thing would buy, and what it costs."""
+"""The bottleneck of a system, the gain from more of each resource, and the price."""
 
 from __future__ import annotations
 
@@ -10,24 +10,25 @@ from pydantic import Field
 
 from webgym.settings import Settings
 from webgym.simulate.config import SCHEDULES, Costs, Schedule, System, Workload
-from webgym.simulate.model import Found, simulate
+from webgym.simulate.model import SimulationResult, simulate
 
 Resource: TypeAlias = Literal["cpus", "gpus", "environments", "judges"]
 RESOURCES: Final[tuple[Resource, ...]] = ("cpus", "gpus", "environments", "judges")
 
 LARGEST: Final = 256
-"""Environments of the system that is simulated in place of a larger one. CPUs, GPUs and judges shrink by the
-same factor, and its rate grows by it. A larger pool waits a little less, so this errs on the slow side."""
+"""Most environments of a simulated system. A larger one is scaled down, with CPUs, GPUs and judges in
+proportion, and the resulting rate is scaled up. This slightly underestimates the rate of larger systems,
+which wait less."""
 
 _GROUPS: Final = 4
-"""Episodes per environment: the middle of the simulation is then steady."""
+"""Episodes per environment, so that the simulation has a steady middle part."""
 
 _MORE: Final = 0.25
-"""How much more of a resource is tried, to see what it buys: well above the noise of a simulation."""
+"""Relative increase of a resource for measuring its gain; well above the noise of a simulation."""
 
 
 class Prices(Settings):
-    """What things cost, in one currency per hour. The defaults are examples, not anybody's offer."""
+    """Prices per hour, in any currency. The defaults are only examples."""
 
     cpu: float = Field(default=0.05, ge=0)
     """A processor with its memory."""
@@ -37,14 +38,14 @@ class Prices(Settings):
 
 
 class Sized(msgspec.Struct, frozen=True):
-    """One size of a system in its steady state.
+    """The steady state of a system of some size.
 
     Attributes:
-        cpus, gpus, environments: of the system; environments as far as browsers' memory allows.
+        cpus, gpus, environments: of the system; environments are limited by the memory for browsers.
         rates: trajectories per hour, by schedule.
-        cpu, gpu: share of what each could do, under the system's own schedule.
+        cpu, gpu: utilisation of CPUs and GPUs, under the system's own schedule.
         buys: trajectories per hour that one more of each resource adds, under the system's own schedule.
-        limits: by how many percent one percent more of each resource raises the rate.
+        limits: elasticity: percent by which 1 % more of each resource raises the rate.
         per_hour: price of the system.
     """
 
@@ -61,7 +62,7 @@ class Sized(msgspec.Struct, frozen=True):
 
     @property
     def bottleneck(self) -> Resource:
-        """Of which a little more would help most."""
+        """The resource of which a small increase raises the rate most."""
         return max(self.limits, key=lambda name: self.limits[name])
 
     @property
@@ -71,7 +72,7 @@ class Sized(msgspec.Struct, frozen=True):
 
 
 def size(system: System, costs: Costs, workload: Workload, prices: Prices) -> Sized:
-    """Simulate a system of any size in its steady state, and with some more of each resource."""
+    """Simulate a system of any size in its steady state, and with more of each resource."""
     small, factor = scaled(system)
     own = _steady(small, costs, workload)
     hourly = 3600 / workload.mean_steps
@@ -83,12 +84,12 @@ def size(system: System, costs: Costs, workload: Workload, prices: Prices) -> Si
     buys: dict[Resource, float] = {}
     limits: dict[Resource, float] = {}
     for name in RESOURCES:
-        has = getattr(small, name)
-        added = _MORE * has if name == "gpus" else math.ceil(_MORE * has)
-        with_more = _steady(small.model_copy(update={name: has + added}), costs, workload)
-        gain = max(0.0, with_more.rate - own.rate)  # below nothing is noise: more of a thing never hurts here
+        amount = getattr(small, name)
+        added = _MORE * amount if name == "gpus" else math.ceil(_MORE * amount)
+        with_more = _steady(small.model_copy(update={name: amount + added}), costs, workload)
+        gain = max(0.0, with_more.rate - own.rate)  # negative gains are noise: more resources never hurt here
         buys[name] = gain * hourly / added
-        limits[name] = (gain / own.rate) / (added / has)
+        limits[name] = (gain / own.rate) / (added / amount)
     return Sized(
         cpus=system.cpus,
         gpus=system.gpus,
@@ -104,12 +105,12 @@ def size(system: System, costs: Costs, workload: Workload, prices: Prices) -> Si
 
 
 def scaled(system: System) -> tuple[System, float]:
-    """A system of about :data:`LARGEST` environments in the same proportions, and the factor.
+    """A system of about :data:`LARGEST` environments in the same proportions, and the scale factor.
 
-    It keeps one GPU at least, for half a batch is not half of a GPU's work.
+    It keeps at least one GPU, since half a batch takes more than half of a GPU's time.
     """
-    least = max(LARGEST / system.sessions, 1 / system.gpus)
-    cpus = max(1, math.ceil(system.cpus * min(1.0, least)))
+    scale = max(LARGEST / system.sessions, 1 / system.gpus)
+    cpus = max(1, math.ceil(system.cpus * min(1.0, scale)))
     factor = cpus / system.cpus
     update = {
         "cpus": cpus,
@@ -120,10 +121,10 @@ def scaled(system: System) -> tuple[System, float]:
     return system.model_copy(update=update), factor
 
 
-def _steady(system: System, costs: Costs, workload: Workload) -> Found:
-    found = simulate(
+def _steady(system: System, costs: Costs, workload: Workload) -> SimulationResult:
+    result = simulate(
         system.model_copy(update={"iterations": 1, "straggler_share": 1.0}),
         costs,
         workload.model_copy(update={"trajectories": _GROUPS * system.sessions}),
     )
-    return found.steady or found
+    return result.steady or result

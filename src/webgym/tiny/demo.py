@@ -1,4 +1,4 @@
-"""The demo of learning: how the tiny policy is trained, and what came of it."""
+"""The demo of learning: settings of the tiny policy's training, and a summary of the result."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from webgym.train.loop import TrainConfig
 
 SETTINGS: Final = Path(__file__).parent / "demo.yaml"
 WEIGHTS: Final = Path(__file__).parent / "weights"
-"""The model that comes with the package; its README.md says how it was made."""
+"""The model included in the package; see its README.md."""
 
 SHARE: Final = 0.65
-"""Tasks of an iteration, to one on unseen websites."""
+"""Number of tasks of an iteration, relative to the number of evaluated tasks."""
 
 
 def settings(weights: Path, *, seed: int, tasks: int, iterations: int | None, sessions: int) -> TrainConfig:
-    """What the demo trains by.
+    """The settings of the demo's training.
 
     Args:
-        weights: that it begins with.
+        weights: the initial weights.
         seed: of the tasks, the attempts and the learning.
-        tasks: on unseen websites, before and after.
-        iterations: of learning; by default as in ``demo.yaml``.
-        sessions: browser sessions at the same time.
+        tasks: number of tasks on unseen websites, evaluated before and after.
+        iterations: number of iterations; by default as in ``demo.yaml``.
+        sessions: number of concurrent browser sessions.
     """
-    held = read_yaml(SETTINGS, hint="")
+    defaults = read_yaml(SETTINGS, hint="")
     over: dict[str, Any] = {
         "seed": seed,
         "learn": {"model": str(weights), "update": {"seed": seed}},
@@ -40,18 +40,19 @@ def settings(weights: Path, *, seed: int, tasks: int, iterations: int | None, se
     }
     if iterations is not None:
         over["loop"] |= {"iterations": iterations, "evaluate_every": iterations}
-    return TrainConfig.model_validate(merged(held, over))
+    return TrainConfig.model_validate(merged(defaults, over))
 
 
 def before_and_after(folder: Path) -> Iterator[str]:
-    """Lines that say how often unseen tasks succeeded before and after, with 95 % intervals."""
+    """Lines with the success rates on unseen websites before and after, and their 95 % intervals."""
     evaluations = TrainingFolder(folder).evaluations()
     for when, number in (("before", 0), ("after", max(evaluations))):
-        found = evaluations[number]
-        rates, (low, high) = found["success_rate"], found["success_interval"]["overall"]
+        figures = evaluations[number]
+        of_planned = figures["success_rate_of_planned"]["overall"]
+        rates, (low, high) = figures["success_rate"], figures["success_interval"]["overall"]
         levels = ", ".join(f"{level} {rates[level]:.0%}" for level in LEVELS if rates.get(level) is not None)
         yield (
-            f"{when:8} {rates['overall']:.1%} of {found['attempts']} attempts at unseen websites "
-            f"(95 %: {low:.1%}-{high:.1%}; of all planned {found['success_rate_of_planned']['overall']:.1%}; "
+            f"{when:8} {rates['overall']:.1%} of {figures['attempts']} attempts at unseen websites "
+            f"(95 %: {low:.1%}-{high:.1%}; of all planned {of_planned:.1%}; "
             f"{levels})"
         )

@@ -1,13 +1,14 @@
 """Imperfect demonstrators, whose attempts the tiny policy imitates before it learns from outcomes.
 
-A pretrained model knows how to do things right but does so only sometimes. A mixture of demonstrators, each
-with a weakness of its own, makes such a policy: one answers before it has seen everything, one forgets to
-write down what it saw, one picks the wrong tile and believes it, one clicks where nothing happens. None of
-the mistakes can be told from the page, so what is learned is to make each of them now and then; and
-learning from outcomes has something to choose from.
+Like a pretrained model, a policy that imitates them acts correctly only sometimes. Each demonstrator has its
+own
+weakness: one answers before it has seen everything, one forgets to write down what it saw, one picks the
+wrong tile, one clicks where nothing happens. The mistakes cannot be predicted from the page, so the policy
+learns to make each of them with some probability, and learning from outcomes can then select the better
+behaviour.
 
-Nobody here answers what it could not know: an answer holds what stands in the written memory or was seen on
-this very page, and a guess for anything else.
+No demonstrator answers what it could not know: an answer holds what is in its written memory or visible on
+the current page, and a guess for anything else.
 """
 
 from __future__ import annotations
@@ -33,15 +34,15 @@ from webgym.tiny.tokenizer import CELL, cell_centres
 
 
 class Habits(msgspec.Struct, frozen=True):
-    """How often a demonstrator errs.
+    """Probabilities of a demonstrator's mistakes.
 
     Attributes:
-        share: of the attempts that it makes, relative to the others'.
-        hasty: per turn: answers at once.
+        share: of all attempts, relative to other demonstrators.
+        hasty: per turn: answers immediately.
         forgets: per entry: does not write it into the memory.
         misreads: per entry: writes another value.
-        picks_wrong: per turn: clicks another element; every second time it does not notice.
-        clicks_dead: per turn: clicks where there is nothing.
+        picks_wrong: per turn: clicks a random element; half the time it does not notice.
+        clicks_dead: per turn: clicks where there is no element.
     """
 
     share: float = 1.0
@@ -59,18 +60,18 @@ DEMONSTRATORS: Final[Mapping[str, Habits]] = {
     "clumsy": Habits(share=2.0, picks_wrong=0.25),
     "stuck": Habits(share=1.5, clicks_dead=0.4, hasty=0.2),
 }
-"""The mixture. Together they succeed in 44 % of the attempts at training tasks."""
+"""The default mixture. It succeeds in 44 % of the attempts at training tasks."""
 
 
 class Demonstrators(BasePolicy):
-    """A policy that plays known solutions the way its demonstrators would.
+    """A policy that plays known solutions with the mistakes of its demonstrators.
 
     Args:
-        habits: the demonstrators by name; which of them makes an attempt follows from the attempt's seed and
-            stands in every reply's ``sampling["demonstrator"]``.
+        habits: the demonstrators by name. The attempt's seed determines which of them makes an attempt; its
+            name is in every reply's ``sampling["demonstrator"]``.
 
     Raises:
-        ConfigError: there is no demonstrator.
+        ConfigError: there are no demonstrators.
     """
 
     name = "demonstrators"
@@ -82,7 +83,7 @@ class Demonstrators(BasePolicy):
         self._habits = dict(habits)
 
     def begin(self, task: Task, seed: int) -> _Demonstrator:
-        """A demonstrator of this task.
+        """Start an attempt by a demonstrator.
 
         Raises:
             PolicyError: the task comes without a solution.
@@ -96,7 +97,7 @@ class Demonstrators(BasePolicy):
 
 
 class _Demonstrator:
-    """One attempt."""
+    """An attempt by a demonstrator."""
 
     def __init__(
         self, name: str, habits: Habits, task: Task, moves: Sequence[Move], rng: random.Random
@@ -106,13 +107,13 @@ class _Demonstrator:
         self._rng = rng
         self._solver = Solver(task.website, moves)
         self._parts = _entries_by_part(moves)
-        self._right = {move.key: move.value for move in moves if isinstance(move, Remember)}
+        self._correct_values = {move.key: move.value for move in moves if isinstance(move, Remember)}
         last = moves[-1]
         self._final = last.text if isinstance(last, Give) else ""
         self._others = task.truth.answer.forbidden if task.truth is not None else ()
-        self._met: set[str] = set()
+        self._noted: set[str] = set()
         self._memory: dict[str, str] = {}
-        self._strayed = False
+        self._picked_wrong = False
 
     async def reply(self, turn: PolicyInput) -> Reply:
         """The next reply.
@@ -120,17 +121,17 @@ class _Demonstrator:
         Raises:
             PolicyError: the observation lacks elements or text.
         """
-        seen = turn.observation
-        if seen.elements is None or seen.text is None:
-            raise PolicyError("a demonstrator cannot see what is on the page")
+        observation = turn.observation
+        if observation.elements is None or observation.text is None:
+            raise PolicyError("a demonstrator needs the page's elements and text")
         with_memory = turn.prompt_format in WITH_MEMORY
-        action = self._err(turn)
+        action = self._mistake(turn)
         new: dict[str, str] = {}
         if action is None:
-            action = _in_cell(self._solver.next(seen, turn.mode).action, seen)
+            action = _in_cell(self._solver.next(observation, turn.mode).action, observation)
             new = self._take_note(with_memory=with_memory)
         if isinstance(action, Answer):
-            action = Answer(self._answer(new, seen, with_memory=with_memory))
+            action = Answer(self._answer(new, observation, with_memory=with_memory))
         text = render_reply(
             action,
             turn.prompt_format,
@@ -138,46 +139,48 @@ class _Demonstrator:
             description="",
             memory={key: value for key, value in new.items() if key in self._memory},
             progress=self._solver.progress(),
-            intention=self._intention(action, seen, with_memory=with_memory),
+            intention=self._intention(action, observation, with_memory=with_memory),
         )
         return Reply(text, policy=Demonstrators.name, sampling={"demonstrator": self._name})
 
-    def _intention(self, action: Action, seen: Observation, *, with_memory: bool) -> str:
-        """The part that is worked on, where progress is told, and the name of what the action is aimed at."""
+    def _intention(self, action: Action, observation: Observation, *, with_memory: bool) -> str:
+        """The current part of the task, if the prompt has progress, and the name of the action's target."""
         if isinstance(action, Answer):
             aim = "say"
         elif isinstance(action, LeftClick):
-            aim = _name_at(action, seen) or "nothing"
+            aim = _name_at(action, observation) or "nothing"
         else:
             aim = "back"
         return f"{self._solver.intention()} {aim}" if with_memory else aim
 
     # --- mistakes -------------------------------------------------------------------------------------
 
-    def _err(self, turn: PolicyInput) -> Action | None:
-        """A mistake in place of the next move, or what follows from one; ``None`` for none."""
-        seen, habits, draw = turn.observation, self._habits, self._rng.random
-        if self._strayed:
-            self._strayed = False
+    def _mistake(self, turn: PolicyInput) -> Action | None:
+        """A mistake in place of the next move, or the reaction to one; ``None`` for none."""
+        observation, habits, draw = turn.observation, self._habits, self._rng.random
+        if self._picked_wrong:
+            self._picked_wrong = False
             if draw() < 0.5 and turn.steps and turn.steps[-1].changed is not False:
                 return GoBack()
             return Answer("?")
         if draw() < habits.hasty:
             return Answer("?")
-        if draw() < habits.picks_wrong and (elements := usable(seen)):
-            self._strayed = True
-            return _in_cell(LeftClick(target_of(self._rng.choice(elements), seen, turn.mode)), seen)
-        if draw() < habits.clicks_dead and (free := _free_cells(seen)):
+        if draw() < habits.picks_wrong and (elements := usable(observation)):
+            self._picked_wrong = True
+            return _in_cell(
+                LeftClick(target_of(self._rng.choice(elements), observation, turn.mode)), observation
+            )
+        if draw() < habits.clicks_dead and (free := _free_cells(observation)):
             return LeftClick(Target(coordinate=self._rng.choice(free)))
         return None
 
     def _take_note(self, *, with_memory: bool) -> dict[str, str]:
-        """The entries that this page brings, as they are read; those that are not forgotten are kept."""
+        """The new entries on this page, as read; those that are not forgotten are stored in the memory."""
         new: dict[str, str] = {}
         for key, value in self._solver.memory.items():
-            if key in self._met:
+            if key in self._noted:
                 continue
-            self._met.add(key)
+            self._noted.add(key)
             new[key] = value
             known = (self._memory if with_memory else {}) | new
             is_guessed = any(each not in known for each in self._parts.get(key, ()))
@@ -189,16 +192,16 @@ class _Demonstrator:
 
     # --- answers --------------------------------------------------------------------------------------
 
-    def _answer(self, new: dict[str, str], seen: Observation, *, with_memory: bool) -> str:
-        """What can be answered by what is known, and guesses for the rest."""
+    def _answer(self, new: dict[str, str], observation: Observation, *, with_memory: bool) -> str:
+        """The answer from known entries, with guesses for the others."""
         known = (self._memory if with_memory else {}) | new
         if not self._parts:
             return self._final or "done"
-        return ", ".join(known.get(key) or self._seen_or_guessed(key, seen) for key in self._parts)
+        return ", ".join(known.get(key) or self._seen_or_guessed(key, observation) for key in self._parts)
 
-    def _seen_or_guessed(self, key: str, seen: Observation) -> str:
-        right = self._right[key]
-        numbers = [word for word in (seen.text or "").split() if word.isdecimal()]
+    def _seen_or_guessed(self, key: str, observation: Observation) -> str:
+        right = self._correct_values[key]
+        numbers = [word for word in (observation.text or "").split() if word.isdecimal()]
         if right.isdecimal() and numbers and self._rng.random() < 0.5:
             return self._rng.choice(numbers)
         return self._guess(right)
@@ -210,50 +213,53 @@ class _Demonstrator:
 
 
 def _entries_by_part(moves: Sequence[Move]) -> dict[str, tuple[str, ...]]:
-    """For every part that is answered, the entries that its answer rests on, its own last."""
-    found: dict[str, tuple[str, ...]] = {}
+    """The entries on which the answer of each part depends, its own last."""
+    entries_by_part: dict[str, tuple[str, ...]] = {}
     entries: list[str] = []
     for move in moves:
         if isinstance(move, Remember):
             entries.append(move.key)
         elif isinstance(move, Done):
             if move.part in entries:
-                found[move.part] = tuple(entries)
+                entries_by_part[move.part] = tuple(entries)
             entries = []
-    return found
+    return entries_by_part
 
 
-def _in_cell(action: Action, seen: Observation) -> Action:
-    """The action with its point in the middle of a cell: where the tiny policy can point."""
+def _in_cell(action: Action, observation: Observation) -> Action:
+    """The action with its point moved to the nearest cell's centre, where the tiny policy can point."""
     if not isinstance(action, LeftClick) or action.target.coordinate is None:
         return action
     point = tuple(
         min(cell_centres(side), key=lambda middle: (abs(middle - value), middle))
-        for value, side in zip(action.target.coordinate, seen.viewport, strict=True)
+        for value, side in zip(action.target.coordinate, observation.viewport, strict=True)
     )
     return LeftClick(Target(coordinate=(float(point[0]), float(point[1]))))
 
 
-def _name_at(action: LeftClick, seen: Observation) -> str:
-    """What the point of a click lies in; empty for nothing."""
+def _name_at(action: LeftClick, observation: Observation) -> str:
+    """The name of the element at a click's point; empty if there is none."""
     if action.target.element is not None:
-        return (seen.elements or ())[action.target.element - 1].name
+        return (observation.elements or ())[action.target.element - 1].name
     assert action.target.coordinate is not None
-    point = [share / GRID * size for share, size in zip(action.target.coordinate, seen.viewport, strict=True)]
-    return next((each.name for each in seen.elements or () if _holds(each, point)), "")
+    point = [
+        share / GRID * size
+        for share, size in zip(action.target.coordinate, observation.viewport, strict=True)
+    ]
+    return next((each.name for each in observation.elements or () if _contains(each, point)), "")
 
 
-def _holds(element: Element, point: Sequence[float]) -> bool:
+def _contains(element: Element, point: Sequence[float]) -> bool:
     left, top, width, height = element.box
     return left <= point[0] < left + width and top <= point[1] < top + height
 
 
-def _free_cells(seen: Observation) -> list[tuple[float, float]]:
-    """Middles of the cells in which there is no element."""
-    width, height = seen.viewport
-    taken = {
+def _free_cells(observation: Observation) -> list[tuple[float, float]]:
+    """The centres of the cells without an element."""
+    width, height = observation.viewport
+    occupied = {
         (column, row)
-        for element in seen.elements or ()
+        for element in observation.elements or ()
         for column in _cells(element, 0)
         for row in _cells(element, 1)
     }
@@ -261,7 +267,7 @@ def _free_cells(seen: Observation) -> list[tuple[float, float]]:
         (float(x), float(y))
         for column, x in enumerate(cell_centres(width))
         for row, y in enumerate(cell_centres(height))
-        if (column, row) not in taken
+        if (column, row) not in occupied
     ]
 
 

@@ -1,4 +1,4 @@
-"""The tiny policy's architecture: Qwen3-VL's, a few layers of it, with random weights to start from."""
+"""The tiny policy's model: Qwen3-VL's architecture with few layers, and random initial weights."""
 
 from __future__ import annotations
 
@@ -21,13 +21,14 @@ class TinyConfig(Settings):
     """Sizes. The defaults have about three million weights."""
 
     width: int = Field(default=128, multiple_of=32)
-    """Of the hidden states, in language and vision."""
+    """Width of the hidden states of both towers."""
 
     text_layers: int = Field(default=4, ge=1)
-    """Of the language model."""
+    """Layers of the language model."""
 
     vision_layers: int = Field(default=3, ge=2)
-    """Of the vision tower; features of its first and its middle layer are added to the language model's."""
+    """Layers of the vision tower; features of its first and middle layer are added to the language
+    model's."""
 
     viewport: tuple[int, int] = (192, 128)
     """Width and height of the pictures, pixels, multiples of a cell."""
@@ -64,7 +65,7 @@ def make_model(words: Iterable[str], config: TinyConfig | None = None, *, seed: 
 
 
 def architecture(config: TinyConfig, tokenizer: Any) -> Any:
-    """The configuration of transformers."""
+    """The configuration of the transformers model."""
     from transformers import Qwen3VLConfig
 
     width, heads = config.width, config.width // 32
@@ -96,7 +97,7 @@ def architecture(config: TinyConfig, tokenizer: Any) -> Any:
             "deepstack_visual_indexes": [0, config.vision_layers // 2],
         },
         image_token_id=tokens("<|image_pad|>"),
-        # There are no videos; the id must only be none that occurs.
+        # There are no videos; the id must be unused.
         video_token_id=len(tokenizer) + 1,
         vision_start_token_id=tokens("<|vision_start|>"),
         vision_end_token_id=tokens("<|vision_end|>"),
@@ -105,7 +106,7 @@ def architecture(config: TinyConfig, tokenizer: Any) -> Any:
 
 
 def save_model(loaded: Loaded, folder: Path) -> None:
-    """Weights (safetensors), tokenizer and image processor, as transformers loads them."""
+    """Write weights (safetensors), tokenizer and image processor in transformers' format."""
     loaded.model.save_pretrained(folder)
     loaded.tokenizer.save_pretrained(folder)
     loaded.image_processor.save_pretrained(folder)

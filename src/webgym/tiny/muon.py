@@ -1,7 +1,7 @@
-"""Muon: momentum whose matrices are made orthogonal before they are added.
+"""The optimizer Muon, which orthogonalises the momentum of matrices before each step.
 
-``torch.optim.Muon`` does the same, but always in bfloat16, which processors without instructions for it
-emulate (there it takes a hundred times longer than the rest of an update), and one matrix after another.
+``torch.optim.Muon`` does the same, but one matrix at a time and always in bfloat16, which CPUs without native
+support emulate (an optimizer step then takes a hundred times longer than the rest of an update).
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ from typing import Any
 import torch
 
 _COEFFICIENTS = (3.4445, -4.7750, 2.0315)
-"""Of the quintic iteration (Jordan et al. 2024): steep at 0, so that five rounds are enough."""
+"""Coefficients of the quintic iteration (Jordan et al. 2024), which converges in five rounds."""
 
 
 class Muon(torch.optim.Optimizer):
-    """For matrices alone.
+    """Muon for two-dimensional parameters.
 
     Args:
-        params: two-dimensional.
+        params: two-dimensional parameters.
         lr: learning rate, for a square matrix; taller ones take larger steps.
-        momentum: of the gradients, Nesterov's.
-        weight_decay: decoupled.
-        rounds: of the iteration that makes a matrix orthogonal.
-        dtype: of the numbers in these rounds.
+        momentum: coefficient of the Nesterov momentum.
+        weight_decay: decoupled weight decay.
+        rounds: iterations of the orthogonalisation.
+        dtype: of the orthogonalisation.
     """
 
     def __init__(
@@ -36,13 +36,13 @@ class Muon(torch.optim.Optimizer):
         rounds: int = 5,
         dtype: torch.dtype = torch.float32,
     ) -> None:
-        held = {"lr": lr, "momentum": momentum, "weight_decay": weight_decay, "rounds": rounds}
-        super().__init__(params, held)
+        defaults = {"lr": lr, "momentum": momentum, "weight_decay": weight_decay, "rounds": rounds}
+        super().__init__(params, defaults)
         self._dtype = dtype
 
     @torch.no_grad()
     def step(self, closure: Any = None) -> None:
-        """One update. Matrices of one shape are made orthogonal together."""
+        """Make a step. Matrices of the same shape are orthogonalised together."""
         del closure
         for group in self.param_groups:
             shapes: dict[torch.Size, list[torch.nn.Parameter]] = {}
@@ -50,10 +50,10 @@ class Muon(torch.optim.Optimizer):
                 if weight.grad is not None:
                     shapes.setdefault(weight.shape, []).append(weight)
             for weights in shapes.values():
-                found = [self._momentum(weight, group["momentum"]) for weight in weights]
-                moved = orthogonal(torch.stack(found).to(self._dtype), group["rounds"])
+                momenta = [self._momentum(weight, group["momentum"]) for weight in weights]
+                directions = orthogonal(torch.stack(momenta).to(self._dtype), group["rounds"])
                 rate = group["lr"] * max(1.0, weights[0].shape[0] / weights[0].shape[1]) ** 0.5
-                for weight, direction in zip(weights, moved, strict=True):
+                for weight, direction in zip(weights, directions, strict=True):
                     weight.mul_(1 - group["lr"] * group["weight_decay"]).sub_(direction, alpha=rate)
 
     def _momentum(self, weight: torch.nn.Parameter, momentum: float) -> torch.Tensor:
@@ -61,17 +61,17 @@ class Muon(torch.optim.Optimizer):
         state = self.state[weight]
         if "momentum" not in state:
             state["momentum"] = torch.zeros_like(weight)
-        held: torch.Tensor = state["momentum"]
-        held.lerp_(weight.grad, 1 - momentum)
-        return weight.grad.lerp(held, momentum)
+        average: torch.Tensor = state["momentum"]
+        average.lerp_(weight.grad, 1 - momentum)
+        return weight.grad.lerp(average, momentum)
 
 
 def orthogonal(matrices: torch.Tensor, rounds: int) -> torch.Tensor:
-    """The nearest orthogonal matrices, about: singular values end between 0.7 and 1.2.
+    """Approximately the nearest orthogonal matrices: singular values are between 0.7 and 1.2.
 
     Args:
         matrices: (matrices, rows, columns), float32 or bfloat16.
-        rounds: of Newton's and Schulz's iteration.
+        rounds: number of Newton-Schulz iterations.
     """
     a, b, c = _COEFFICIENTS
     is_tall = matrices.shape[-2] > matrices.shape[-1]

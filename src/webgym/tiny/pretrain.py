@@ -1,10 +1,10 @@
 """Pretraining: from random weights to a policy that sometimes succeeds.
 
 Attempts of the demonstrators at training websites become training sequences
-(:mod:`webgym.tiny.training_sequences`). Pointing comes
-first, alone, then acting with some pointing beside it. Muon steps the matrices and AdamW the rest: with
-AdamW alone a model this small learns to point several times slower. Everything follows from one seed; a
-checkpoint is written every so often, and a killed training goes on from it.
+(:mod:`webgym.tiny.training_sequences`). Only pointing is trained first, then acting mixed with some pointing.
+Muon optimizes the matrices and AdamW the rest: with AdamW alone a model this small learns to point several
+times more slowly. All randomness derives from one seed; an interrupted training continues from its last
+checkpoint.
 """
 
 from __future__ import annotations
@@ -32,61 +32,61 @@ from webgym.tiny.training_sequences import IGNORED, Signs, TrainingSequence, poi
 
 CHECKPOINT = "checkpoint.pt"
 LENGTHS = 4
-"""Groups of acting sequences by length."""
+"""Number of groups into which acting sequences are divided by length."""
 
 
 class PretrainConfig(Settings):
-    """How the tiny policy is pretrained."""
+    """Settings of the tiny policy's pretraining."""
 
     model: TinyConfig = TinyConfig()
     seed: int = 0
-    """Of weights and sequences."""
+    """Seed of the weights and the sequences."""
 
     steps: int = Field(default=6000, ge=1)
-    """Updates in all."""
+    """Total number of updates."""
 
     pointing_steps: int = Field(default=1500, ge=0)
-    """Updates at the beginning that teach pointing alone."""
+    """Number of first updates, which train only pointing."""
 
     pointing_share: float = Field(default=0.25, ge=0, le=1)
-    """Share of later updates that teach pointing."""
+    """Share of the later updates that train pointing."""
 
     questions: int = Field(default=8, ge=1)
-    """About one picture in a pointing sequence."""
+    """Questions per pointing sequence, which has one picture."""
 
     batch: int = Field(default=48, ge=1)
     """Sequences per update."""
 
     muon_rate: float = Field(default=0.01, gt=0)
-    """Learning rate of the matrices."""
+    """Muon's learning rate, for matrices."""
 
     adam_rate: float = Field(default=2e-3, gt=0)
-    """Learning rate of everything else."""
+    """AdamW's learning rate, for everything else."""
 
     warmup: int = Field(default=100, ge=0)
-    """Updates over which the rates rise."""
+    """Updates over which the learning rates rise linearly."""
 
     decay_share: float = Field(default=0.3, ge=0, le=1)
-    """Share of the updates, at the end, over which the rates fall to nothing, as a straight line."""
+    """Share of the updates, at the end, over which the learning rates fall linearly to 0."""
 
     weight_decay: float = Field(default=0.01, ge=0)
-    """Of both."""
+    """Weight decay of both optimizers."""
 
     threads: int | None = Field(default=None, ge=1)
-    """Of torch; by default what it takes."""
+    """Threads of torch; by default torch's own choice."""
 
     device: str = "cpu"
-    """As torch names it."""
+    """Torch device."""
 
     bfloat16: bool | None = None
-    """Compute in bfloat16, weights in float32: about twice as fast where the processor has instructions for
-    it, twenty times slower where it has not; by default where it has."""
+    """Compute in bfloat16, with weights in float32: about twice as fast with native support, twenty times
+    slower without; by default if the processor supports it."""
 
     checkpoint_steps: int = Field(default=200, ge=1)
-    """A checkpoint is written after so many updates."""
+    """Updates between checkpoints."""
 
     report_steps: int = Field(default=50, ge=1)
-    """A line is printed after so many updates."""
+    """Updates between printed lines."""
 
 
 Kind: TypeAlias = Literal["pointing", "acting"]
@@ -94,11 +94,11 @@ Tell: TypeAlias = Callable[[Mapping[str, Any]], None]
 
 
 class TrainingSet:
-    """All sequences, and their pictures.
+    """The training sequences and their pictures.
 
     Args:
         acting: steps of demonstrators.
-        signs: what can be pointed at.
+        signs: what the screenshots show, for pointing.
         pictures: screenshots by name, PNG.
         renderer: of the model.
         viewport: width and height of all pictures, pixels.
@@ -117,11 +117,11 @@ class TrainingSet:
         self.signs = signs
         self.grid = (1, viewport[1] // PATCH, viewport[0] // PATCH)
         self._viewport = viewport
-        self._names = sorted({name for each in signs for name, _ in each.places})
+        self._names = sorted({name for picture_signs in signs for name, _ in picture_signs.places})
         self._pictures = {name: to_patches(png) for name, png in pictures.items()}
 
     def batch(self, config: PretrainConfig, step: int) -> tuple[Kind, list[TrainingSequence]]:
-        """The sequences of an update, all of one kind; they follow from the seed and the update's number."""
+        """The sequences of an update, all of one kind; determined by the seed and the update's number."""
         rng = random.Random(f"{config.seed}\n{step}")
         if step < config.pointing_steps or rng.random() < config.pointing_share:
             chosen = rng.choices(self.signs, k=config.batch)
@@ -129,13 +129,13 @@ class TrainingSet:
                 pointing(signs, self.renderer, self._viewport, rng, config.questions, self._names)
                 for signs in chosen
             ]
-        # A batch is of about one length: a quarter less is padding.
+        # Batches of similar lengths have a quarter less padding.
         group, count = rng.randrange(LENGTHS), len(self.acting)
         first, end = group * count // LENGTHS, (group + 1) * count // LENGTHS
         return "acting", rng.choices(self.acting[first : max(end, first + 1)], k=config.batch)
 
     def tensors(self, sequences: Sequence[TrainingSequence], device: str) -> dict[str, torch.Tensor]:
-        """What the model is called with, labels included."""
+        """The model's inputs, including labels."""
         longest = max(len(sequence.ids) for sequence in sequences)
         ids = torch.zeros(len(sequences), longest, dtype=torch.int64)
         labels = torch.full_like(ids, IGNORED)
@@ -145,7 +145,7 @@ class TrainingSet:
             labels[row, : len(sequence.ids)] = torch.tensor(sequence.labels)
             mask[row, : len(sequence.ids)] = 1
         pixels = np.concatenate([to_pixel_values(self._pictures[sequence.picture]) for sequence in sequences])
-        made = {
+        inputs = {
             "input_ids": ids,
             "attention_mask": mask,
             "labels": labels,
@@ -153,7 +153,7 @@ class TrainingSet:
             "pixel_values": torch.from_numpy(pixels),
             "image_grid_thw": torch.tensor([self.grid] * len(sequences)),
         }
-        return {name: tensor.to(device) for name, tensor in made.items()}
+        return {name: tensor.to(device) for name, tensor in inputs.items()}
 
 
 def _has_bfloat16(device: torch.device) -> bool:
@@ -176,37 +176,40 @@ def optimizers_of(model: Any, config: PretrainConfig, dtype: torch.dtype) -> lis
 
 
 def rate(config: PretrainConfig, step: int) -> float:
-    """The share of the learning rates at an update: up, level, then down to nothing."""
+    """Factor on the learning rates at an update: it rises, is constant, and falls to 0."""
     falling = max(1.0, config.decay_share * config.steps)
     return min(1.0, (step + 1) / max(1, config.warmup), max(0.0, (config.steps - step) / falling))
 
 
 def pretrain(sequences: TrainingSet, loaded: Loaded, out: Path, config: PretrainConfig, tell: Tell) -> None:
-    """Teach a model all that its sequences hold; the model is in ``out`` when this returns.
+    """Train a model on sequences, and save it in ``out``.
 
     Args:
-        sequences: what to teach.
-        loaded: the model, with random weights; learns in place.
-        out: a folder; a checkpoint in it is gone on from.
-        config: how.
-        tell: is told figures now and then.
+        sequences: the training data.
+        loaded: the model, with random weights; trained in place.
+        out: output folder; training continues from a checkpoint in it.
+        config: of the pretraining.
+        tell: called with figures every ``report_steps`` updates.
     """
     out.mkdir(parents=True, exist_ok=True)
     if config.threads is not None:
         torch.set_num_threads(config.threads)
     device = torch.device(config.device)
-    halves = _has_bfloat16(device) if config.bfloat16 is None else config.bfloat16
+    uses_bfloat16 = _has_bfloat16(device) if config.bfloat16 is None else config.bfloat16
     model = loaded.model.to(device).train()
-    optimizers = optimizers_of(model, config, torch.bfloat16 if halves else torch.float32)
+    optimizers = optimizers_of(model, config, torch.bfloat16 if uses_bfloat16 else torch.float32)
     first = _restore(out, model, optimizers, config)
     started, smooth = time.monotonic(), dict[Kind, float](pointing=math.nan, acting=math.nan)
     for step in range(first, config.steps):
-        for optimizer, top in zip(optimizers, (config.muon_rate, config.adam_rate), strict=True):
+        for optimizer, peak in zip(optimizers, (config.muon_rate, config.adam_rate), strict=True):
             for group in optimizer.param_groups:
-                group["lr"] = top * rate(config, step)
+                group["lr"] = peak * rate(config, step)
         kind, chosen = sequences.batch(config, step)
         tensors = sequences.tensors(chosen, config.device)
-        with torch.autocast(device.type, torch.bfloat16, enabled=halves), fast_backward_attention(device):
+        with (
+            torch.autocast(device.type, torch.bfloat16, enabled=uses_bfloat16),
+            fast_backward_attention(device),
+        ):
             loss = model(**tensors, use_cache=False).loss
         loss.backward()
         torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
@@ -219,37 +222,37 @@ def pretrain(sequences: TrainingSet, loaded: Loaded, out: Path, config: Pretrain
             done = (step + 1 - first) * config.batch
             tell({"step": step + 1, "sequences_per_second": done / (time.monotonic() - started), **smooth})
         if (step + 1) % config.checkpoint_steps == 0 or step + 1 == config.steps:
-            _keep(out, model, optimizers, config, step + 1)
+            _save_checkpoint(out, model, optimizers, config, step + 1)
     model.eval().to(torch.bfloat16)  # half the size; it is read as float32 again
     new = out / "model.new"
     shutil.rmtree(new, ignore_errors=True)
     save_model(loaded, new)
-    new.rename(out / "model")  # a model that is there is whole
+    new.rename(out / "model")  # atomic: the model is always complete
 
 
-def _keep(
+def _save_checkpoint(
     out: Path, model: Any, optimizers: Sequence[torch.optim.Optimizer], config: PretrainConfig, step: int
 ) -> None:
-    held = {
+    checkpoint = {
         "step": step,
         "config": config.model_dump_json(),
         "model": model.state_dict(),
         "optimizers": [optimizer.state_dict() for optimizer in optimizers],
     }
-    torch.save(held, out / f"{CHECKPOINT}.new")
+    torch.save(checkpoint, out / f"{CHECKPOINT}.new")
     (out / f"{CHECKPOINT}.new").replace(out / CHECKPOINT)
 
 
 def _restore(
     out: Path, model: Any, optimizers: Sequence[torch.optim.Optimizer], config: PretrainConfig
 ) -> int:
-    """Go on from a checkpoint of the same model; the number of updates that it has behind it."""
+    """Load a checkpoint of the same model, if there is one; returns its number of updates."""
     if not (out / CHECKPOINT).exists():
         return 0
-    held = torch.load(out / CHECKPOINT, weights_only=True, map_location=config.device)
-    if json.loads(held["config"])["model"] != json.loads(config.model_dump_json())["model"]:
+    checkpoint = torch.load(out / CHECKPOINT, weights_only=True, map_location=config.device)
+    if json.loads(checkpoint["config"])["model"] != json.loads(config.model_dump_json())["model"]:
         return 0
-    model.load_state_dict(held["model"])
-    for optimizer, state in zip(optimizers, held["optimizers"], strict=True):
+    model.load_state_dict(checkpoint["model"])
+    for optimizer, state in zip(optimizers, checkpoint["optimizers"], strict=True):
         optimizer.load_state_dict(state)
-    return int(held["step"])
+    return int(checkpoint["step"])

@@ -1,12 +1,12 @@
 """The recipe of the tiny policy: demonstrate, pretrain, evaluate. One seed, one command, resumable.
 
-    out/pictures/*.png    pages of the training websites, each drawn once
-    out/demonstrations.msgpack   what the demonstrators did and what could be pointed at
-    out/checkpoint.pt     the training so far
+    out/pictures/*.png    screenshots of the training websites' pages
+    out/demonstrations.msgpack   training data from the demonstrators' attempts
+    out/checkpoint.pt     the latest checkpoint of the pretraining
     out/model/            the model
-    out/examination.json  its success on training and on test websites
+    out/examination.json  the model's success on training and test websites
 
-Only training websites are looked at before the examination.
+Only training websites are used before the examination.
 """
 
 from __future__ import annotations
@@ -45,44 +45,44 @@ from webgym.tiny.pretrain import PretrainConfig, Tell, TrainingSet, pretrain
 from webgym.tiny.training_sequences import Signs, TrainingSequence, acting, signs_of
 
 PROFILE: Final = "tiny"
-"""Pictures and sampling of the tiny policy."""
+"""Name of the tiny policy's profile, which sets pictures and sampling."""
 
 Advance: TypeAlias = Callable[[str, int, int], None]
 
 
 class RecipeConfig(Settings):
-    """How the first weights are made."""
+    """Settings of the recipe."""
 
     seed: int = 7
-    """Of the websites, the demonstrators, the weights and the training sequences."""
+    """Seed of the websites, the demonstrators, the weights and the training sequences."""
 
     per_family: int | None = Field(default=None, ge=5)
-    """Websites of each family; by default all that the collection has."""
+    """Number of websites of each family; by default all."""
 
     attempts: int = Field(default=9300, ge=1)
-    """Of the demonstrators, at training tasks in random order."""
+    """Attempts of the demonstrators, at training tasks in random order."""
 
     without_memory: float = Field(default=0.2, ge=0, le=1)
-    """Share of them under the prompt without a memory, which the study compares with."""
+    """Share of attempts with the prompt without a memory, for comparison in the study."""
 
     budget: tuple[int, int, int] = (10, 20, 30)
-    """Steps for easy, medium and hard tasks."""
+    """Step budgets of easy, medium and hard tasks."""
 
     pretrain: PretrainConfig = PretrainConfig()
-    """How it is taught."""
+    """The pretraining."""
 
     examined: int = Field(default=300, ge=0)
-    """Tasks of each split that it is examined on."""
+    """Number of tasks of each split in the examination."""
 
     @property
     def attempt(self) -> AttemptConfig:
-        """How attempts are made."""
+        """Settings of the attempts."""
         easy, medium, hard = self.budget
         return AttemptConfig(budget_easy=easy, budget_medium=medium, budget_hard=hard)
 
 
-class _Told(msgspec.Struct):
-    """``demonstrations.msgpack``."""
+class _Demonstrations(msgspec.Struct):
+    """The content of ``demonstrations.msgpack``."""
 
     settings: dict[str, Any]
     acting: list[TrainingSequence]
@@ -90,23 +90,24 @@ class _Told(msgspec.Struct):
 
 
 async def follow(config: RecipeConfig, out: Path, *, tell: Tell, advance: Advance) -> dict[str, Any]:
-    """Make the first weights; what the examination says.
+    """Train the tiny policy, and return the results of its examination.
 
     Args:
-        config: how.
-        out: a folder; what is in it is gone on from.
-        tell: is told figures of the training.
-        advance: is told what goes on, how much of it is done, and of how much.
+        config: of the recipe.
+        out: output folder; steps whose results are in it are not repeated.
+        tell: called with figures of the training.
+        advance: called with the current phase, the number of items done, and their total.
     """
     web = OfflineWeb(config.seed, per_family=config.per_family, collection="small")
     loaded = make_model(small_vocabulary(), config.pretrain.model, seed=config.seed)
     async with StaticBrowsers(web, out / "pictures") as browsers:
-        told = await _demonstrate(config, out, browsers, loaded, advance)
+        demonstrations = await _demonstrate(config, out, browsers, loaded, advance)
         if not (out / "model").exists():
             assert browsers.page_images is not None
             pictures = browsers.page_images.pictures()
+            viewport = web.collection.viewport
             training_set = TrainingSet(
-                told.acting, told.signs, pictures, loaded.renderer, web.collection.viewport
+                demonstrations.acting, demonstrations.signs, pictures, loaded.renderer, viewport
             )
             await asyncio.to_thread(pretrain, training_set, loaded, out, config.pretrain, tell)
         examined = {
@@ -131,40 +132,40 @@ def _tasks(web: OfflineWeb, split: str, seed: int) -> list[Task]:
 
 async def _demonstrate(
     config: RecipeConfig, out: Path, browsers: StaticBrowsers, loaded: Loaded, advance: Advance
-) -> _Told:
-    """The demonstrations, which a folder may hold already.
+) -> _Demonstrations:
+    """Make the demonstrations, or read them from the folder.
 
     Raises:
-        ConfigError: it holds those of other settings.
+        ConfigError: those in the folder were made with other settings.
     """
     path = out / "demonstrations.msgpack"
     settings = config.model_dump(mode="json", exclude={"pretrain", "examined"})
     if path.exists():
-        held = msgspec.msgpack.decode(path.read_bytes())
-        if held.get("settings") != settings:
-            raise ConfigError(f"{path} is of other settings", hint="choose another folder")
-        return msgspec.convert(held, _Told)
+        stored = msgspec.msgpack.decode(path.read_bytes())
+        if stored.get("settings") != settings:
+            raise ConfigError(f"{path} was made with other settings", hint="choose another folder")
+        return msgspec.convert(stored, _Demonstrations)
     tasks = _tasks(browsers.web, "train", config.seed)
     policy, rng = Demonstrators(), random.Random(config.seed)
     kinds: tuple[PromptFormat, ...] = ("compact", "compact_official")
     collectors = {
         kind: StaticCollector(browsers, agent_of(policy, kind), config.attempt, config.seed) for kind in kinds
     }
-    told = _Told(settings, [], [])
+    demonstrations = _Demonstrations(settings, [], [])
     for number in range(config.attempts):
         kind = kinds[rng.random() < config.without_memory]
-        sample, place = divmod(number, len(tasks))
-        episode = await collectors[kind].make(Planned(tasks[place], sample))
-        told.acting += acting(episode, loaded.renderer)
+        sample, index = divmod(number, len(tasks))
+        episode = await collectors[kind].make(Planned(tasks[index], sample))
+        demonstrations.acting += acting(episode, loaded.renderer)
         advance("demonstrations", number + 1, config.attempts)
     viewport = browsers.web.collection.viewport
-    told.signs = [signs_of(name, shown, viewport) for name, shown in browsers.signs.items()]
-    write_whole(path, msgspec.msgpack.encode(told))
-    return told
+    demonstrations.signs = [signs_of(name, shown, viewport) for name, shown in browsers.signs.items()]
+    write_whole(path, msgspec.msgpack.encode(demonstrations))
+    return demonstrations
 
 
 def agent_of(policy: Policy, prompt_format: PromptFormat = "compact") -> Agent:
-    """The agent as the tiny policy is asked: the newest screenshot alone, in few words."""
+    """An agent for the tiny policy: its compact prompts show only the newest screenshot."""
     return Agent(policy, AgentConfig(prompt_format=prompt_format, rounds=0, profile=PROFILE))
 
 
@@ -179,25 +180,25 @@ async def examine(
     seed: int = 0,
     together: int = 16,
 ) -> dict[str, Any]:
-    """One attempt at each task by a model; see :func:`score`.
+    """Make an attempt at each task with a model; returns the figures of :func:`score`.
 
     Args:
-        browsers: where.
+        browsers: of the websites.
         model: its folder.
-        tasks: what is attempted.
+        tasks: to attempt.
         config: limits of an attempt.
-        advance: is told how far it is.
-        prompt_format: how it is asked.
-        seed: of its replies.
-        together: attempts at a time, so that the model replies to several at once.
+        advance: called with the progress.
+        prompt_format: of the requests.
+        seed: of the sampling.
+        together: number of concurrent attempts, whose requests are batched.
     """
     policy = LocalPolicy(LocalConfig(path=str(model), threads=1), choose_profile(PROFILE, model.name))
     agent = agent_of(policy, prompt_format)
     collectors = StaticCollector(browsers, agent, config, seed)
-    places, done = asyncio.Semaphore(together), list[Episode]()
+    slots, done = asyncio.Semaphore(together), list[Episode]()
 
     async def attempt(task: Task) -> Episode:
-        async with places:
+        async with slots:
             episode = await collectors.make(Planned(task, 0))
         done.append(episode)
         advance("examination", len(done), len(tasks))
@@ -209,13 +210,13 @@ async def examine(
 
 
 async def score(tasks: Sequence[Task], episodes: Sequence[Episode]) -> dict[str, Any]:
-    """Success of attempts at tasks, and how they ended; keys as in ``summary.json``."""
+    """Figures of attempts at tasks, with the keys of ``summary.json``."""
     judge, tally, seconds = OfflineJudge(), Tally(tasks), CollectorConfig().judge_seconds
     for task, episode in zip(tasks, episodes, strict=True):
-        found = await judge_episode(judge, task, episode, _no_picture, seconds)
-        tally.add(digest_of(Trajectory(episode, found.outcome, found.verdict, found.failure)))
+        result = await judge_episode(judge, task, episode, _no_picture, seconds)
+        tally.add(digest_of(Trajectory(episode, result.outcome, result.verdict, result.failure)))
     summary = tally.summary()
-    unread = sum(step.action is None for episode in episodes for step in episode.steps)
+    unreadable = sum(step.action is None for episode in episodes for step in episode.steps)
     return {
         "attempts": summary["attempts"],
         "outcomes": summary["outcomes"],
@@ -223,7 +224,7 @@ async def score(tasks: Sequence[Task], episodes: Sequence[Episode]) -> dict[str,
         "success_interval": summary["success_interval"],
         "planned": summary["planned"],
         "steps": summary["steps"],
-        "unreadable_replies": unread,
+        "unreadable_replies": unreadable,
     }
 
 

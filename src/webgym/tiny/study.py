@@ -1,8 +1,8 @@
-"""The paper's study in miniature: a training per row and seed, and the table that they make.
+"""The paper's study in miniature: a training per row and seed, and a table of the results.
 
-out/trainings/<row>/seed-<n>/   trainings, as `webgym train` makes them
-out/study.json                  success over trajectories, per row and seed: what is in it is not made again,
-                                so a study goes on elsewhere with this file alone
+out/trainings/<row>/seed-<n>/   training folders of `webgym train`
+out/study.json                  success over trajectories, per row and seed; trainings in it are not repeated,
+                                so this file alone suffices to continue a study on another machine
 out/study.md                    the table
 out/study.png                   success over trajectories
 """
@@ -39,26 +39,26 @@ class Row(Settings):
     """A row of the study."""
 
     paper: tuple[float, float] | None = None
-    """The paper's success before and at the peak, per cent; ``None`` for a row of our own."""
+    """The paper's success before training and at the peak, per cent; ``None`` for a row of our own."""
 
     settings: dict[str, Any] = Field(default_factory=dict)
-    """Laid over the base."""
+    """Settings that override the base."""
 
 
 class StudyConfig(Settings):
-    """The whole study."""
+    """Settings of the study."""
 
     base: dict[str, Any]
-    """Settings of a training that all rows share; the model is filled in."""
+    """Training settings common to all rows; the model is filled in."""
 
     rows: dict[str, Row]
-    """By name, in the order of the table."""
+    """Rows by name, in the order of the table."""
 
     findings: dict[str, tuple[str, str]] = Field(default_factory=dict)
-    """What the paper found: rows of which the first came out better than the second."""
+    """The paper's findings: for each, two rows of which the first was better than the second."""
 
     def training(self, row: str, seed: int, weights: Path) -> TrainConfig:
-        """The settings of a training that begins with these weights.
+        """The settings of a training with these initial weights.
 
         Raises:
             UsageError: there is no such row.
@@ -74,13 +74,13 @@ class StudyConfig(Settings):
 
 
 class Result(msgspec.Struct):
-    """What a training came to: success on the test tasks, with how many trajectories it took to get there.
+    """The result of a training: success on the test tasks over the number of trajectories.
 
     Attributes:
         row, seed: of the training.
-        trajectories: before each evaluation.
-        success: of each evaluation; empty until the training is finished.
-        settings: hash of what the training was begun with, first weights included.
+        trajectories: number collected before each evaluation.
+        success: success rate of each evaluation; empty until the training is finished.
+        settings: hash of the training's settings and initial weights.
     """
 
     row: str
@@ -91,22 +91,22 @@ class Result(msgspec.Struct):
 
     @property
     def before(self) -> float:
-        """Success of the first weights."""
+        """Success of the initial weights."""
         return self.success[0]
 
     @property
     def peak(self) -> float:
-        """The best success of an evaluation after learning, as the paper reports it."""
+        """The best success of an evaluation during training, as reported in the paper."""
         return max(self.success[1:])
 
     @property
     def last(self) -> float:
-        """Success of the last weights, which nothing was chosen by."""
+        """Success of the final weights, free of selection bias."""
         return self.success[-1]
 
 
 def read_study(files: Sequence[Path]) -> StudyConfig:
-    """The study that comes with the package, with files laid over it.
+    """The study included in the package, with files that override its settings.
 
     Raises:
         ConfigError: a file cannot be read, or a setting is unknown.
@@ -122,53 +122,54 @@ async def carry_out(
     out: Path,
     tell: Callable[[str], None],
 ) -> list[Result]:
-    """Make every training that is not finished yet, seed by seed, so that whole tables come first.
+    """Run all unfinished trainings, seed by seed, so that complete tables come first.
 
     Args:
         study: the rows.
-        weights: that every training begins with.
-        rows: names of those to make.
-        seeds: trainings per row, seeds from 1.
-        out: folder; what is in it is gone on from.
-        tell: is told what goes on.
+        weights: the initial weights of every training.
+        rows: names of the rows to run.
+        seeds: number of trainings per row; their seeds start at 1.
+        out: output folder; trainings in it are continued.
+        tell: called with lines about the progress.
 
     Raises:
-        RunFolderError: ``study.json`` cannot be read, or a training in it was begun with other settings.
+        RunFolderError: ``study.json`` cannot be read, or a training in it was started with other settings.
     """
-    results = {(each.row, each.seed): each for each in _read(out / RESULTS)}
-    evaluated: dict[str, TrainingFolder] = {}  # the first weights are, once for all rows with the same agent
+    results = {(result.row, result.seed): result for result in _read(out / RESULTS)}
+    # Rows with the same agent reuse the evaluation of the initial weights.
+    evaluated: dict[str, TrainingFolder] = {}
     first = await asyncio.to_thread(_hash_of, weights)
-    wanted = [(row, seed) for seed in range(1, seeds + 1) for row in rows]
-    for number, (row, seed) in enumerate(wanted, start=1):
+    trainings = [(row, seed) for seed in range(1, seeds + 1) for row in rows]
+    for number, (row, seed) in enumerate(trainings, start=1):
         config = study.training(row, seed, weights)
         folder = TrainingFolder(out / "trainings" / _slug(row) / f"seed-{seed}")
-        tell(f"training {number} of {len(wanted)}: {row}, seed {seed}")
-        settings, same = _settings(config, first), evaluated.get(_evaluation_of(config))
-        begun = results.setdefault((row, seed), Result(row, seed, [], [], settings))
-        if begun.settings not in ("", settings):
+        tell(f"training {number} of {len(trainings)}: {row}, seed {seed}")
+        settings, reusable = _settings(config, first), evaluated.get(_evaluation_of(config))
+        result_so_far = results.setdefault((row, seed), Result(row, seed, [], [], settings))
+        if result_so_far.settings not in ("", settings):
             raise RunFolderError(
                 f"{out / RESULTS}: {row}, seed {seed} was made with other settings or first weights",
                 hint="give another folder, or take it out of that file and its folder out of trainings/",
             )
-        if begun.success and begun.settings:
+        if result_so_far.success and result_so_far.settings:
             continue
         write(study, list(results.values()), out)
         if folder.stage(config.loop.iterations) is not None:
             resume = (folder.path / CONFIG).exists()
-            held = read_config(folder.path) if resume else config
-            async with open_training(held, folder.path, resume=resume, tell=tell) as training:
-                if same is not None and not folder.is_evaluated(0):
-                    _copy_evaluation(same, folder)
+            training_config = read_config(folder.path) if resume else config
+            async with open_training(training_config, folder.path, resume=resume, tell=tell) as training:
+                if reusable is not None and not folder.is_evaluated(0):
+                    _copy_evaluation(reusable, folder)
                 await training.run()
         if folder.is_evaluated(0):
             evaluated.setdefault(_evaluation_of(config), folder)
         results[row, seed] = msgspec.structs.replace(result_of(folder, row, seed), settings=settings)
         write(study, list(results.values()), out)
-    return [results[each] for each in wanted]
+    return [results[result] for result in trainings]
 
 
 def _evaluation_of(config: TrainConfig) -> str:
-    """What an evaluation of the first weights depends on; not on what is drawn and learned from."""
+    """Everything on which an evaluation of the initial weights depends, as a key."""
     budgets = {f"budget_{difficulty}" for difficulty in ("easy", "medium", "hard")}
     learning: Any = dict.fromkeys(("loop", "sampler", "learn", "seed"), True)
     return config.model_dump_json(exclude=learning | {"rollout": {"attempt": budgets, "samples": True}})
@@ -177,7 +178,8 @@ def _evaluation_of(config: TrainConfig) -> str:
 def _copy_evaluation(made: TrainingFolder, folder: TrainingFolder) -> None:
     source, own = made.evaluation(0), folder.evaluation(0)
     shutil.copytree(source, own, dirs_exist_ok=True)
-    shutil.copy(source.with_suffix(".json"), own.with_suffix(".json"))  # last: it says that all is there
+    # Last, because this file marks the evaluation as complete.
+    shutil.copy(source.with_suffix(".json"), own.with_suffix(".json"))
 
 
 def _read(path: Path) -> list[Result]:
@@ -188,24 +190,24 @@ def _read(path: Path) -> list[Result]:
 
 
 def _hash_of(weights: Path) -> str:
-    """Of the model's content: it lies elsewhere on another machine."""
-    found = hashlib.sha256()
+    """Hash of a model's files, independent of their folder."""
+    digest = hashlib.sha256()
     for path in sorted([*weights.glob("*.safetensors"), *weights.glob("*.json")]):
-        found.update(path.name.encode() + hashlib.sha256(path.read_bytes()).digest())
-    return found.hexdigest()
+        digest.update(path.name.encode() + hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
 
 
 def _settings(config: TrainConfig, weights: str) -> str:
-    """Hash of what a training is made with: of what is set, since defaults may be added to."""
-    places: Any = {"learn": {"model"}, "local": {"path"}}
-    held = config.model_dump(mode="json", exclude_unset=True, exclude=places)
-    return hashlib.sha256(f"{weights} {json.dumps(held, sort_keys=True)}".encode()).hexdigest()[:16]
+    """Hash of a training's explicit settings and initial weights; new defaults do not change it."""
+    paths: Any = {"learn": {"model"}, "local": {"path"}}
+    explicit = config.model_dump(mode="json", exclude_unset=True, exclude=paths)
+    return hashlib.sha256(f"{weights} {json.dumps(explicit, sort_keys=True)}".encode()).hexdigest()[:16]
 
 
 def result_of(folder: TrainingFolder, row: str, seed: int) -> Result:
-    """What a finished training came to."""
+    """The result of a finished training."""
     evaluations = folder.evaluations()
-    collected = {0: 0} | {each["iteration"]: each["trajectories"] for each in folder.write_metrics()}
+    collected = {0: 0} | {result["iteration"]: result["trajectories"] for result in folder.write_metrics()}
     return Result(
         row,
         seed,
@@ -215,9 +217,9 @@ def result_of(folder: TrainingFolder, row: str, seed: int) -> Result:
 
 
 def write(study: StudyConfig, results: Sequence[Result], out: Path) -> None:
-    """Table and figure of what there is so far."""
+    """Write the results so far, their table and their figure."""
     write_whole(out / RESULTS, msgspec.json.format(msgspec.json.encode(results)))
-    finished = [each for each in results if each.success]
+    finished = [result for result in results if result.success]
     (out / "study.md").write_text("\n".join([*table(study, finished), "", *findings(study, finished)]) + "\n")
     if finished:
         _draw(finished, out / "study.png")
@@ -227,16 +229,16 @@ def table(study: StudyConfig, results: Sequence[Result]) -> Iterator[str]:
     """The table in Markdown: mean and standard deviation over seeds, per cent."""
     yield "| row | seeds | before | after | peak | rise | the paper: before, peak, rise |"
     yield "|---|---|---|---|---|---|---|"
-    for row, found in _by_row(results).items():
+    for row, row_results in _by_row(results).items():
         paper = study.rows[row].paper if row in study.rows else None
-        theirs = f"{paper[0]:.1f}, {paper[1]:.1f}, {paper[1] - paper[0]:+.1f}" if paper else ""
+        paper_cells = f"{paper[0]:.1f}, {paper[1]:.1f}, {paper[1] - paper[0]:+.1f}" if paper else ""
         figures = (
-            [each.before for each in found],
-            [each.last for each in found],
-            [each.peak for each in found],
-            [each.last - each.before for each in found],
+            [result.before for result in row_results],
+            [result.last for result in row_results],
+            [result.peak for result in row_results],
+            [result.last - result.before for result in row_results],
         )
-        yield f"| {row} | {len(found)} | {' | '.join(map(_spread, figures))} | {theirs} |"
+        yield f"| {row} | {len(row_results)} | {' | '.join(map(_spread, figures))} | {paper_cells} |"
 
 
 def findings(study: StudyConfig, results: Sequence[Result]) -> Iterator[str]:
@@ -244,28 +246,28 @@ def findings(study: StudyConfig, results: Sequence[Result]) -> Iterator[str]:
     rows = _by_row(results)
     yield "| the paper's finding | difference after training, 95 % | repeats? |"
     yield "|---|---|---|"
-    for says, (better, worse) in study.findings.items():
-        first, second = ([each.last for each in rows.get(row, [])] for row in (better, worse))
+    for finding, (better, worse) in study.findings.items():
+        first, second = ([result.last for result in rows.get(row, [])] for row in (better, worse))
         if min(len(first), len(second)) < 2:
             continue
         difference, half = mean(first) - mean(second), _half_width(first, second)
         verdict = "not decided"
         if abs(difference) > half > 0:
             verdict = "yes" if difference > 0 else "no, the opposite"
-        yield f"| {says} | {100 * difference:+.1f} ± {100 * half:.1f} | {verdict} |"
+        yield f"| {finding} | {100 * difference:+.1f} ± {100 * half:.1f} | {verdict} |"
 
 
 _STUDENT: Final = (12.71, 4.30, 3.18, 2.78, 2.57, 2.45, 2.36, 2.31, 2.26)
-"""97.5 % quantiles of Student's t with 1, 2, … degrees of freedom; the last serves for more."""
+"""97.5 % quantiles of Student's t with 1, 2, … degrees of freedom; the last is used for more."""
 
 
 def _half_width(first: Sequence[float], second: Sequence[float]) -> float:
-    """Of the 95 % interval of a difference of means, degrees of freedom rounded down; 0 without spread."""
-    one, other = variance(first) / len(first), variance(second) / len(second)
-    if not one + other:
+    """Half of a difference of means' 95 % interval, degrees of freedom rounded down; 0 without variance."""
+    a, b = variance(first) / len(first), variance(second) / len(second)
+    if not a + b:
         return 0.0
-    freedom = (one + other) ** 2 / (one**2 / (len(first) - 1) + other**2 / (len(second) - 1))
-    return _STUDENT[min(int(freedom), len(_STUDENT)) - 1] * math.sqrt(one + other)
+    freedom = (a + b) ** 2 / (a**2 / (len(first) - 1) + b**2 / (len(second) - 1))
+    return _STUDENT[min(int(freedom), len(_STUDENT)) - 1] * math.sqrt(a + b)
 
 
 def _spread(values: Sequence[float]) -> str:
@@ -274,21 +276,21 @@ def _spread(values: Sequence[float]) -> str:
 
 
 def _by_row(results: Sequence[Result]) -> Mapping[str, list[Result]]:
-    found: dict[str, list[Result]] = {}
+    by_row: dict[str, list[Result]] = {}
     for result in results:
-        found.setdefault(result.row, []).append(result)
-    return found
+        by_row.setdefault(result.row, []).append(result)
+    return by_row
 
 
 def _draw(results: Sequence[Result], path: Path) -> None:
     with styled():
         figure = new_figure(PAGE, 3.0)
         axes = figure.subplots()
-        for number, (row, found) in enumerate(_by_row(results).items()):
-            points = list(zip(*(each.success for each in found), strict=True))
+        for number, (row, row_results) in enumerate(_by_row(results).items()):
+            points = list(zip(*(result.success for result in row_results), strict=True))
             axes.plot(
-                found[0].trajectories,
-                [100 * mean(each) for each in points],
+                row_results[0].trajectories,
+                [100 * mean(point) for point in points],
                 color=CATEGORIES[number % len(CATEGORIES)],
                 linestyle=("-", "--")[number // len(CATEGORIES) % 2],
                 label=row,

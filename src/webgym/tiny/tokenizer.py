@@ -1,8 +1,8 @@
-"""A word is a token: the tokenizer of the tiny policy.
+"""The tokenizer of the tiny policy, which maps every word to a token.
 
-Its vocabulary is closed: the words of the small websites, the signs of the compact format
-(:mod:`webgym.agent.compact`), numbers, and the coordinates of the screen's cells. A word beyond it is one
-unknown token. Special tokens and chat template have the names and the form of Qwen's.
+Its vocabulary is closed: the words of the small websites, the keywords of the compact format
+(:mod:`webgym.agent.compact`), numbers, and the coordinates of the screen's cells. Any other word is an
+unknown token. Special tokens and chat template follow Qwen's.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from typing import Any, Final
 from webgym.core.action import GRID
 
 CELL: Final = 32
-"""Side of a cell of the screen, pixels: two by two patches of 16, so one image token."""
+"""Side of a screen cell, pixels: two by two patches of 16, which is one image token."""
 
 MOST_NUMBER: Final = 99
-"""Numbers up to this are words."""
+"""Largest number in the vocabulary."""
 
 SPECIAL: Final = (
     "<|endoftext|>",  # padding
@@ -48,9 +48,9 @@ _TEMPLATE = """\
 
 
 def cell_centres(length: int) -> list[int]:
-    """The middles of the cells along a side of so many pixels, on the grid of coordinates."""
+    """The centres of the cells along a side of ``length`` pixels, on the grid of coordinates."""
     count = length // CELL
-    return [round((place + 0.5) / count * GRID) for place in range(count)]
+    return [round((index + 0.5) / count * GRID) for index in range(count)]
 
 
 def vocabulary(words: Iterable[str], viewport: tuple[int, int]) -> list[str]:
@@ -62,12 +62,12 @@ def vocabulary(words: Iterable[str], viewport: tuple[int, int]) -> list[str]:
     """
     points = {str(value) for side in viewport for value in cell_centres(side)}
     numbers = [str(number) for number in range(MOST_NUMBER + 1)]
-    own = [*ROLES, *GRAMMAR, *numbers, *sorted(points - set(numbers), key=int)]
-    return list(dict.fromkeys([*SPECIAL, *own, *sorted(set(words))]))
+    words_of_format = [*ROLES, *GRAMMAR, *numbers, *sorted(points - set(numbers), key=int)]
+    return list(dict.fromkeys([*SPECIAL, *words_of_format, *sorted(set(words))]))
 
 
 def make_tokenizer(words: Iterable[str], viewport: tuple[int, int]) -> Any:
-    """A tokenizer of transformers, with its chat template.
+    """Make a transformers tokenizer with a chat template.
 
     Args:
         words: of the websites and their tasks.
@@ -77,13 +77,13 @@ def make_tokenizer(words: Iterable[str], viewport: tuple[int, int]) -> Any:
     from transformers import PreTrainedTokenizerFast
 
     ids = {token: number for number, token in enumerate(vocabulary(words, viewport))}
-    made = Tokenizer(models.WordLevel(ids, unk_token="<unk>"))  # noqa: S106
-    made.pre_tokenizer = pre_tokenizers.Sequence(
+    tokenizer = Tokenizer(models.WordLevel(ids, unk_token="<unk>"))  # noqa: S106
+    tokenizer.pre_tokenizer = pre_tokenizers.Sequence(
         [pre_tokenizers.WhitespaceSplit(), pre_tokenizers.Split(Regex("[,;=]"), "isolated")]
     )
-    made.add_special_tokens([AddedToken(token, special=True, normalized=False) for token in SPECIAL])
+    tokenizer.add_special_tokens([AddedToken(token, special=True, normalized=False) for token in SPECIAL])
     return PreTrainedTokenizerFast(
-        tokenizer_object=made,
+        tokenizer_object=tokenizer,
         unk_token="<unk>",  # noqa: S106
         pad_token="<|endoftext|>",  # noqa: S106
         eos_token="<|im_end|>",  # noqa: S106

@@ -1,9 +1,8 @@
 """Training sequences for the tiny policy, made from recorded attempts of demonstrators.
 
-There are two kinds. *Pointing*: a picture and several questions
-about it in one sequence, ``red star = 250 375 , 583 125 = next , jam or home or 7 = home``; without them a
-model this small never learns to see, nor to find what it sees in what it is told. *Acting*: a step's request
-and reply, exactly as the agent asked and the demonstrator answered.
+There are two kinds. *Pointing*: a picture and several questions about it in one sequence,
+``red star = 250 375 , 583 125 = next , jam or home or 7 = home``; without them a model this small does not
+learn to relate pictures to text. *Acting*: the unchanged request and reply of a demonstrator's step.
 """
 
 from __future__ import annotations
@@ -24,12 +23,12 @@ IGNORED = -100
 
 
 class TrainingSequence(msgspec.Struct, frozen=True):
-    """A sequence.
+    """A training sequence.
 
     Attributes:
         picture: the screenshot's name.
         ids: tokens, the picture's expanded.
-        labels: the tokens that are learned, :data:`IGNORED` elsewhere.
+        labels: the tokens with a loss; :data:`IGNORED` elsewhere.
     """
 
     picture: str
@@ -38,14 +37,14 @@ class TrainingSequence(msgspec.Struct, frozen=True):
 
 
 class Signs(msgspec.Struct, frozen=True):
-    """What a screenshot shows: names with the middles of their cells."""
+    """What a screenshot shows: names with the centres of their cells."""
 
     picture: str
     places: tuple[tuple[str, tuple[int, int]], ...]
 
 
 def acting(episode: Episode, renderer: Renderer) -> Iterator[TrainingSequence]:
-    """A lesson for every step of an attempt that holds an action.
+    """A sequence for every step of an attempt that has an action.
 
     Args:
         episode: of a demonstrator.
@@ -62,11 +61,11 @@ def acting(episode: Episode, renderer: Renderer) -> Iterator[TrainingSequence]:
 
 
 def signs_of(picture: str, shown: Iterable[tuple[str, tuple[int, int]]], viewport: tuple[int, int]) -> Signs:
-    """What can be asked about a screenshot.
+    """The signs of a screenshot.
 
     Args:
         picture: its name.
-        shown: what it shows, with left upper corners, pixels.
+        shown: names on it, with their upper left corners, pixels.
         viewport: its width and height.
     """
     columns, rows = cell_centres(viewport[0]), cell_centres(viewport[1])
@@ -81,19 +80,19 @@ def pointing(
     count: int,
     names: Sequence[str],
 ) -> TrainingSequence:
-    """Questions about one screenshot: places of names, names at places, which of several names it shows,
-    numbers that stand beside names.
+    """A sequence of questions about a screenshot: positions of names, names at positions, which of several
+    names it shows, and numbers next to names.
 
-    Numbers, words and names of two words are asked for equally often where there are some; what stands in
-    several places is not asked for by its name.
+    Numbers, words and names of two words are equally frequent if the screenshot has them. Positions are asked
+    only of names that occur once.
 
     Args:
         signs: of the screenshot.
         renderer: of the model.
         viewport: width and height of the screenshot, pixels.
         rng: chooses the questions.
-        count: how many.
-        names: of everything that screenshots show, for names that this one does not.
+        count: number of questions.
+        names: all names on any screenshot, from which wrong choices are drawn.
     """
     tokens = renderer.tokenizer
     picture = ImageRef(signs.picture, *viewport)
@@ -104,12 +103,12 @@ def pointing(
     for sign in signs.places:
         kinds.setdefault("number" if sign[0].isdecimal() else f"{sign[0].count(' ')}", []).append(sign)
     times = Counter(name for name, _ in signs.places)
-    beside = _numbers_beside(signs, viewport)
+    adjacent_numbers = _adjacent_numbers(signs, viewport)
     for _ in range(count):
         name, (x, y) = rng.choice(kinds[rng.choice(list(kinds))])
         draw = rng.random()
-        if beside and draw < 0.25:
-            name, answer = rng.choice(beside)
+        if adjacent_numbers and draw < 0.25:
+            name, answer = rng.choice(adjacent_numbers)
             question = f"number of {name}"
         elif draw < 0.5:
             others = [other for other in rng.sample(names, rng.randint(1, 4)) if other not in times]
@@ -119,14 +118,14 @@ def pointing(
         else:
             question, answer = f"{x} {y}", name
         sides = f"{question} =", answer
-        asked, told = (tokens(side, add_special_tokens=False)["input_ids"] for side in sides)
-        ids += [*asked, *told, separator]
-        labels += [*[IGNORED] * len(asked), *told, IGNORED]
+        question_ids, answer_ids = (tokens(side, add_special_tokens=False)["input_ids"] for side in sides)
+        ids += [*question_ids, *answer_ids, separator]
+        labels += [*[IGNORED] * len(question_ids), *answer_ids, IGNORED]
     return TrainingSequence(signs.picture, tuple(ids), tuple(labels))
 
 
-def _numbers_beside(signs: Signs, viewport: tuple[int, int]) -> list[tuple[str, str]]:
-    """Names with the number to the right of them."""
+def _adjacent_numbers(signs: Signs, viewport: tuple[int, int]) -> list[tuple[str, str]]:
+    """Names with the number to their right."""
     columns = cell_centres(viewport[0])
     right = dict(pairwise(columns))
     at = {place: name for name, place in signs.places}

@@ -1,4 +1,4 @@
-"""Settings of learning. Defaults are the paper's best where it names one (paper §5, appendix F)."""
+"""Settings of learning. Defaults are the paper's best values, if it names one (paper §5, appendix F)."""
 
 from __future__ import annotations
 
@@ -12,68 +12,68 @@ Precision: TypeAlias = Literal["bf16", "fp32"]
 
 
 class ReplayConfig(Settings):
-    """Which steps an iteration trains on."""
+    """Settings of the replay buffer: which steps an iteration trains on."""
 
     iterations: int = Field(default=4, ge=1)
-    """The newest iterations whose steps are kept."""
+    """Number of newest iterations whose steps are kept."""
 
     recency: float = Field(default=2.0, ge=0)
     """How strongly newer steps are preferred: a step of age a among k iterations has the weight
-    ((k - a) / k) ** recency. 0 draws from all alike."""
+    ((k - a) / k) ** recency. 0 draws uniformly."""
 
     steps: int = Field(default=1800, ge=1)
-    """Steps drawn for an iteration; all that there are if there are fewer."""
+    """Steps drawn for an iteration; all available ones if there are fewer."""
 
     passes: int = Field(default=2, ge=1)
     """How often an iteration trains on each of its steps."""
 
     max_uses: int | None = Field(default=4, ge=1)
-    """A step that was trained on this often, over all iterations, leaves; ``None`` for never."""
+    """Most times that a step is trained on, over all iterations; ``None`` for no limit."""
 
     repetition_penalty: bool = True
     """Leave out steps after which the screenshot was the same (paper §5)."""
 
     @model_validator(mode="after")
-    def _can_be_used(self) -> ReplayConfig:
+    def _check_uses(self) -> ReplayConfig:
         if self.max_uses is not None and self.max_uses < self.passes:
             raise ValueError("max_uses must be at least passes, or no step could be used")
         return self
 
 
 class ObjectiveConfig(Settings):
-    """What is maximised."""
+    """Settings of the training objective."""
 
     name: str = "filtered_bc"
-    """``filtered_bc`` (the paper's), ``group_is`` (AsyncWebRL's), or ``module:attribute`` of one's own."""
+    """``filtered_bc`` (the paper's), ``group_is`` (AsyncWebRL's), or ``module:attribute`` of your own."""
 
     options: dict[str, Any] = Field(default_factory=dict)
     """Settings of the objective, by the names of its fields."""
 
 
 class LoraConfig(Settings):
-    """Low-rank adapters in place of all weights."""
+    """Settings of low-rank adapters, trained instead of all weights."""
 
     rank: int = Field(default=32, ge=1)
-    """Of each adapter."""
+    """Rank of each adapter."""
 
     alpha: float = Field(default=64, gt=0)
     """The adapters' output is scaled by alpha / rank."""
 
     dropout: float = Field(default=0.0, ge=0, lt=1)
-    """On the adapters' input. Anything but 0 makes the importance weights of ``group_is`` noisy."""
+    """Dropout on the adapters' input. Values above 0 make the importance weights of ``group_is`` noisy."""
 
     targets: str = r".*language_model.*\.(q_proj|k_proj|v_proj|o_proj|gate_proj|up_proj|down_proj)"
-    """Regular expression of the modules that get one."""
+    """Regular expression for the names of the modules that get an adapter."""
 
 
 class UpdateConfig(Settings):
-    """How weights follow from steps."""
+    """Settings of the weight update."""
 
     learning_rate: float = Field(default=1e-6, gt=0)
-    """Peak of the schedule."""
+    """Peak learning rate of the schedule."""
 
     schedule: Literal["constant", "cosine"] = "constant"
-    """After the warm-up."""
+    """Schedule after the warm-up."""
 
     warmup_steps: int = Field(default=30, ge=0)
     """Optimizer steps over which the learning rate rises linearly, counted over all iterations."""
@@ -85,54 +85,56 @@ class UpdateConfig(Settings):
     """Steps of trajectories per optimizer step, over all processes (the paper's 3 x 4 x 8 x 2)."""
 
     micro_batch: int = Field(default=3, ge=1)
-    """Steps of trajectories per process that go through the model at once."""
+    """Steps of trajectories per process and forward pass."""
 
     betas: tuple[float, float] = (0.9, 0.999)
-    """Of AdamW."""
+    """Coefficients of AdamW's moments."""
 
     weight_decay: float = Field(default=0.01, ge=0)
-    """Of AdamW, for matrices; biases and norms are left alone."""
+    """AdamW's weight decay of matrices; biases and norms have none."""
 
     max_grad_norm: float = Field(default=1.0, gt=0)
-    """Gradients are scaled down to this norm."""
+    """Gradients are clipped to this norm."""
 
     precision: Precision = "bf16"
-    """Of the computation. Log-probabilities and the loss are always float32."""
+    """Precision of the computation. Log-probabilities and the loss are always float32."""
 
     weights: Literal["float32", "bfloat16"] = "float32"
-    """How weights lie in memory. ``bfloat16`` halves them; a full fine-tuning at small learning rates then
-    loses updates to rounding, so it is for LoRA."""
+    """Data type of weights in memory. ``bfloat16`` halves their size, but full fine-tuning at small learning
+    rates then loses updates to rounding; use it with LoRA."""
 
     lora: LoraConfig | None = None
     """Train adapters; ``None`` trains all weights."""
 
     freeze_vision: bool = False
-    """Leave the vision tower as it is."""
+    """Do not train the vision tower."""
 
     gradient_checkpointing: bool = False
-    """Compute activations twice to save memory. The paper does without."""
+    """Recompute activations in the backward pass to save memory. The paper does not."""
 
     cutoff_tokens: int = Field(default=16384, ge=1)
-    """A step with a longer request and reply, images included, is left out and counted; never cut."""
+    """Most tokens of request and reply, images included. Longer steps are dropped and counted, not
+    truncated."""
 
     logit_tokens: int = Field(default=1024, ge=1)
     """Reply tokens whose logits are in memory at once, per process."""
 
     seed: int = 0
-    """Of the order of steps and of dropout."""
+    """Seed of the order of steps and of dropout."""
 
     @model_validator(mode="after")
-    def _is_whole(self) -> UpdateConfig:
+    def _check_schedule(self) -> UpdateConfig:
         if self.schedule == "cosine" and self.total_steps is None:
             raise ValueError("a cosine schedule needs total_steps")
         return self
 
 
 class FrontierConfig(Settings):
-    """Preference for tasks that succeed sometimes."""
+    """Settings of the preference for tasks that succeed sometimes."""
 
     by: Literal["task", "website", "level", "website_level"] = "website_level"
-    """What shares a success rate. Tasks are seldom drawn twice, so buckets learn faster than tasks."""
+    """Which tasks share a success rate. Tasks are rarely drawn twice, so larger groups are estimated
+    faster."""
 
     prior: tuple[float, float] = (1.0, 1.0)
     """Beta prior of a rate: pseudo-successes and pseudo-failures."""
@@ -141,10 +143,10 @@ class FrontierConfig(Settings):
     """Weight of a bucket that always or never succeeds, against 1 at a rate of one half."""
 
     decay: float = Field(default=0.5, ge=0, le=1)
-    """What earlier results count after each iteration: the policy changes."""
+    """Factor on the weight of earlier results after each iteration, since the policy changes."""
 
     @model_validator(mode="after")
-    def _is_a_prior(self) -> FrontierConfig:
+    def _check_prior(self) -> FrontierConfig:
         if min(self.prior) <= 0:
             raise ValueError("both numbers of the prior must be above 0")
         return self
@@ -157,13 +159,13 @@ class LearnConfig(Settings):
     """Folder or hub id of the weights that learning starts from."""
 
     replay: ReplayConfig = ReplayConfig()
-    """Which steps."""
+    """Selection of the steps to train on."""
 
     objective: ObjectiveConfig = ObjectiveConfig()
-    """What for."""
+    """The training objective."""
 
     update: UpdateConfig = UpdateConfig()
-    """How."""
+    """The weight update."""
 
     frontier: FrontierConfig | None = None
-    """Draw tasks at the frontier of the success rate; ``None`` leaves drawing to the sampler alone."""
+    """Prefer tasks that succeed sometimes; ``None`` for no preference."""

@@ -1,6 +1,6 @@
-"""What an update will take, before anything starts: memory, tokens, time.
+"""Estimates the memory, tokens and time of an update before training starts.
 
-All figures are of one update (one iteration's training) and of the busiest GPU. With N weights in all, T of
+All figures are for one update (an iteration's training) and the busiest GPU. With N weights in total, T of
 them trained, G GPUs, b bytes a weight, and t tokens in a micro-batch of the longest samples:
 
     weights      N b / S                S = G if sharded (FSDP), else 1
@@ -17,8 +17,8 @@ them trained, G GPUs, b bytes a weight, and t tokens in a micro-batch of the lon
                  attention 4 q s / 2 per token, layer and pass, for sequences of s tokens
     time         compute / (G x peak x utilisation)
 
-Embeddings are looked up, not multiplied, so they count for memory and not for compute; the head counts for
-reply tokens only. Activations are a rule of thumb for fused attention in bf16, a third off at times.
+Embeddings are looked up, not multiplied, so they count for memory but not for compute; the head counts for
+reply tokens only. Activations are a rule of thumb for fused attention in bf16 and may be off by a third.
 """
 
 from __future__ import annotations
@@ -61,26 +61,26 @@ QWEN3_VL_8B: Final[dict[str, Any]] = {
     },
     "tie_word_embeddings": False,
 }
-"""The shapes of the paper's model, so that an estimate for it needs no download."""
+"""Configuration of the paper's model, so that its estimate needs no download."""
 
 
 class Gpus(Settings):
-    """What there is to compute with."""
+    """The GPUs to train on."""
 
     count: int = Field(default=1, ge=1)
-    """GPUs."""
+    """Number of GPUs."""
 
     memory_gib: float = Field(default=80.0, gt=0)
-    """Of each."""
+    """Memory of each GPU."""
 
     peak_tflops: float = Field(default=989.0, gt=0)
-    """Of each, bf16 without sparsity."""
+    """Peak of each GPU, bf16 without sparsity."""
 
     utilisation: float = Field(default=0.4, gt=0, le=1)
-    """Share of the peak that training reaches."""
+    """Assumed share of the peak that training reaches."""
 
     sharded: bool = True
-    """Whether weights, gradients and optimizer are split over the GPUs."""
+    """Whether weights, gradients and optimizer state are sharded over the GPUs."""
 
 
 KNOWN_GPUS: Final = {
@@ -89,28 +89,28 @@ KNOWN_GPUS: Final = {
     "h200": Gpus(memory_gib=141, peak_tflops=989),
     "b200": Gpus(memory_gib=180, peak_tflops=2250),
 }
-"""Peaks as NVIDIA gives them for dense bf16."""
+"""Peaks from NVIDIA's data sheets, for dense bf16."""
 
 
 class Workload(Settings):
-    """What a step of a trajectory looks like to the model."""
+    """Size of a trajectory's step as model input."""
 
     pictures: int = Field(default=4, ge=0)
-    """In a request: the window and the current one."""
+    """Pictures in a request: those of the history and the current one."""
 
     picture_patches: int = Field(default=3840, ge=0)
-    """Of the vision tower, per picture: 1280 x 768 pixels in squares of 16."""
+    """Vision tower patches per picture: 1280 x 768 pixels in squares of 16."""
 
     text_tokens: int = Field(default=2500, ge=0)
-    """In a request, beside pictures."""
+    """Tokens in a request besides pictures."""
 
     reply_tokens: int = Field(default=300, ge=1)
-    """In a reply."""
+    """Tokens in a reply."""
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One tower of a model: layers of equal shape, widths in numbers."""
+    """A tower of a model, with layers of equal shape; widths are numbers of features."""
 
     layers: int
     width: int
@@ -120,19 +120,19 @@ class Part:
     parameters: int
 
     def activation_bytes(self, tokens: int, *, checkpointing: bool) -> float:
-        """Kept for the backward pass."""
+        """Bytes of activations that are kept for the backward pass."""
         layer = 2.0 * tokens * (4 * self.width + 2 * self.queries + 2 * self.keys + 4 * self.inner)
         return layer + 2.0 * tokens * self.width * self.layers if checkpointing else layer * self.layers
 
     def forward_flops(self, tokens: int, sequence: int, *, causal: bool) -> float:
-        """For so many tokens that look at sequences of this length."""
+        """Operations of a forward pass over ``tokens`` tokens, which attend to ``sequence`` tokens."""
         attention = 4.0 * self.layers * self.queries * sequence * (0.5 if causal else 1.0)
         return tokens * (2.0 * self.parameters + attention)
 
 
 @dataclass(frozen=True, slots=True)
 class Shapes:
-    """A model's size. ``embeddings`` are input and output embeddings together."""
+    """The sizes of a model's parts. ``embeddings`` counts input and output embeddings."""
 
     text: Part
     vision: Part
@@ -142,20 +142,20 @@ class Shapes:
 
     @property
     def parameters(self) -> int:
-        """All weights."""
+        """Number of all weights."""
         return self.text.parameters + self.vision.parameters + self.embeddings
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What an update takes.
+    """The estimated cost of an update.
 
     Attributes:
-        parameters, trained: weights, and those that are trained.
-        memory: bytes on the busiest GPU, by what for.
-        fits: whether their sum is below nine tenths of what a GPU has.
-        tokens: read and trained on in an update, over all passes.
-        reply_tokens: of those, the ones with a loss.
+        parameters, trained: number of weights, and of trained ones.
+        memory: bytes on the busiest GPU, by purpose.
+        fits: whether their sum is below 90 % of a GPU's memory.
+        tokens: input tokens of an update, over all passes.
+        reply_tokens: those among them with a loss.
         optimizer_steps: in an update.
         flops: floating point operations of an update.
         seconds: of an update, at the assumed utilisation.
@@ -172,7 +172,7 @@ class Estimate:
     seconds: float
 
     def lines(self) -> list[str]:
-        """For people."""
+        """The estimate as lines of text."""
         total = sum(self.memory.values()) / GIB
         share = ", ".join(f"{name} {value / GIB:.1f}" for name, value in self.memory.items())
         verdict = "fits" if self.fits else "DOES NOT FIT"
@@ -188,10 +188,10 @@ class Estimate:
 
 @cache
 def shapes_of(model: str | Path) -> Shapes:
-    """A model's shapes, by its folder, hub id, or name (``Qwen3-VL-8B-...`` needs no network). No weights.
+    """A model's shapes, by folder or hub id, without its weights. ``Qwen3-VL-8B-...`` needs no network.
 
     Raises:
-        ConfigError: there is no such model, or it is not of the Qwen3-VL kind.
+        ConfigError: there is no such model, or it is not a Qwen3-VL model.
     """
     if "qwen3-vl-8b" in str(model).lower() and not Path(model).exists():
         config: Any = Qwen3VLConfig(**QWEN3_VL_8B)
@@ -199,24 +199,32 @@ def shapes_of(model: str | Path) -> Shapes:
         with loading(model) as where:
             config = AutoConfig.from_pretrained(where)
     if not hasattr(config, "vision_config") or not hasattr(config.vision_config, "depth"):
-        raise ConfigError(f"{model} is not of the Qwen3-VL kind: nothing is known about its memory")
+        raise ConfigError(f"{model} is not a Qwen3-VL model: its memory cannot be estimated")
     return shapes_from(config)
 
 
 def shapes_from(config: Any) -> Shapes:
-    """The shapes of a model of the Qwen3-VL kind, by its transformers configuration."""
+    """The shapes of a Qwen3-VL model, by its transformers configuration."""
     with torch.device("meta"):
         empty: Any = AutoModelForImageTextToText.from_config(config)
     text, vision = config.text_config, config.vision_config
-    tables = {id(each.weight): each.weight for each in (empty.get_input_embeddings(), empty.lm_head)}
+    tables = {id(module.weight): module.weight for module in (empty.get_input_embeddings(), empty.lm_head)}
     embeddings = sum(weight.numel() for weight in tables.values())
-    seeing = sum(weight.numel() for weight in empty.model.visual.parameters())
-    every = sum(weight.numel() for weight in empty.parameters())
-    heads, grouped = text.num_attention_heads * text.head_dim, text.num_key_value_heads * text.head_dim
+    vision_parameters = sum(weight.numel() for weight in empty.model.visual.parameters())
+    all_parameters = sum(weight.numel() for weight in empty.parameters())
+    query_width, key_width = (
+        text.num_attention_heads * text.head_dim,
+        text.num_key_value_heads * text.head_dim,
+    )
     layers = text.num_hidden_layers
     return Shapes(
         text=Part(
-            layers, text.hidden_size, heads, grouped, text.intermediate_size, every - seeing - embeddings
+            layers,
+            text.hidden_size,
+            query_width,
+            key_width,
+            text.intermediate_size,
+            all_parameters - vision_parameters - embeddings,
         ),
         vision=Part(
             vision.depth,
@@ -224,7 +232,7 @@ def shapes_from(config: Any) -> Shapes:
             vision.hidden_size,
             vision.hidden_size,
             vision.intermediate_size // 2,  # no gate: two of the four tensors of a gated MLP
-            seeing,
+            vision_parameters,
         ),
         embeddings=embeddings,
         vocabulary=text.vocab_size,
@@ -235,16 +243,16 @@ def shapes_from(config: Any) -> Shapes:
 def estimate(
     config: LearnConfig, gpus: Gpus, workload: Workload | None = None, shapes: Shapes | None = None
 ) -> Estimate:
-    """What an update by these settings will take on these GPUs; see the module for the formulas.
+    """Estimate an update with these settings on these GPUs; see the module for the formulas.
 
     Args:
         config: of learning.
         gpus: to compute with.
-        workload: what steps look like; by default the paper's at 1280 x 768.
+        workload: size of steps; by default the paper's at 1280 x 768.
         shapes: of the model; by default read from its folder or the hub.
 
     Raises:
-        ConfigError: nothing is known about the model, or there is no such objective.
+        ConfigError: the model is not supported, or there is no such objective.
     """
     work, size = workload or Workload(), shapes or shapes_of(config.model)
     update, replay = config.update, config.replay
@@ -260,28 +268,29 @@ def estimate(
     width = 4 if update.weights == "float32" else 2
     parts = gpus.count if gpus.sharded else 1
     micro = update.micro_batch
-    seen = 0.0
+    vision_activations = 0.0
     if not frozen_vision:
-        seen = size.vision.activation_bytes(
+        vision_activations = size.vision.activation_bytes(
             micro * patches * longest // tokens, checkpointing=update.gradient_checkpointing
         )
     memory = {
         "weights": size.parameters * width / parts,
         "gradients": trained * (4 if update.lora else width) / parts,
         "optimizer": 2 * trained * (4 if update.lora else width) / parts,
-        "activations": seen
+        "activations": vision_activations
         + size.text.activation_bytes(micro * longest, checkpointing=update.gradient_checkpointing),
         "logits": 3 * 4.0 * update.logit_tokens * size.vocabulary,
     }
     samples = replay.steps * replay.passes
     forward = size.text.forward_flops(tokens, tokens, causal=True)
     forward += 2.0 * work.reply_tokens * size.embeddings / 2
-    look = size.vision.forward_flops(patches, work.picture_patches, causal=False)
+    vision_forward = size.vision.forward_flops(patches, work.picture_patches, causal=False)
     backward = 1.0 + (1.0 if update.lora is None else trained / size.parameters)
-    again = 1.0 if update.gradient_checkpointing else 0.0
-    extra = 1.0 / replay.passes if make_objective(config.objective).off_policy else 0.0
+    recomputed = 1.0 if update.gradient_checkpointing else 0.0
+    scoring = 1.0 / replay.passes if make_objective(config.objective).off_policy else 0.0
     flops = samples * (
-        forward * (1 + backward + again + extra) + look * (1 + extra + (0.0 if frozen_vision else 2 + again))
+        forward * (1 + backward + recomputed + scoring)
+        + vision_forward * (1 + scoring + (0.0 if frozen_vision else 2 + recomputed))
     )
     return Estimate(
         parameters=size.parameters,

@@ -1,4 +1,4 @@
-"""The metrics of an iteration, as written to ``metrics.jsonl`` and as printed on one line."""
+"""The metrics of an iteration, as written to ``metrics.jsonl`` and as a line of text."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from webgym.rollout.summary import Summary
 from webgym.train.progress import TrainingProgress
 
 
-def told_success(figures: Mapping[str, Any]) -> str:
-    """The success of a run's figures on one line: overall with its interval, and by level."""
+def success_line(figures: Mapping[str, Any]) -> str:
+    """A line about a run's success rate: overall with its interval, and by level."""
     rates, interval = figures["success_rate"], figures["success_interval"]["overall"]
     if rates["overall"] is None:
         return f"success unknown, none of {figures['attempts']} attempts was judged"
@@ -23,8 +23,8 @@ def told_success(figures: Mapping[str, Any]) -> str:
     return f"success {rates['overall']:.1%}{spread} of {figures['attempts']} attempts, {', '.join(levels)}"
 
 
-def told_iteration(row: Mapping[str, Any], progress: TrainingProgress) -> str:
-    """A finished iteration on one line: success, what was trained on and why no more, how long it took."""
+def iteration_line(row: Mapping[str, Any], progress: TrainingProgress) -> str:
+    """A line about a finished iteration: success, trained steps, left-out steps by reason, and duration."""
     replay, counts, update = row["replay"], row["replay"]["counts"], row["update"]
     left_out = {
         "attempts without a reward": counts["unrewarded"],
@@ -34,22 +34,22 @@ def told_iteration(row: Mapping[str, Any], progress: TrainingProgress) -> str:
         "steps of stale weights": replay["stale"],
         **update.get("dropped", {}),
     }
-    dropped = ", ".join(f"{count} {why}" for why, count in left_out.items() if count)
+    dropped = ", ".join(f"{count} {reason}" for reason, count in left_out.items() if count)
     learned = f"{update['samples']} steps, loss {update['loss']:.3g}" if update else "nothing to train on"
     left = progress.seconds_left
     eta = f"; {duration(left)} left" if left else ""
     return (
-        f"iteration {row['iteration']} of {progress.iterations}: {told_success(row['collect'])}; {learned}"
+        f"iteration {row['iteration']} of {progress.iterations}: {success_line(row['collect'])}; {learned}"
         f" (left out: {dropped or 'nothing'}); {duration(sum(row['seconds'].values()))}{eta}"
     )
 
 
 def figures_of(run: RunReader, summary: Summary) -> dict[str, Any]:
-    """What the curves of a training show of one run: rates, lengths, blocks, unchanged screenshots.
+    """The figures of a run for a training's curves: rates, lengths, blocks, unchanged screenshots.
 
     Args:
         run: the run, all attempts on disk.
-        summary: of it.
+        summary: of the run.
     """
     steps = unchanged = replies = tokens = rewarded = 0
     versions: Counter[str] = Counter()

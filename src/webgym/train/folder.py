@@ -1,19 +1,19 @@
-"""A training run on disk. What is there says how far it is: no state is kept that could contradict it.
+"""A training run on disk. Its files alone determine its progress.
 
 TRAINING/
-  config.yaml                everything resolved
+  config.yaml                the resolved config
   iterations/0001/
     tasks.jsonl              stage 1, sample: the tasks, in the order drawn
-    sampler.json             where the sampler stood afterwards, and the frontier of the success rates
-    run/                     stage 2, collect: a run folder like any other, resumable
-    collected.json           its figures; there once every attempt is on disk
-    batch.jsonl              stage 3, replay: the steps that are trained on, by where they lie
-    replay.json              what each rule of the replay left out
-    weights/                 stage 4, update: weights and optimizer (webgym.train.weights); older ones go
-    update.json              what the update did; without weights if there was nothing to train on
-    metrics.json             stage 5: everything above in one line, with the time that each stage took
+    sampler.json             state of the sampler and of the frontier afterwards
+    run/                     stage 2, collect: an ordinary run folder, resumable
+    collected.json           its figures, written once every attempt is on disk
+    batch.jsonl              stage 3, replay: references to the steps that are trained on
+    replay.json              counts of what each replay rule left out
+    weights/                 stage 4, update: weights and optimizer (webgym.train.weights); old ones are
+    deleted update.json              figures of the update; there are no weights if there was nothing to
+    train on metrics.json             stage 5, finish: all figures above, with the duration of each stage
   evaluations/0000/          run folders on the test split; 0000 is before the first iteration
-  metrics.jsonl, tensorboard/, report.html    made from the above
+  metrics.jsonl, tensorboard/, report.html    derived from the above
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from webgym.train.replay import ReplaySample, StepRef
 
 
 class Stage(StrEnum):
-    """What an iteration does, in this order."""
+    """The stages of an iteration, in order."""
 
     SAMPLE = "sample"
     COLLECT = "collect"
@@ -63,14 +63,14 @@ _DONE = {
     Stage.UPDATE: "update.json",
     Stage.FINISH: "metrics.json",
 }
-"""The file that is written last in every stage."""
+"""The file that each stage writes last."""
 
 
 class TrainingFolder:
-    """Where everything of a training run lies.
+    """The folder of a training run: reads and writes its files.
 
     Args:
-        path: of the run.
+        path: of the folder.
     """
 
     def __init__(self, path: Path) -> None:
@@ -85,7 +85,7 @@ class TrainingFolder:
         return self.iteration(number) / "run"
 
     def weights(self, number: int) -> Path:
-        """Where the weights of an iteration are, or were."""
+        """The weights folder of an iteration, which may have been deleted."""
         return self.iteration(number) / "weights"
 
     def evaluation(self, number: int) -> Path:
@@ -93,35 +93,37 @@ class TrainingFolder:
         return self.path / EVALUATIONS / f"{number:04d}"
 
     def is_evaluated(self, number: int) -> bool:
-        """Whether an evaluation is on disk, whole."""
+        """Whether an evaluation is complete on disk."""
         return (self.evaluation(number).with_suffix(".json")).exists()
 
     def stage(self, number: int) -> Stage | None:
-        """What an iteration has to do next; ``None`` if it is finished."""
+        """The next stage of an iteration; ``None`` if it is finished."""
         folder = self.iteration(number)
         return next((stage for stage, name in _DONE.items() if not (folder / name).exists()), None)
 
     def is_past(self, number: int, stage: Stage) -> bool:
-        """Whether an iteration has this stage behind it."""
+        """Whether an iteration has completed a stage."""
         return (self.iteration(number) / _DONE[stage]).exists()
 
     def latest_weights(self) -> tuple[int, Path] | None:
-        """The newest weights, and the iteration that made them; ``None`` before the first update."""
-        found = sorted(self.path.glob(f"{ITERATIONS}/*/weights/state.json"))
-        made = [path for path in found if (path.parent.parent / _DONE[Stage.UPDATE]).exists()]
+        """The iteration and folder of the newest weights; ``None`` before the first update."""
+        states = sorted(self.path.glob(f"{ITERATIONS}/*/weights/state.json"))
+        made = [path for path in states if (path.parent.parent / _DONE[Stage.UPDATE]).exists()]
         return (int(made[-1].parent.parent.name), made[-1].parent) if made else None
 
     def prune_weights(self, keep: int) -> None:
         """Delete all but the newest weights."""
-        found = sorted(self.path.glob(f"{ITERATIONS}/*/weights"))
-        for path in found[: max(0, len(found) - keep)]:
+        folders = sorted(self.path.glob(f"{ITERATIONS}/*/weights"))
+        for path in folders[: max(0, len(folders) - keep)]:
             shutil.rmtree(path, ignore_errors=True)
 
     # --- what stages write and read ---------------------------------------------------------------------
 
     def refuse_used(self) -> None:
-        """Raises:
-        RunFolderError: there is something already, but what a start that failed left.
+        """Refuse a folder that is in use.
+
+        Raises:
+            RunFolderError: it holds more than the leftovers of a failed start.
         """
         with disk_errors(f"reading {self.path}"):
             entries = list(self.path.iterdir()) if self.path.exists() else []
@@ -131,10 +133,10 @@ class TrainingFolder:
             )
 
     def create(self, config: Mapping[str, Any]) -> None:
-        """Make the folder.
+        """Create the folder.
 
         Raises:
-            RunFolderError: there is something else already.
+            RunFolderError: the folder is not empty.
         """
         import yaml
 
@@ -146,45 +148,45 @@ class TrainingFolder:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Keep the folder, which is there, for this process; what one that died was writing is deleted.
+        """Lock the folder for this process; incomplete files of a crashed process are deleted.
 
         Raises:
             StoreLocked: another process trains in it.
         """
         with disk_errors(f"opening {self.path}"):
-            held = take_lock(self.path)
+            lock = take_lock(self.path)
         try:
             with disk_errors(f"clearing {self.path}"):
                 delete_torn(self.path, "", f"{ITERATIONS}/*/", f"{EVALUATIONS}/")
             yield
         finally:
-            os.close(held)
+            os.close(lock)
 
     def write_sample(self, number: int, tasks: Sequence[Task], sampler: Mapping[str, Any]) -> None:
-        """Stage 1."""
-        folder = self._made(number)
+        """Write the results of stage 1: drawn tasks and sampler state."""
+        folder = self._ensure_folder(number)
         _write_lines(folder / "tasks.jsonl", tasks)
         self.write(number, _DONE[Stage.SAMPLE], sampler)
 
     def tasks(self, number: int) -> list[Task]:
-        """What stage 1 drew."""
+        """The tasks that stage 1 drew."""
         lines = (self.iteration(number) / "tasks.jsonl").read_bytes().splitlines()
         return [msgspec.json.decode(line, type=Task) for line in lines]
 
     def write_batch(self, number: int, draw: ReplaySample) -> None:
-        """Stage 3."""
-        _write_lines(self._made(number) / "batch.jsonl", draw.steps)
-        told = msgspec.to_builtins(msgspec.structs.replace(draw, steps=()), str_keys=True)
-        self.write(number, _DONE[Stage.REPLAY], {"drawn": len(draw.steps), **told})
+        """Write the results of stage 3."""
+        _write_lines(self._ensure_folder(number) / "batch.jsonl", draw.steps)
+        counts = msgspec.to_builtins(msgspec.structs.replace(draw, steps=()), str_keys=True)
+        self.write(number, _DONE[Stage.REPLAY], {"drawn": len(draw.steps), **counts})
 
     def draw(self, number: int) -> ReplaySample:
-        """What stage 3 wrote."""
-        told = self.figures(number, Stage.REPLAY)
-        told.pop("drawn")
-        return msgspec.convert(told | {"steps": self.batch(number)}, ReplaySample, strict=False)
+        """The results of stage 3."""
+        figures = self.figures(number, Stage.REPLAY)
+        figures.pop("drawn")
+        return msgspec.convert(figures | {"steps": self.batch(number)}, ReplaySample, strict=False)
 
     def batch(self, number: int) -> list[StepRef]:
-        """What stage 3 drew."""
+        """The steps that stage 3 drew."""
         lines = (self.iteration(number) / "batch.jsonl").read_bytes().splitlines()
         return [msgspec.json.decode(line, type=StepRef) for line in lines]
 
@@ -193,27 +195,27 @@ class TrainingFolder:
         self.write(number, _DONE[stage], figures)
 
     def figures(self, number: int, stage: Stage) -> dict[str, Any]:
-        """What a stage wrote at its end."""
-        found: dict[str, Any] = json.loads((self.iteration(number) / _DONE[stage]).read_bytes())
-        return found
+        """The figures that a stage wrote at its end."""
+        data: dict[str, Any] = json.loads((self.iteration(number) / _DONE[stage]).read_bytes())
+        return data
 
     def write(self, number: int, name: str, value: Mapping[str, Any]) -> None:
-        """A JSON file of an iteration, whole or not at all."""
+        """Write a JSON file of an iteration atomically."""
         with disk_errors(f"writing {name} of iteration {number}"):
-            write_whole(self._made(number) / name, _json(value))
+            write_whole(self._ensure_folder(number) / name, _json(value))
 
     def write_evaluation(self, number: int, figures: Mapping[str, Any]) -> None:
-        """Say that an evaluation is whole, and what it found."""
+        """Write an evaluation's figures, which marks it as complete."""
         with disk_errors(f"writing the evaluation after iteration {number}"):
             write_whole(self.evaluation(number).with_suffix(".json"), _json(figures))
 
     def evaluations(self) -> dict[int, dict[str, Any]]:
         """All evaluations by the iteration that they follow."""
-        found = sorted(self.path.glob(f"{EVALUATIONS}/*.json"))
-        return {int(path.stem): json.loads(path.read_bytes()) for path in found}
+        paths = sorted(self.path.glob(f"{EVALUATIONS}/*.json"))
+        return {int(path.stem): json.loads(path.read_bytes()) for path in paths}
 
     def write_metrics(self) -> list[dict[str, Any]]:
-        """``metrics.jsonl``: one line per finished iteration, with the evaluation after it."""
+        """Write and return ``metrics.jsonl``: a line per finished iteration, with the evaluation after it."""
         evaluations = self.evaluations()
         rows = []
         for path in sorted(self.path.glob(f"{ITERATIONS}/*/{_DONE[Stage.FINISH]}")):
@@ -223,7 +225,7 @@ class TrainingFolder:
             write_whole(self.path / METRICS, b"".join(msgspec.json.encode(row) + b"\n" for row in rows))
         return rows
 
-    def _made(self, number: int) -> Path:
+    def _ensure_folder(self, number: int) -> Path:
         folder = self.iteration(number)
         with disk_errors(f"making {folder}"):
             folder.mkdir(parents=True, exist_ok=True)

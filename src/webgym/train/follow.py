@@ -1,7 +1,7 @@
 """The non-main processes of a training on several GPUs (``accelerate launch``): they only run updates.
 
-The first process does everything, and learns with them: what an iteration trains on is on disk before it
-learns, so the others wait for that file, and learn from the same steps in the same order.
+The first process runs the training. The drawn steps of an iteration are on disk before its update starts, so
+the other processes wait for that file and train on the same steps in the same order.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ _POLL_SECONDS: Final = 0.5
 
 
 def is_follower() -> bool:
-    """Whether this process was launched beside a first one, which runs the training."""
+    """Whether this is not the first process of the launch, which runs the training."""
     return int(os.environ.get("RANK") or 0) > 0
 
 
 def follow(config: TrainConfig, out: Path) -> None:
-    """Learn with the first process until its last iteration. If that one fails, the launcher ends this one.
+    """Run the updates together with the first process. If that fails, the launcher ends this process.
 
     Args:
         config: of the training.
-        out: its folder, which all processes see.
+        out: the training's folder, on a disk common to all processes.
 
     Raises:
         TrainingError: as in the first process.

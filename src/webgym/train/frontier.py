@@ -1,13 +1,13 @@
-"""Drawing tasks at the frontier: those that succeed sometimes teach the most.
+"""Preference for tasks that succeed sometimes, from which the policy learns most.
 
-A task that always succeeds, or never, gives filtered behaviour cloning nothing new and a group no difference.
-The chance that two attempts at a task differ is 2 p (1 - p), so that is the preference:
+A task that always or never succeeds gives filtered behaviour cloning nothing new and a group no advantage.
+The probability that two attempts at a task differ is 2 p (1 - p), so tasks are weighted in proportion to it:
 
     weight = floor + (1 - floor) * 4 p (1 - p)
 
 where p is the posterior mean of the success rate of the task's bucket (by default its website and level)
-under a Beta prior. The prior's mean is the rate of the bucket's level, so that what was never attempted is
-taken for what its level is like; the floor keeps hopeless and mastered tasks in the draw, since both change.
+under a Beta prior. The prior's mean is the success rate of the bucket's level, which is the estimate for
+buckets that were never attempted; the floor keeps hopeless and mastered tasks in the draw, since both change.
 
     frontier = Frontier(FrontierConfig())
     sampler = Sampler(tasks, SamplerConfig(seed=7), weigh=frontier.weigh, anew=True)
@@ -30,10 +30,10 @@ from webgym.train.config import FrontierConfig
 
 
 class Frontier:
-    """Success rates as they are now, and the weights of tasks that follow.
+    """Estimates success rates and the resulting weights of tasks.
 
     Args:
-        config: what shares a rate, the prior, the floor.
+        config: grouping of tasks, prior, floor.
     """
 
     def __init__(self, config: FrontierConfig) -> None:
@@ -41,13 +41,13 @@ class Frontier:
         self._counts: defaultdict[str, list[float]] = defaultdict(lambda: [0.0, 0.0])
 
     def take(self, results: Iterable[tuple[Task, float]]) -> None:
-        """Take in the rewards of an iteration; earlier ones count less from now on.
+        """Add the rewards of an iteration and discount earlier ones.
 
         Args:
-            results: a task and the reward of an attempt at it, 0 or 1, of all attempts that have one.
+            results: task and reward (0 or 1) of every attempt that has a reward.
         """
         for counts in self._counts.values():
-            counts[:] = [each * self._config.decay for each in counts]
+            counts[:] = [count * self._config.decay for count in counts]
         for task, reward in results:
             for bucket in {self._bucket(task), self._level(task)}:
                 self._counts[bucket][0] += reward
@@ -56,13 +56,13 @@ class Frontier:
     def rate(self, task: Task) -> float:
         """The posterior mean of the success rate of the task's bucket."""
         strength = sum(self._config.prior)
-        whole = self._posterior(self._level(task), self._config.prior[0], strength)
+        level_rate = self._posterior(self._level(task), self._config.prior[0], strength)
         if self._bucket(task) == self._level(task):
-            return whole
-        return self._posterior(self._bucket(task), whole * strength, strength)
+            return level_rate
+        return self._posterior(self._bucket(task), level_rate * strength, strength)
 
     def weight(self, task: Task) -> float:
-        """How much the task is preferred, from the floor to 1."""
+        """The task's weight in the draw, from the floor to 1."""
         rate, floor = self.rate(task), self._config.floor
         return floor + (1 - floor) * 4 * rate * (1 - rate)
 
@@ -71,11 +71,11 @@ class Frontier:
         return np.array([self.weight(task) for task in stratum.tasks])
 
     def state(self) -> dict[str, Any]:
-        """All that it knows, for JSON."""
+        """The state as JSON-compatible data."""
         return {bucket: list(counts) for bucket, counts in sorted(self._counts.items())}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from where another stood."""
+        """Replace the state by one from :meth:`state`."""
         self._counts.clear()
         self._counts.update({bucket: list(counts) for bucket, counts in state.items()})
 

@@ -1,4 +1,4 @@
-"""From a draw of the replay to saved weights: samples, update, save."""
+"""Turns a draw from the replay buffer into saved weights."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from webgym.train.update import Updater
 
 
 class Learner:
-    """Learns in this process; weights and optimizer stay in memory from iteration to iteration.
+    """Trains in this process; weights and optimizer stay in memory between iterations.
 
     Args:
         config: replay, objective, update.
-        objective: what for.
+        objective: the training objective.
     """
 
     def __init__(self, config: LearnConfig, objective: Objective) -> None:
         self._config = config
         self._objective = objective
         self._updater: Updater | None = None
-        self._made = 0
+        self._latest_saved = 0
 
     def learn(self, number: int, draw: ReplaySample, folder: TrainingFolder) -> Mapping[str, Any]:
-        """Train on what was drawn, and save the weights of this iteration.
+        """Train on drawn steps, and save the iteration's weights.
 
         Raises:
-            TrainingError: every step was dropped, or the loss is not a number.
+            TrainingError: every step was dropped, or the loss is not finite.
         """
         updater = self._ready(folder)
         objective, config = self._objective, self._config.update
@@ -53,14 +53,14 @@ class Learner:
             )
         report = updater.update(samples, passes=self._config.replay.passes)
         updater.save(folder.weights(number))
-        self._made = number
-        told = {"dropped": dict(dropped), "stored_tokens": maker.stored, "rebuilt_tokens": maker.rebuilt}
-        return {**msgspec.to_builtins(report), **told}
+        self._latest_saved = number
+        figures = {"dropped": dict(dropped), "stored_tokens": maker.stored, "rebuilt_tokens": maker.rebuilt}
+        return {**msgspec.to_builtins(report), **figures}
 
     def _ready(self, folder: TrainingFolder) -> Updater:
-        """The updater, at the newest weights on disk."""
+        """The updater, with the newest weights on disk."""
         latest = folder.latest_weights()
-        if self._updater is None or (latest and latest[0] != self._made):
+        if self._updater is None or (latest and latest[0] != self._latest_saved):
             self._updater = Updater(
                 self._config.update,
                 self._objective,
@@ -71,18 +71,18 @@ class Learner:
 
 
 def samples_of(draw: ReplaySample, folder: TrainingFolder, maker: SampleMaker) -> list[Sample]:
-    """The samples of all drawn steps that can be trained on, run by run."""
+    """The samples of all drawn steps that can be trained on."""
     by_run: dict[int, dict[str, list[StepRef]]] = {}
     for ref in draw.steps:
         by_run.setdefault(ref.iteration, {}).setdefault(ref.attempt_id, []).append(ref)
     samples: list[Sample] = []
-    for iteration, wanted in sorted(by_run.items()):
+    for iteration, attempts in sorted(by_run.items()):
         reader = RunReader(folder.run(iteration))
         steps: list[tuple[StepRef, Step]] = []
         for trajectory in reader.trajectories():
-            refs = wanted.get(trajectory.episode.attempt_id, ())
+            refs = attempts.get(trajectory.episode.attempt_id, ())
             steps += [(ref, trajectory.episode.steps[ref.index]) for ref in refs]
-        # As drawn, in whatever order attempts ended: the same draw gives the same update.
-        steps.sort(key=lambda each: each[0])
+        # Independent of the order in which attempts ended: the same draw gives the same update.
+        steps.sort(key=lambda pair: pair[0])
         samples += maker.make([(step, ref.advantage) for ref, step in steps], reader.image)
     return samples

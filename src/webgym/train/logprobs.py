@@ -1,7 +1,7 @@
-"""Log-probabilities of replies: samples to a padded batch, and one pass through the model.
+"""Log-probabilities of replies: batches of samples, and a forward pass through the model.
 
-Logits are computed where a reply token is predicted and nowhere else, a chunk at a time, and again in the
-backward pass: with a vocabulary of 150,000 they would otherwise need more memory than all else together.
+Logits are computed only where a reply token is predicted, in chunks, and recomputed in the backward pass:
+with a vocabulary of 150,000 they would otherwise need more memory than everything else together.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from webgym.train.samples import Sample
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Samples, padded on the right, and where their reply tokens are.
+    """Samples, padded on the right, and the positions of their reply tokens.
 
     Attributes:
         input_ids, attention_mask, mm_token_type_ids: (samples, longest), int64.
-        pixel_values, image_grid_thw: of all pictures; ``None`` if there is none.
+        pixel_values, image_grid_thw: of all pictures; ``None`` if there are none.
         rows, columns: (reply tokens), int64: the position whose hidden state predicts each of them.
         targets: (reply tokens), int64.
         temperature: (reply tokens), float32: logits are divided by it.
         advantage: (reply tokens), float32.
-        behaviour: (reply tokens), float32; ``None`` unless every sample has them.
-        lengths: reply tokens of each sample.
+        behaviour: (reply tokens), float32: log-probabilities when sampled; ``None`` unless requested.
+        lengths: number of reply tokens of each sample.
     """
 
     input_ids: torch.Tensor
@@ -48,7 +48,7 @@ class Batch:
     lengths: list[int]
 
     def to(self, device: torch.device) -> Batch:
-        """The same on a device."""
+        """A copy on a device."""
         moved = {
             name: value.to(device)
             for name in self.__dataclass_fields__
@@ -58,13 +58,13 @@ class Batch:
 
 
 def collate(samples: Sequence[Sample], renderer: Renderer, *, off_policy: bool) -> Batch:
-    """A batch of samples; their pictures are read, resized and cut into patches here.
+    """Make a batch of samples. This reads their pictures, resizes them and cuts them into patches.
 
     Args:
         samples: at least one.
         renderer: of the model.
-        off_policy: importance weights are wanted, so that log-probabilities must be of the distribution that
-            was sampled from: at its temperature. Else they are the model's own, at temperature 1.
+        off_policy: whether the objective needs importance weights: log-probabilities are then computed at
+            the temperature that replies were sampled with, otherwise at temperature 1.
     """
     longest = max(map(len, samples))
     ids = torch.full((len(samples), longest), renderer.pad_id, dtype=torch.int64)
@@ -72,41 +72,41 @@ def collate(samples: Sequence[Sample], renderer: Renderer, *, off_policy: bool) 
     rows: list[int] = []
     columns: list[int] = []
     for row, sample in enumerate(samples):
-        prompt, whole = len(sample.prompt_ids), len(sample)
-        ids[row, :whole] = torch.cat([sample.prompt_ids, sample.reply_ids])
-        mask[row, :whole] = 1
-        rows += [row] * (whole - prompt)
-        columns += range(prompt - 1, whole - 1)
+        prompt, length = len(sample.prompt_ids), len(sample)
+        ids[row, :length] = torch.cat([sample.prompt_ids, sample.reply_ids])
+        mask[row, :length] = 1
+        rows += [row] * (length - prompt)
+        columns += range(prompt - 1, length - 1)
     lengths = [len(sample.reply_ids) for sample in samples]
-    pixels = [made for sample in samples if (made := sample.pixels(renderer)) is not None]
+    pixels = [sample_pixels for sample in samples if (sample_pixels := sample.pixels(renderer)) is not None]
     logprobs = [sample.logprobs for sample in samples if sample.logprobs is not None]
     return Batch(
         input_ids=ids,
         attention_mask=mask,
         mm_token_type_ids=(ids == renderer.image_id).long() * mask,
-        pixel_values=torch.cat([each.values for each in pixels]) if pixels else None,
-        image_grid_thw=torch.cat([each.grid for each in pixels]) if pixels else None,
+        pixel_values=torch.cat([part.values for part in pixels]) if pixels else None,
+        image_grid_thw=torch.cat([part.grid for part in pixels]) if pixels else None,
         rows=torch.tensor(rows),
         columns=torch.tensor(columns),
         targets=torch.cat([sample.reply_ids for sample in samples]).long(),
-        temperature=_each([sample.temperature if off_policy else 1.0 for sample in samples], lengths),
-        advantage=_each([sample.advantage for sample in samples], lengths),
+        temperature=_per_token([sample.temperature if off_policy else 1.0 for sample in samples], lengths),
+        advantage=_per_token([sample.advantage for sample in samples], lengths),
         behaviour=torch.cat(logprobs) if off_policy else None,
         lengths=lengths,
     )
 
 
-def _each(values: Sequence[float], lengths: Sequence[int]) -> torch.Tensor:
+def _per_token(values: Sequence[float], lengths: Sequence[int]) -> torch.Tensor:
     return torch.repeat_interleave(torch.tensor(values), torch.tensor(lengths))
 
 
 class ReplyLogProbs(nn.Module):
-    """A policy as a function from a batch to the log-probability of each reply token.
+    """A model that returns the log-probability of each reply token of a batch.
 
     Args:
         policy: a transformers image-text-to-text model, bare or with adapters.
-        chunk: reply tokens whose logits are in memory at once.
-        bf16: compute in bfloat16 where that is safe (autocast).
+        chunk: number of reply tokens whose logits are in memory at once.
+        bf16: compute in bfloat16 where autocast considers it safe.
     """
 
     def __init__(self, policy: nn.Module, chunk: int, *, bf16: bool = False) -> None:
@@ -114,15 +114,15 @@ class ReplyLogProbs(nn.Module):
         self.policy = policy
         self._bf16 = bf16
         self._chunk = chunk
-        self._no_split_modules = getattr(policy, "_no_split_modules", None)  # what FSDP wraps, layer by layer
+        self._no_split_modules = getattr(policy, "_no_split_modules", None)  # the layers that FSDP wraps
 
     def forward(self, batch: Batch, *, ranked: bool = False) -> torch.Tensor:
-        """(reply tokens), float32, with gradients where they are enabled.
+        """Log-probabilities, (reply tokens), float32, with gradients if they are enabled.
 
         Args:
             batch: of samples.
-            ranked: give the two likeliest tokens in place of each reply token instead: (reply tokens, 2, 2),
-                their log-probabilities and their ids.
+            ranked: return the two likeliest tokens at each reply token instead: (reply tokens, 2, 2), their
+                log-probabilities and their ids.
         """
         device = batch.input_ids.device
         with torch.autocast(device.type, torch.bfloat16, enabled=self._bf16), fast_backward_attention(device):
@@ -144,7 +144,7 @@ class ReplyLogProbs(nn.Module):
             best = head(hidden).float().log_softmax(-1).topk(2)
             return torch.stack([best.values, best.indices.float()], dim=1)
         pieces = zip(
-            *(each.split(self._chunk) for each in (hidden, batch.targets, batch.temperature)), strict=True
+            *(tensor.split(self._chunk) for tensor in (hidden, batch.targets, batch.temperature)), strict=True
         )
         return torch.cat([checkpoint(_logprobs, head, *piece, use_reentrant=False) for piece in pieces])
 

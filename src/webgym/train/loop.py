@@ -1,15 +1,15 @@
-"""The loop (paper §5): sample tasks, roll out, judge, replay, update, publish; evaluate now and then.
+"""The training loop (paper §5): sample tasks, collect, judge, replay, update, publish; sometimes evaluate.
 
     async with open_training(config, Path("training/first")) as training:
         await training.run()
 
-Every stage of an iteration ends by writing a file (:mod:`webgym.train.folder`), and what is on disk says
-what is next: a training that was killed anywhere goes on there, and neither repeats nor loses an attempt.
+Every stage of an iteration ends by writing a file (:mod:`webgym.train.folder`), from which the next stage
+follows: an interrupted training continues at the same stage and neither repeats nor loses an attempt.
 
-With ``loop.staleness`` 0, the default, iteration n is collected by the weights of iteration n - 1 and
-nothing overlaps, as in the paper. With s it may begin while up to s earlier iterations still wait for their
-update: the machines that collect never stand still, and the newest of what is trained on is at most s updates
-old.
+With ``loop.staleness`` 0, the default, iteration n is collected with the weights of iteration n - 1 and
+nothing overlaps, as in the paper. With s, collection may start while up to s earlier iterations still wait
+for their
+update: collecting never pauses, and the newest steps that are trained on are at most s updates old.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from webgym.settings import Section
 from webgym.tasks.sampling import Sampler, SamplerConfig
 from webgym.tasks.split import refuse_leaks
 from webgym.train.config import LearnConfig
-from webgym.train.figures import figures_of, rates_of, told_iteration, told_success
+from webgym.train.figures import figures_of, iteration_line, rates_of, success_line
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.frontier import Frontier
 from webgym.train.progress import TrainingProgress
@@ -55,94 +55,93 @@ Track: TypeAlias = Callable[[Mapping[str, Any]], None]
 
 
 class LoopConfig(Section):
-    """How the stages follow each other."""
+    """Settings of the training loop."""
 
     iterations: int = Field(default=30, ge=1)
-    """In all."""
+    """Total number of iterations."""
 
     tasks: int = Field(default=1024, ge=1)
-    """Drawn for an iteration (paper §5: 512 or, better, 1,024)."""
+    """Tasks drawn for an iteration (paper §5: 512 or, better, 1,024)."""
 
     staleness: int = Field(default=0, ge=0)
-    """How many updates the collection of an iteration may run ahead of; 0 for the paper's synchronous
-    loop."""
+    """Most updates by which collection may run ahead; 0 for the paper's synchronous loop."""
 
     evaluate_every: int = Field(default=5, ge=0)
-    """Evaluate after so many iterations, before the first and after the last; 0 for never."""
+    """Evaluate every this many iterations, and before the first and after the last; 0 for never."""
 
     keep_weights: int = Field(default=2, ge=1)
-    """Weights of so many iterations stay on disk; the newest always does."""
+    """Number of newest iterations whose weights stay on disk."""
 
     give_up_after: int = Field(default=5, ge=1)
-    """Stop after so many iterations in a row without anything to train on."""
+    """Stop after this many iterations in a row with nothing to train on."""
 
 
 class EvaluationConfig(Section):
-    """What is evaluated on. The same tasks every time, so that evaluations can be compared."""
+    """Settings of evaluations. Their tasks are always the same, so that results can be compared."""
 
     count: int | None = Field(default=None, ge=1)
-    """Test tasks, drawn by the seed; ``None`` takes all."""
+    """Number of test tasks, drawn at random; ``None`` for all."""
 
     samples: int = Field(default=1, ge=1)
     """Attempts per task."""
 
     budget: tuple[int, int, int] = (30, 50, 70)
-    """Steps for easy, medium and hard tasks (paper §5)."""
+    """Step budgets of easy, medium and hard tasks (paper §5)."""
 
     seed: int = 0
-    """Of the draw and of the attempts."""
+    """Seed of the draw and of the attempts."""
 
 
 class TrainConfig(Section):
-    """A whole training, resolved; ``config.yaml`` in its folder holds it. No secrets."""
+    """The config of a training, stored in resolved form as ``config.yaml`` in its folder. No secrets."""
 
     seed: int = 0
-    """Of tasks, attempts and draws from the replay."""
+    """Seed of the draws of tasks and steps, and of the attempts."""
 
     learn: LearnConfig
     """From judged trajectories to weights."""
 
     rollout: RunConfig = RunConfig()
-    """How trajectories are collected and judged. Its policy is the model that learns."""
+    """How trajectories are collected and judged. The policy is the trained model."""
 
     sampler: SamplerConfig = SamplerConfig()
     """Which training tasks are drawn."""
 
     loop: LoopConfig = LoopConfig()
-    """How the stages follow each other."""
+    """The training loop."""
 
     evaluation: EvaluationConfig = EvaluationConfig()
-    """What is evaluated on."""
+    """The evaluations."""
 
     trackers: tuple[TrackerName, ...] = ("tensorboard",)
-    """Who gets the figures of each iteration beside ``metrics.jsonl``: ``tensorboard``, ``wandb``."""
+    """Trackers that get the figures of each iteration: ``tensorboard``, ``wandb``."""
 
     project: str = "webgym"
-    """In Weights & Biases."""
+    """Project name in Weights & Biases."""
 
     local: LocalConfig | None = None
-    """The model in this process that collects; by default :attr:`LearnConfig.model` as it is."""
+    """The model in this process that collects; by default :attr:`LearnConfig.model`."""
 
     vllm: VllmConfig | None = None
-    """A vLLM server in place of that: started here, or running already."""
+    """A vLLM server that collects instead: started here, or running already."""
 
     @model_validator(mode="after")
-    def _replies_once(self) -> TrainConfig:
+    def _check_serving(self) -> TrainConfig:
         if self.local is not None and self.vllm is not None:
-            raise ValueError("either local or vllm replies, not both")
+            raise ValueError("set either local or vllm, not both")
         return self
 
 
 class Learns(Protocol):
-    """What turns steps into weights: :class:`webgym.train.learner.Learner`."""
+    """Trains weights on steps; implemented by :class:`webgym.train.learner.Learner`."""
 
     def learn(self, number: int, draw: ReplaySample, folder: TrainingFolder) -> Mapping[str, Any]:
-        """Train on a draw and save the weights; what that did. Blocks."""
+        """Train on a draw and save the weights; returns figures of the update. Blocks."""
         ...
 
 
 class Attempts(Protocol):
-    """What makes runs: :func:`make_run`."""
+    """Collects runs; implemented by :func:`make_run`."""
 
     async def __call__(
         self,
@@ -153,14 +152,14 @@ class Attempts(Protocol):
         secrets: Secrets,
         show: Show | None,
     ) -> Summary:
-        """A run folder with all attempts in it, begun or gone on with."""
+        """Collect a run, or resume it if it exists."""
         ...
 
 
 async def make_run(
     out: Path, config: RunConfig, tasks: Sequence[Task], policy: Policy, secrets: Secrets, show: Show | None
 ) -> Summary:
-    """Make a run, or resume the one that is there."""
+    """Collect a run, or resume it if it exists."""
     if (out / CONFIG).exists():
         return await resume(out, policy=policy, server=config.server, secrets=secrets, show=show)
     return await collect(config, out, tasks=tasks, policy=policy, secrets=secrets, show=show)
@@ -172,21 +171,21 @@ class Training:
     Args:
         config: everything.
         folder: where.
-        tasks: the whole task set; test tasks are evaluated on and never trained on.
-        serving: who replies.
-        learner: who learns.
-        replay: what is learned from.
+        tasks: the whole task set; test tasks are used for evaluation only.
+        serving: serves the policy.
+        learner: trains the weights.
+        replay: selects the steps to train on.
         where: browsers and websites.
         secrets: of those.
-        show: shows the progress of a run.
-        tell: is told, a line at a time, what a person should know.
-        attempts: makes the runs.
+        show: shows the progress of each run.
+        tell: called with each line that the user should read, such as a warning.
+        attempts: collects the runs.
 
     Attributes:
-        progress: how far it is.
+        progress: of the training.
 
     Raises:
-        ConfigError: the tasks have no training split, or training tasks give test tasks away.
+        ConfigError: the tasks have no training split, or training tasks leak test tasks.
     """
 
     def __init__(
@@ -232,29 +231,29 @@ class Training:
             )
         refuse_leaks(self._sampler.selected.tasks, self._test)
         self.progress = TrainingProgress(config.loop.iterations)
-        self._moved = asyncio.Condition()
+        self._advanced = asyncio.Condition()
         self._published = 0
         self._finished = 0
-        self._empty = 0
+        self._empty_iterations = 0
 
     def use(self, where: ServerChoice, secrets: Secrets, track: Track) -> None:
-        """Use what was started after the training was made.
+        """Set the services, which start after this object is created.
 
         Args:
             where: browsers and websites.
             secrets: of those.
-            track: is given each finished iteration's row of ``metrics.jsonl``.
+            track: called with each finished iteration's row of ``metrics.jsonl``.
         """
         self._rollout = self._rollout.model_copy(update={"server": where})
         self._secrets, self._track = secrets, track
 
     async def run(self) -> list[dict[str, Any]]:
-        """Run what is left; one row of figures per iteration when this returns.
+        """Run the remaining iterations, and return a row of figures for every iteration.
 
         Raises:
-            ExceptionGroup: of the first error that training cannot continue with.
+            ExceptionGroup: holds the error that stopped the training.
         """
-        self._recall()
+        self._restore()
         async with asyncio.TaskGroup() as group:
             watch = group.create_task(self._serving.watch())
             await self._begin()
@@ -274,17 +273,17 @@ class Training:
                 await self._evaluate(0)
         self.progress.begin(self._finished)
 
-    def _recall(self) -> None:
-        """What finished iterations left: the sampler's place, the replay's steps, how far everything is."""
+    def _restore(self) -> None:
+        """Restore the state of sampler, frontier, replay and progress from finished stages."""
         if evaluated := self.folder.evaluations():
-            self.progress.evaluated = told_success(evaluated[max(evaluated)])
+            self.progress.evaluated = success_line(evaluated[max(evaluated)])
         last = self.config.loop.iterations
         for number in range(1, last + 1):
             if self.folder.is_past(number, Stage.SAMPLE):
-                stood = self.folder.figures(number, Stage.SAMPLE)
-                self._sampler.restore(stood["sampler"])
+                sampled = self.folder.figures(number, Stage.SAMPLE)
+                self._sampler.restore(sampled["sampler"])
                 if self._frontier is not None:
-                    self._frontier.restore(stood["frontier"])
+                    self._frontier.restore(sampled["frontier"])
                 if self.folder.is_past(number, Stage.COLLECT):
                     self._take_results(number)
             if self.folder.is_past(number, Stage.REPLAY):
@@ -307,12 +306,12 @@ class Training:
             await self._until(partial(self._may_collect, number))
             if not self.folder.is_past(number, Stage.SAMPLE):
                 tasks = self._sampler.draw(config.tasks)
-                known = self._frontier.state() if self._frontier is not None else {}
-                stands = {"sampler": self._sampler.state(), "frontier": known}
-                self.folder.write_sample(number, tasks, stands)
+                frontier = self._frontier.state() if self._frontier is not None else {}
+                sampler_state = {"sampler": self._sampler.state(), "frontier": frontier}
+                self.folder.write_sample(number, tasks, sampler_state)
             await self._collect(number)
             await asyncio.to_thread(self._take_results, number)
-            await self._say_moved()
+            await self._notify_advanced()
 
     def _may_collect(self, number: int) -> bool:
         staleness = self.config.loop.staleness
@@ -327,17 +326,17 @@ class Training:
             summary = await self._attempt(self.folder.run(number), config, self.folder.tasks(number))
             figures = await asyncio.to_thread(figures_of, RunReader(self.folder.run(number)), summary)
             self.folder.finish(number, Stage.COLLECT, figures | {"seconds": time.monotonic() - started})
-        self.progress.collected = told_success(figures)
+        self.progress.collected = success_line(figures)
 
     def _take_results(self, number: int) -> None:
-        """Tell the frontier what an iteration's attempts came to."""
+        """Add the rewards of an iteration to the frontier."""
         if self._frontier is None:
             return
         run = RunReader(self.folder.run(number))
         self._frontier.take(
-            (run.tasks[each.episode.task_id], float(each.outcome is Outcome.SUCCESS))
-            for each in run.trajectories()
-            if each.outcome.is_rewarded
+            (run.tasks[trajectory.episode.task_id], float(trajectory.outcome is Outcome.SUCCESS))
+            for trajectory in run.trajectories()
+            if trajectory.outcome.is_rewarded
         )
 
     async def _attempt(self, out: Path, config: RunConfig, tasks: Sequence[Task]) -> Summary:
@@ -361,11 +360,11 @@ class Training:
                 if self._is_evaluated(number):
                     await self._evaluate(number)
             self._finish(number, seconds)
-            await self._say_moved()
+            await self._notify_advanced()
 
     @contextmanager
     def _timed(self, number: int, stage: str, seconds: dict[str, float]) -> Iterator[None]:
-        """A stage of learning: whoever watches sees it, and its wall time is kept."""
+        """Show a stage in the progress, and store its wall time."""
         started = time.monotonic()
         with self.progress.stage(number, stage):
             yield
@@ -383,17 +382,17 @@ class Training:
         if self.folder.is_past(number, Stage.UPDATE):
             return
         if draw.steps:
-            told = await asyncio.to_thread(self._learner.learn, number, draw, self.folder)
-            self._empty = 0
+            figures = await asyncio.to_thread(self._learner.learn, number, draw, self.folder)
+            self._empty_iterations = 0
         else:
-            told = {}
-            self._empty += 1
-            self._tell(f"iteration {number}: there is nothing to train on yet; the weights stay as they are")
-        self.folder.finish(number, Stage.UPDATE, told)
-        if self._empty >= self.config.loop.give_up_after:
+            figures = {}
+            self._empty_iterations += 1
+            self._tell(f"iteration {number}: there is nothing to train on yet; the weights do not change")
+        self.folder.finish(number, Stage.UPDATE, figures)
+        if self._empty_iterations >= self.config.loop.give_up_after:
             raise TrainingError(
-                f"{self._empty} iterations in a row had nothing to train on: no attempt succeeded",
-                hint="begin with easier tasks or a better model; what was collected is kept",
+                f"{self._empty_iterations} iterations in a row had nothing to train on: no attempt succeeded",
+                hint="start with easier tasks or a better model; what was collected is kept",
             )
 
     async def _publish(self, number: int) -> None:
@@ -402,8 +401,8 @@ class Training:
                 await self._serving.publish(self.folder.weights(number), str(number))
                 self._replay.publish(str(number))
             self._published = number
-            await self._say_moved()
-        # Not before: until then the weights that are served may be needed again.
+            await self._notify_advanced()
+        # Only now: until then the previously served weights may be needed.
         self.folder.prune_weights(self.config.loop.keep_weights)
 
     def _is_evaluated(self, number: int) -> bool:
@@ -430,10 +429,10 @@ class Training:
             min(config.count or len(self._test), len(self._test))
         )
         summary = await self._attempt(out, run, tasks)
-        found = rates_of(summary)
-        self.folder.write_evaluation(number, found)
-        self.progress.evaluated = told_success(found)
-        self._tell(f"evaluation after iteration {number}: {told_success(found)}")
+        rates = rates_of(summary)
+        self.folder.write_evaluation(number, rates)
+        self.progress.evaluated = success_line(rates)
+        self._tell(f"evaluation after iteration {number}: {success_line(rates)}")
 
     def _finish(self, number: int, seconds: Mapping[str, float]) -> None:
         collected = self.folder.figures(number, Stage.COLLECT)
@@ -449,7 +448,7 @@ class Training:
         newest = self.folder.write_metrics()[-1]
         self._finished = number
         self.progress.finish()
-        self._tell(told_iteration(newest, self.progress))
+        self._tell(iteration_line(newest, self.progress))
         self._track(newest)
 
     def _trajectories_before(self, number: int) -> int:
@@ -460,9 +459,9 @@ class Training:
     # --- waiting ------------------------------------------------------------------------------------------
 
     async def _until(self, holds: Callable[[], bool]) -> None:
-        async with self._moved:
-            await self._moved.wait_for(holds)
+        async with self._advanced:
+            await self._advanced.wait_for(holds)
 
-    async def _say_moved(self) -> None:
-        async with self._moved:
-            self._moved.notify_all()
+    async def _notify_advanced(self) -> None:
+        async with self._advanced:
+            self._advanced.notify_all()

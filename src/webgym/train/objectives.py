@@ -1,14 +1,14 @@
-"""What training maximises: one extension point, and the objectives behind it.
+"""Training objectives, which are an extension point.
 
-An objective says three things, and everything else is the same for all of them:
+An objective determines three things; everything else is common to all objectives:
 
-1. which judged trajectories are trained on, and how strongly (:meth:`Objective.advantages`);
+1. which judged trajectories are trained on, and their weights (:meth:`Objective.advantages`);
 2. how old they may be (:attr:`Objective.max_age`), and whether the log-probabilities of the policy that
    sampled them are needed (:attr:`Objective.off_policy`);
 3. the loss of each reply token (:meth:`Objective.loss`).
 
-Tokens of a batch come as flat vectors. The update sums the loss over all reply tokens of the effective batch
-and divides by their number, however they lie on processes and micro-batches.
+The tokens of a batch are flat vectors. The update sums the loss over all reply tokens of the effective batch
+and divides by their number, however they are distributed over processes and micro-batches.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from webgym.train.config import ObjectiveConfig
 
 
 class Attempt(msgspec.Struct, frozen=True):
-    """A judged trajectory, as far as an objective looks at it.
+    """A judged trajectory, as seen by an objective.
 
     Attributes:
-        id: unique in its iteration.
-        task_id: attempts at the same task are a group.
+        id: unique in the iteration.
+        task_id: attempts at the same task form a group.
         reward: 0 or 1.
     """
 
@@ -49,8 +49,8 @@ class Tokens:
     Attributes:
         new: log-probabilities under the weights that are being trained; carries gradients.
         advantage: of the step that a token belongs to.
-        behaviour: log-probabilities when the token was sampled; ``None`` unless asked for.
-        proximal: log-probabilities under the weights at the start of the update; ``None`` unless asked for.
+        behaviour: log-probabilities when the token was sampled; ``None`` unless ``off_policy`` is set.
+        proximal: log-probabilities under the weights at the start of the update; ``None`` likewise.
     """
 
     new: torch.Tensor
@@ -61,7 +61,7 @@ class Tokens:
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """The loss of each token, and sums over tokens for the log (each is divided by the number of tokens)."""
+    """The loss of each token, and sums over tokens for the log, which are divided by the number of tokens."""
 
     tokens: torch.Tensor
     sums: dict[str, torch.Tensor] = field(default_factory=dict)
@@ -69,7 +69,7 @@ class Loss:
 
 @runtime_checkable
 class Objective(Protocol):
-    """What training maximises."""
+    """A training objective."""
 
     @property
     def off_policy(self) -> bool:
@@ -78,14 +78,14 @@ class Objective(Protocol):
 
     @property
     def max_age(self) -> int | None:
-        """How many updates older than the newest weights those may be that made a step; ``None`` for any."""
+        """Most updates by which a step's weights may be older than the newest; ``None`` for any number."""
         ...
 
     def advantages(self, attempts: Iterable[Attempt]) -> Mapping[str, float]:
-        """The advantage of each trajectory that is trained on, by attempt id; the others are left out.
+        """The advantage of each trajectory that is trained on, by attempt id; others are omitted.
 
         Args:
-            attempts: of one iteration, all that carry a reward.
+            attempts: all attempts of an iteration that have a reward.
         """
         ...
 
@@ -95,17 +95,17 @@ class Objective(Protocol):
 
 
 class FilteredBC(Settings):
-    """The paper's objective (§5): the likelihood of what was done in successful trajectories, nothing else.
+    """The paper's objective (§5): the likelihood of the actions in successful trajectories.
 
-    REINFORCE with a 0/1 reward and no baseline: failures have weight 0, so no gradient is ever negative. The
-    log-likelihood of a reply is the sum over its tokens, so every token counts alike.
+    REINFORCE with a 0/1 reward and no baseline: failures have weight 0. The
+    log-likelihood of a reply is the sum over its tokens, so every token has the same weight.
     """
 
     off_policy: ClassVar[bool] = False
     max_age: ClassVar[int | None] = None
 
     def advantages(self, attempts: Iterable[Attempt]) -> Mapping[str, float]:
-        """1 for a success."""
+        """1 for every success."""
         return {attempt.id: 1.0 for attempt in attempts if attempt.reward == 1}
 
     def loss(self, tokens: Tokens) -> Loss:
@@ -116,10 +116,10 @@ class FilteredBC(Settings):
 class GroupIS(Settings):
     """Groups with a baseline, trained on off-policy (AsyncWebRL, arXiv 2606.05597).
 
-    Attempts at one task in one iteration are a group. The advantage of an attempt is its reward less the
-    group's mean, over a constant: dividing by the number of steps instead would make each step of a short
-    success weigh more than one of a long failure. Groups that all pass or all fail say nothing and are left
-    out, and with them every task that was attempted once.
+    The attempts at a task in an iteration form a group. The advantage of an attempt is its reward minus the
+    group's mean, divided by a constant: dividing by the number of steps instead would give each step of a
+    short success more weight than a step of a long failure. Groups whose attempts all pass or all fail carry
+    no signal and are left out, and so is every task that was attempted only once.
 
     The loss is the clipped surrogate against the proximal policy (the weights at the start of the update),
     times the importance weight of the proximal over the behaviour policy, which sampled the tokens: trust
@@ -129,36 +129,38 @@ class GroupIS(Settings):
     off_policy: ClassVar[bool] = True
 
     clip: float = Field(default=0.2, gt=0)
-    """The ratio of new to proximal counts within 1 - clip and 1 + clip."""
+    """The ratio of new to proximal probability is clipped to 1 - clip and 1 + clip."""
 
     dual_clip: float = Field(default=3.0, gt=1)
-    """A token of negative advantage costs at most this many times the advantage, however likely it became."""
+    """Most loss of a token with negative advantage, as a multiple of the advantage."""
 
     largest_weight: float = Field(default=5.0, gt=1)
-    """Tokens whose importance weight is larger are left out."""
+    """Tokens with a larger importance weight are left out."""
 
     step_divisor: float = Field(default=10.0, gt=0)
     """The constant that advantages are divided by."""
 
     staleness: int = Field(default=2, ge=0)
-    """How many updates older than the newest weights those may be that made a step."""
+    """Most updates by which a step's weights may be older than the newest."""
 
     @property
     def max_age(self) -> int | None:
-        """As set."""
+        """The value of :attr:`staleness`."""
         return self.staleness
 
     def advantages(self, attempts: Iterable[Attempt]) -> Mapping[str, float]:
-        """Reward less the group's mean, over the constant; nothing for groups without a difference."""
+        """Reward minus the group's mean, divided by the constant; none for groups with equal rewards."""
         groups: defaultdict[str, list[Attempt]] = defaultdict(list)
         for attempt in attempts:
             groups[attempt.task_id].append(attempt)
-        found: dict[str, float] = {}
+        advantages_by_id: dict[str, float] = {}
         for group in groups.values():
             mean = sum(attempt.reward for attempt in group) / len(group)
             if len({attempt.reward for attempt in group}) > 1:
-                found |= {attempt.id: (attempt.reward - mean) / self.step_divisor for attempt in group}
-        return found
+                advantages_by_id |= {
+                    attempt.id: (attempt.reward - mean) / self.step_divisor for attempt in group
+                }
+        return advantages_by_id
 
     def loss(self, tokens: Tokens) -> Loss:
         """The decoupled, clipped surrogate."""
@@ -185,23 +187,23 @@ OBJECTIVES: Final = {"filtered_bc": FilteredBC, "group_is": GroupIS}
 
 
 def make_objective(config: ObjectiveConfig) -> Objective:
-    """The objective that settings name: one of :data:`OBJECTIVES`, or ``module:attribute``.
+    """Create the configured objective: one of :data:`OBJECTIVES`, or ``module:attribute``.
 
-    What an import path leads to is called with the options and must give an :class:`Objective`.
+    The imported attribute is called with the options and must return an :class:`Objective`.
 
     Raises:
-        ConfigError: there is none of this name, or it does not take these options.
+        ConfigError: there is no such objective, or it does not accept the options.
     """
     maker: Any = OBJECTIVES.get(config.name) or _imported(config.name)
     try:
         made = maker(**config.options)
     except (ValidationError, TypeError) as error:
-        said = first_problem(error, maker) if isinstance(error, ValidationError) else str(error)
-        raise ConfigError(f"the objective {config.name} does not take its options: {said}") from error
+        reason = first_problem(error, maker) if isinstance(error, ValidationError) else str(error)
+        raise ConfigError(f"the objective {config.name} does not take its options: {reason}") from error
     if not isinstance(made, Objective):
         raise ConfigError(
             f"{config.name} is not an objective",
-            hint="see webgym.train.objectives.Objective for what one has",
+            hint="see webgym.train.objectives.Objective for the interface",
         )
     return made
 

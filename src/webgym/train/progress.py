@@ -1,4 +1,4 @@
-"""The progress of a training: written by the loop, read by its displays."""
+"""The progress of a training, which the loop updates and displays read."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from dataclasses import dataclass, field
 
 @dataclass
 class TrainingProgress:
-    """How far a training is.
+    """The progress of a training.
 
     Attributes:
-        iterations: wanted.
-        finished: behind it, those of earlier sessions included.
-        doing: what is under way, by iteration: "collect", "update", ...; two at once where they overlap.
-        collected: success of the newest iteration that was collected, for people.
-        evaluated: success of the newest evaluation, for people.
+        iterations: number of planned iterations.
+        finished: number of finished iterations, including earlier sessions.
+        doing: current stages ("collect", "update", ...) by iteration; several if iterations overlap.
+        collected: a line about the success of the newest collected iteration.
+        evaluated: a line about the success of the newest evaluation.
     """
 
     iterations: int
@@ -26,16 +26,16 @@ class TrainingProgress:
     collected: str = ""
     evaluated: str = ""
     _started: float = field(default_factory=time.monotonic)
-    _finished_here: int = 0
+    _finished_in_session: int = 0
 
     def begin(self, finished: int) -> None:
-        """The iterations of this session begin."""
+        """Start counting this session's iterations."""
         self.finished = finished
-        self._started, self._finished_here = time.monotonic(), 0
+        self._started, self._finished_in_session = time.monotonic(), 0
 
     @contextmanager
     def stage(self, number: int, name: str) -> Iterator[None]:
-        """While an iteration is in a stage."""
+        """Show an iteration as in a stage for the duration of the block."""
         self.doing[number] = name
         try:
             yield
@@ -43,14 +43,14 @@ class TrainingProgress:
             self.doing.pop(number, None)
 
     def finish(self) -> None:
-        """An iteration is finished."""
+        """Count a finished iteration."""
         self.finished += 1
-        self._finished_here += 1
+        self._finished_in_session += 1
 
     @property
     def seconds_left(self) -> float | None:
-        """How long the rest takes at this session's pace; ``None`` before an iteration is finished."""
-        if not self._finished_here:
+        """Estimated remaining seconds at this session's rate; ``None`` before an iteration is finished."""
+        if not self._finished_in_session:
             return None
-        here = time.monotonic() - self._started
-        return (self.iterations - self.finished) * here / self._finished_here
+        elapsed = time.monotonic() - self._started
+        return (self.iterations - self.finished) * elapsed / self._finished_in_session

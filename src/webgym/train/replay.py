@@ -1,28 +1,28 @@
-"""Which steps are trained on (paper §5, appendix F), rule by rule, with counts of what each rule left out.
+"""The replay buffer: which steps are trained on (paper §5, appendix F), and what each rule left out.
 
     replay = Replay(ReplayConfig(), objective, seed=7)
     replay.add(0, RunReader(folder))   # after each iteration, with its trajectories
-    drawn = replay.draw()              # what the newest iteration trains on
+    drawn = replay.draw()              # the steps that the newest iteration trains on
 
 Rules, in this order:
 
 1. a trajectory without a reward (blocked, an error, cancelled) is never trained on;
-2. a trajectory to which the objective gives no advantage is left out (for the paper's: all but successes);
-3. a step after which the screenshot was the same is not reinforced (repetition penalty): it is left out,
-   unless its advantage is negative. A reply that held no action changes nothing, so it falls under this rule;
-   the answer, after which nobody looked, does not;
-4. a step that was used often enough is left out;
-5. where the objective bounds staleness, a step is left out if the weights that its reply names are by more
-   updates older than the newest ones, or were never published;
-6. iterations older than the last k are forgotten;
-7. of the rest, so many are drawn without replacement, each next one in proportion to its weight
+2. a trajectory to which the objective gives no advantage is left out (with the paper's: all but successes);
+3. a step after which the screenshot was unchanged is not reinforced (repetition penalty): it is left out,
+   unless its advantage is negative. This covers replies without a valid action, but not the answer, after
+   which there is no observation;
+4. a step that was used ``max_uses`` times is left out;
+5. if the objective bounds staleness, a step is left out if the weights named in its reply are too old, or
+   were never published;
+6. iterations older than the last k are dropped;
+7. from the rest, ``steps`` steps are drawn without replacement, in proportion to the weight
 
        w(a) = ((k - a) / k) ** p        a: age in iterations, newest 0;  k = 4;  p = 2
 
-   that is 1, 0.56, 0.25, 0.06. It is the authors' weight, the power of a step's place in the order of
-   collection, for iterations of equal size; it falls towards 0 where a step is forgotten anyway.
+   that is 1, 0.56, 0.25, 0.06. For iterations of equal size this is the authors' weight, a power of a step's
+   rank in the order of collection.
 
-The same seed, settings and trajectories give the same draw, whatever order the trajectories ended in.
+The same seed, settings and trajectories give the same draw, regardless of the order in which they ended.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from webgym.train.objectives import Attempt, Objective
 
 
 class Judged(Protocol):
-    """What an iteration collected: a :class:`webgym.RunReader`, or anything that reads like one."""
+    """The trajectories of an iteration: a :class:`webgym.RunReader`, or an object like it."""
 
     @property
     def tasks(self) -> Mapping[str, Task]:
@@ -56,14 +56,14 @@ class Judged(Protocol):
 
 
 class StepRef(msgspec.Struct, frozen=True, order=True):
-    """A step that is trained on, by where it lies.
+    """A reference to a step that is trained on.
 
     Attributes:
-        iteration: that collected it.
+        iteration: in which it was collected.
         attempt_id: of its trajectory.
         index: in its trajectory, from 0.
-        advantage: what the objective gave its trajectory.
-        version: of the weights that made it, as its reply says; empty if it does not.
+        advantage: of its trajectory, from the objective.
+        version: of the policy's weights, as its reply records it; empty if unknown.
     """
 
     iteration: int
@@ -74,16 +74,16 @@ class StepRef(msgspec.Struct, frozen=True, order=True):
 
 
 class Counts(msgspec.Struct, frozen=True):
-    """What became of an iteration's trajectories, and of the steps of those that are trained on.
+    """Counts of an iteration's trajectories, and of the steps of those that are trained on.
 
     ``trajectories == unrewarded + left_out + kept`` and ``steps == unchanged + kept_steps``.
 
     Attributes:
-        trajectories: all that the iteration collected.
+        trajectories: all trajectories of the iteration.
         unrewarded: without a reward (rule 1).
         left_out: without an advantage (rule 2).
         kept: trained on.
-        steps: of those.
+        steps: all steps of the kept trajectories.
         unchanged: left out by the repetition penalty (rule 3).
         kept_steps: may be drawn.
     """
@@ -98,16 +98,16 @@ class Counts(msgspec.Struct, frozen=True):
 
 
 class ReplaySample(msgspec.Struct, frozen=True):
-    """What an iteration trains on.
+    """The steps that an iteration trains on.
 
     Attributes:
-        steps: each once; they are trained on :attr:`ReplayConfig.passes` times.
+        steps: listed once; they are trained on :attr:`ReplayConfig.passes` times.
         counts: of the newest iteration.
-        pool: steps that could be drawn, over all iterations.
-        used_up: steps that rule 4 left out, over all iterations.
-        stale: steps that rule 5 left out, over all iterations.
-        by_staleness: how many were drawn of weights so many updates old, where replies say.
-        by_age: how many were drawn of each age.
+        pool: number of steps that could be drawn, over all iterations.
+        used_up: number of steps that rule 4 left out, over all iterations.
+        stale: number of steps that rule 5 left out, over all iterations.
+        by_staleness: number of drawn steps by the age of their weights in updates, if known.
+        by_age: number of drawn steps by age in iterations.
     """
 
     steps: tuple[StepRef, ...]
@@ -123,7 +123,7 @@ def refuse_test_tasks(task: Task) -> None:
     """Refuse a task of the test split.
 
     Raises:
-        ConfigError: it is one.
+        ConfigError: the task is of the test split.
     """
     if task.split == "test":
         raise ConfigError(
@@ -132,13 +132,13 @@ def refuse_test_tasks(task: Task) -> None:
 
 
 class Replay:
-    """The steps of the last iterations. Light: it knows where steps lie, and holds none of them.
+    """A replay buffer of references to the steps of the last iterations.
 
     Args:
-        config: the rules' numbers.
-        objective: says which trajectories are trained on.
+        config: parameters of the rules.
+        objective: determines which trajectories are trained on.
         seed: of the draws.
-        guard: raises over a task that must not be trained on; asked for every task of every trajectory.
+        guard: called with the task of every trajectory; raises if it must not be trained on.
     """
 
     def __init__(
@@ -156,19 +156,20 @@ class Replay:
         self._pool: dict[int, list[StepRef]] = {}
         self._counts: dict[int, Counts] = {}
         self._uses: Counter[tuple[int, str, int]] = Counter()
-        self._versions = {"0": 0}  # of weights, to how many updates went before
+        self._versions = {"0": 0}  # number of earlier updates, by version of the weights
 
     @property
     def span(self) -> int:
-        """How many iterations are kept: as set, or fewer if the objective bears no older ones."""
+        """Number of iterations that are kept: the configured one, or fewer if the objective bounds
+        staleness."""
         oldest = self._objective.max_age
         return self._config.iterations if oldest is None else min(self._config.iterations, oldest + 1)
 
     def add(self, iteration: int, run: Judged) -> Counts:
-        """Take in what an iteration collected, and forget iterations that are too old.
+        """Add the steps of an iteration, and drop iterations that are too old.
 
         Args:
-            iteration: its number; the newest so far.
+            iteration: its number, above all earlier ones.
             run: its trajectories.
 
         Raises:
@@ -178,7 +179,9 @@ class Replay:
             raise ValueError(f"iteration {iteration} comes after {max(self._pool)}")
         trajectories = 0
         rewarded: list[Attempt] = []
-        steps: dict[str, tuple[int, list[int]]] = {}  # how many, and which of them changed nothing
+        steps: dict[
+            str, tuple[int, list[int]]
+        ] = {}  # number of steps, and indices of those that changed nothing
         versions: dict[str, list[str]] = {}
         for trajectory in run.trajectories():
             trajectories += 1
@@ -207,14 +210,14 @@ class Replay:
             unchanged=all_steps - len(refs),
             kept_steps=len(refs),
         )
-        for old in [each for each in self._pool if each <= iteration - self.span]:
+        for old in [number for number in self._pool if number <= iteration - self.span]:
             del self._pool[old]
         return self._counts[iteration]
 
     def draw(self) -> ReplaySample:
-        """Choose what the newest iteration trains on, and count it as used.
+        """Draw the steps that the newest iteration trains on, and count them as used.
 
-        An empty draw is no error: there is nothing to learn from yet.
+        The draw may be empty: there may be nothing to learn from yet.
 
         Raises:
             ValueError: no iteration was added.
@@ -222,20 +225,20 @@ class Replay:
         newest = max(self._pool)
         pool = [ref for iteration in sorted(self._pool) for ref in self._pool[iteration]]
         unused = [ref for ref in pool if self._may_be_used(ref)]
-        left = [ref for ref in unused if self._is_fresh(ref, newest)]
-        ages = np.array([newest - ref.iteration for ref in left])
+        candidates = [ref for ref in unused if self._is_fresh(ref, newest)]
+        ages = np.array([newest - ref.iteration for ref in candidates])
         weights = ((self.span - ages) / self.span) ** self._config.recency
         # Exponential keys over weights: the smallest keys are a weighted draw without replacement.
         rng = np.random.Generator(np.random.PCG64([self._seed, newest]))
-        keys = rng.exponential(size=len(left)) / weights
-        chosen = sorted(left[place] for place in np.argsort(keys)[: self._config.steps])
+        keys = rng.exponential(size=len(candidates)) / weights
+        chosen = sorted(candidates[index] for index in np.argsort(keys)[: self._config.steps])
         self.use(chosen)
         return ReplaySample(
             steps=tuple(chosen),
             counts=self._counts[newest],
-            pool=len(left),
+            pool=len(candidates),
             used_up=len(pool) - len(unused),
-            stale=len(unused) - len(left),
+            stale=len(unused) - len(candidates),
             by_staleness=dict(
                 sorted(
                     Counter(self._staleness(ref) for ref in chosen if ref.version in self._versions).items()
@@ -245,11 +248,11 @@ class Replay:
         )
 
     def publish(self, version: str) -> None:
-        """Count an update: what replies from now on is this version, and all others are one update older."""
+        """Count an update: this version now samples replies, and all others become one update older."""
         self._versions.setdefault(version, len(self._versions))
 
     def use(self, steps: Iterable[StepRef]) -> None:
-        """Count steps as drawn: what :meth:`draw` does, and what a resumed run does with earlier draws."""
+        """Count steps as drawn. :meth:`draw` does this; a resumed training does it for earlier draws."""
         for ref in steps:
             self._uses[ref.iteration, ref.attempt_id, ref.index] += self._config.passes
 
@@ -262,7 +265,7 @@ class Replay:
         most = self._objective.max_age
         if most is None:
             return True
-        if not ref.version:  # an endpoint that does not say: as old as its iteration
+        if not ref.version:  # unknown: as old as its iteration
             return newest - ref.iteration <= most
         return ref.version in self._versions and self._staleness(ref) <= most
 

@@ -1,14 +1,15 @@
-"""From a stored step to what is trained on: the ids that were read and sampled, and the pictures' pixels.
+"""Turns stored steps into training samples: the token ids read and sampled, and the pictures' pixels.
 
-The target is what was sampled. Where the endpoint gave the tokens, they are used as they are, and checked
-against the record: as many image tokens as each picture has, and a reply that reads as it was stored. Where
-it did not, the request is rendered from its messages and the reply is tokenized as it was written:
+The target is the sampled reply. Tokens that the endpoint reported are used unchanged and checked against the
+record: the number of image tokens must match the pictures, and the decoded reply must equal the stored one.
+Otherwise the request is rendered from its messages and the stored reply is tokenized:
 
-- reasoning that the endpoint had split off belongs to the reply, in the chat template's own form;
-- a reply that ended by itself ends in the end token; one that was cut off at the token limit has none;
-- what cannot be known (a stop string was cut off, a tool call was parsed out) is not guessed: the step drops.
+- reasoning that the endpoint had split off is put back, in the chat template's form;
+- a reply that the model ended gets the end token; one that was cut off at the token limit gets none;
+- if the sampled tokens cannot be known (a stop string was removed, a tool call was parsed), the step is
+  dropped.
 
-A step that is longer than the cut-off is dropped, never cut. All drops are counted by reason.
+A step that is longer than the limit is dropped, not truncated. All drops are counted by reason.
 """
 
 from __future__ import annotations
@@ -29,20 +30,20 @@ from webgym.inference.rendering import THINK_END, THINK_START, Pixels, Renderer,
 from webgym.llm.config import altering
 
 DropReason: TypeAlias = Literal[
-    "no_request",  # a placeholder in a text, so that text and pictures do not match
-    "too_long",  # longer than the cut-off
-    "image_tokens",  # stored ids that do not have as many image tokens as the pictures
-    "reply_text",  # stored ids that do not read as the stored reply
-    "reply_end",  # stored ids that end otherwise than the finish reason says
-    "not_rebuilt",  # no stored ids, and what was sampled cannot be known
-    "image_in_reply",  # the reply holds an image token, which no picture stands behind
-    "no_logprobs",  # the objective needs what the endpoint did not give
-    "altered_sampling",  # top-k, a penalty, ...: log-probabilities that are not the model's own
+    "no_request",  # an image placeholder in a text, so that text and pictures do not match
+    "too_long",  # longer than the limit
+    "image_tokens",  # stored ids whose image tokens do not match the pictures
+    "reply_text",  # stored ids that do not decode to the stored reply
+    "reply_end",  # stored ids whose end contradicts the finish reason
+    "not_rebuilt",  # no stored ids, and the sampled ones cannot be known
+    "image_in_reply",  # an image token in the reply, without a picture
+    "no_logprobs",  # the endpoint reported no log-probabilities, which the objective needs
+    "altered_sampling",  # top-k, a penalty, ...: the log-probabilities are not the model's
 ]
 
 
 class UntrainableStep(Exception):
-    """A step cannot be trained on. Never leaves this package: such steps are counted."""
+    """A step cannot be trained on. Caught within this package, which counts such steps."""
 
     def __init__(self, reason: DropReason) -> None:
         super().__init__(reason)
@@ -51,17 +52,17 @@ class UntrainableStep(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """A step, ready to be trained on but for its pixels, which are made when they are needed.
+    """A training sample of a step. Its pixels are computed on demand.
 
     Attributes:
         prompt_ids: (prompt), int32, image tokens expanded.
         reply_ids: (reply), int32, the end token included if it was sampled.
-        logprobs: (reply), float32, when they were sampled; ``None`` where the endpoint gave none.
+        logprobs: (reply), float32, when sampled; ``None`` if the endpoint gave none.
         temperature: that the reply was sampled with.
-        version: of the weights that replied; empty where the endpoint did not say.
+        version: of the weights that replied; empty if unknown.
         messages: of the request.
-        picture: a stored screenshot by its name.
-        advantage: of the objective.
+        picture: reads a stored screenshot by its name.
+        advantage: from the objective.
     """
 
     prompt_ids: torch.Tensor
@@ -85,17 +86,17 @@ class Sample:
 
 
 class SampleMaker:
-    """Makes samples of steps, and counts what it drops.
+    """Makes samples from steps, and counts dropped steps.
 
     Args:
         renderer: of the model that is trained.
-        cutoff_tokens: longest request and reply together.
+        cutoff_tokens: most tokens of request and reply together.
         off_policy: whether the objective needs the log-probabilities of the behaviour policy.
 
     Attributes:
-        dropped: how many steps, by reason.
-        rebuilt: how many samples were made from messages, for want of stored tokens.
-        stored: how many were made from stored tokens.
+        dropped: number of dropped steps, by reason.
+        rebuilt: number of samples made from messages, because no tokens were stored.
+        stored: number of samples made from stored tokens.
     """
 
     def __init__(self, renderer: Renderer, *, cutoff_tokens: int = 16384, off_policy: bool = False) -> None:
@@ -111,7 +112,7 @@ class SampleMaker:
 
         Args:
             steps: with their advantages.
-            picture: a stored screenshot by its name, e.g. ``RunReader(run).image``.
+            picture: reads a stored screenshot by its name, e.g. ``RunReader(run).image``.
         """
         for step, advantage in steps:
             try:
@@ -156,7 +157,7 @@ class SampleMaker:
         runs = [len(list(run)) for is_image, run in groupby(self._renderer.image_mask(ids)) if is_image]
         if runs == expected:
             return ids
-        if runs == [1] * len(expected):  # told before the expansion of images; the count says what was read
+        if runs == [1] * len(expected):  # reported before the expansion of images; check the expanded length
             expanded = self._renderer.expanded(ids, expected)
             if step.reply.prompt_tokens == len(expanded):
                 return expanded
@@ -179,15 +180,15 @@ class SampleMaker:
 
 
 def rebuild_reply(renderer: Renderer, reply: Reply, prompt_ids: Sequence[int]) -> list[int]:
-    """The ids of a reply that was stored as text alone, as the model must have sampled them.
+    """Reconstruct the sampled ids of a reply that was stored as text only.
 
     Args:
         renderer: of the model that replied.
         reply: as stored.
-        prompt_ids: of its request; they say whether the chat template had opened the thinking.
+        prompt_ids: of its request; they show whether the chat template had opened the thinking.
 
     Raises:
-        UntrainableStep: what was sampled cannot be known from the text.
+        UntrainableStep: the ids cannot be determined from the text.
     """
     if reply.finish_reason not in ("stop", "length") or _stop_strings(reply):
         raise UntrainableStep("not_rebuilt")
@@ -206,16 +207,16 @@ def rebuild_reply(renderer: Renderer, reply: Reply, prompt_ids: Sequence[int]) -
 def _with_reasoning(reply: Reply, *, opened: bool, finished: bool) -> str:
     start = "" if opened else f"{THINK_START}\n"
     if not reply.text:
-        if finished:  # was the thinking closed, or not? An endpoint gives the same for both
+        if finished:  # endpoints do not report whether the thinking was closed
             raise UntrainableStep("not_rebuilt")
         return start + reply.reasoning
-    if reply.reasoning.endswith("\n") or reply.text.startswith("\n"):  # split without stripping: as it was
+    if reply.reasoning.endswith("\n") or reply.text.startswith("\n"):  # split without stripping
         return f"{start}{reply.reasoning}{THINK_END}{reply.text}"
     return f"{start}{reply.reasoning}\n{THINK_END}\n\n{reply.text}"
 
 
 def _reads_as(reply: Reply, decoded: str) -> bool:
-    """Whether sampled text is a stored reply; white space may differ where reasoning was split off."""
+    """Whether sampled text equals a stored reply; white space may differ if reasoning was split off."""
     if not reply.reasoning:
         return decoded == reply.text
     reasoning, _, text = decoded.partition(THINK_END)
@@ -226,12 +227,12 @@ def _reads_as(reply: Reply, decoded: str) -> bool:
 
 
 def _stop_strings(reply: Reply) -> bool:
-    """Whether a reply may have been ended, and shortened, by something else than the end token."""
+    """Whether a reply may have been ended, and shortened, by a stop string or stop token."""
     return bool(reply.sampling.get("stop") or reply.sampling.get("stop_token_ids"))
 
 
 def temperature_of(reply: Reply) -> float:
-    """The temperature that a reply was sampled with; endpoints take 1 where none is named."""
+    """The temperature that a reply was sampled with; endpoints use 1 by default."""
     return float(reply.sampling.get("temperature") or 1.0)
 
 

@@ -1,11 +1,12 @@
-"""A self-test: does the served model read a known screenshot as the trainer does?
+"""A self-test that a served model processes a known screenshot like the trainer.
 
-With every update the learner saves what these weights make of a fixed request: the likeliest tokens and
-their log-probabilities (``selftest.json`` beside the weights). After every publication the served model is
-asked the same, and must have read the same tokens and give the same reply within :data:`TOLERANCE`. It must
-also not be clearly nearer to what the weights before the update made of it, nor say to the last bit what it
-said before the publication: an update that never arrived, a stale cache or an adapter that was loaded and
-never applied all look like that.
+With every update the learner saves the weights' reply to a fixed request: the likeliest tokens and their
+log-probabilities (``selftest.json`` next to the weights). After every publication the served model gets the
+same request. It must read the same tokens and give the same reply within :data:`TOLERANCE`. Its reply must
+also not be clearly nearer to that of the weights before the update, nor bitwise equal to the server's reply
+before the
+publication: both would mean that the new weights are not in use, for example because of a stale cache or an
+adapter that was not applied.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from webgym.llm.config import Sampling
 SELFTEST: Final = "selftest.json"
 
 REPLY_TOKENS: Final = 8
-"""Longest reply. Each costs the learner a forward pass over a short request."""
+"""Most tokens of the reply. Each costs the learner a forward pass over a short request."""
 
 GREEDY: Final = Sampling(
     temperature=0.0,
@@ -41,37 +42,37 @@ GREEDY: Final = Sampling(
         "stop": None,
     },
 )
-"""Laid over whatever replies are sampled with otherwise."""
+"""Greedy sampling, which overrides the usual settings."""
 
 TOLERANCE: Final = 0.25
-"""Mean difference of log-probabilities, in nats. Logits are computed in bfloat16 by most servers: those from
-16 to 32 are multiples of 1/8, and kernels that sum in another order land a step or two away. Weights that are
-half another's, and pictures that are read wrong, are off by whole nats."""
+"""Largest accepted mean difference of log-probabilities, in nats. Most servers compute logits in bfloat16:
+those from 16 to 32 are multiples of 1/8, and kernels that sum in another order may differ by a step or two.
+Partly loaded weights and wrongly processed pictures differ by whole nats."""
 
 EXACT_TOLERANCE: Final = 0.01
-"""The same where both sides compute in float32: only the order of sums differs."""
+"""The same if both sides compute in float32, where only the order of sums differs."""
 
 NEAR_TIE: Final = 0.5
-"""Two tokens as near as this, in nats, may change places within twice :data:`TOLERANCE`."""
+"""Two tokens whose log-probabilities differ by less than this, in nats, may swap their order."""
 
 _MOVED: Final = 1e-3
-"""Where the learner's log-probabilities moved by more than this, in nats, a server's must have moved as well:
-each hangs on the logits of all tokens."""
+"""If an update changed the learner's log-probabilities by more than this, in nats, the server's must change,
+too."""
 
 _SIZE: Final = (320, 256)
-"""Of the picture: above Qwen3-VL's least size and a multiple of its 32 pixels, so that nobody resizes it."""
+"""Size of the picture: above Qwen3-VL's minimum and a multiple of 32 pixels, so that it is not resized."""
 
 _NAME: Final = "selftest"
 _TEXT: Final = "Name the heading of this page, its buttons and their colours."
 
 
 class Greedy(msgspec.Struct, frozen=True):
-    """The likeliest tokens, one after the other.
+    """A greedily decoded reply.
 
     Attributes:
         ids: of the reply.
         logprobs: of each, at temperature 1.
-        margins: how far each is ahead of the runner-up, in nats.
+        margins: of each over the second likeliest token, in nats.
     """
 
     ids: list[int]
@@ -80,14 +81,14 @@ class Greedy(msgspec.Struct, frozen=True):
 
 
 class SelfTest(msgspec.Struct, frozen=True):
-    """What a model must make of the known screenshot.
+    """The known request, and the expected reply.
 
     Attributes:
         prompt_ids: of the request, image tokens expanded.
         image_id: of an image token.
-        after: by these weights.
-        before: by the weights that the update began with.
-        certain: the text of the reply up to its first near tie, for servers that give no token ids.
+        after: reply of these weights.
+        before: reply of the weights before the update.
+        certain: text of the reply up to its first near tie, for servers that report no token ids.
         is_exact: whether the learner computed in float32.
         picture: PNG.
     """
@@ -111,7 +112,7 @@ def known_messages() -> tuple[Message, ...]:
 
 
 def known_picture() -> bytes:
-    """The screenshot, a PNG: a page with a heading, text and buttons, drawn."""
+    """The screenshot, PNG: a drawing of a page with a heading, text and buttons."""
     picture = Image.new("RGB", _SIZE, "white")
     draw = ImageDraw.Draw(picture)
     draw.rectangle((0, 0, 319, 47), fill="#1f4e79")
@@ -127,7 +128,7 @@ def known_picture() -> bytes:
 
 
 def read_selftest(weights: Path) -> SelfTest | None:
-    """The test of saved weights; ``None`` for weights that an update did not save.
+    """The self-test of saved weights; ``None`` for weights that no update saved.
 
     Raises:
         PublishError: it cannot be read.
@@ -141,49 +142,49 @@ def read_selftest(weights: Path) -> SelfTest | None:
 
 
 def check(test: SelfTest, reply: Reply, *, is_exact: bool, earlier: Reply | None = None) -> None:
-    """Hold the served model's reply to the test's request against what it should be.
+    """Check the served model's reply to the self-test's request.
 
     Args:
         test: of the weights that were published.
-        reply: the likeliest one, by the served model.
+        reply: the served model's greedy reply.
         is_exact: whether the server computes in float32.
-        earlier: what the same server replied while it had other weights.
+        earlier: the same server's reply with its previous weights.
 
     Raises:
-        PublishError: it is another's.
+        PublishError: the reply does not come from these weights.
     """
     if reply.tokens is None:
         if not reply.text.startswith(test.certain):
-            raise _other(f"says {reply.text[:40]!r} where {test.certain[:40]!r} is expected")
+            raise _failure(f"says {reply.text[:40]!r} where {test.certain[:40]!r} is expected")
         return
     if _before_expansion(reply.tokens.prompt_ids, test.image_id) != _before_expansion(
         test.prompt_ids, test.image_id
     ):
-        raise _other("reads other tokens than the trainer: is its chat template another?")
-    given = reply.tokens.prompt_ids.count(test.image_id)
-    expected = test.prompt_ids.count(test.image_id)
-    if given == 1:  # told before expansion; the count of the prompt is that after
-        given = reply.prompt_tokens - len(reply.tokens.prompt_ids) + 1
-    if given != expected:
-        raise _other(f"reads the screenshot as {given} tokens where {expected} are expected")
+        raise _failure("reads other tokens than the trainer: does its chat template differ?")
+    image_tokens = reply.tokens.prompt_ids.count(test.image_id)
+    expected_tokens = test.prompt_ids.count(test.image_id)
+    if image_tokens == 1:  # reported before expansion; the prompt's length is that after it
+        image_tokens = reply.prompt_tokens - len(reply.tokens.prompt_ids) + 1
+    if image_tokens != expected_tokens:
+        raise _failure(f"reads the screenshot as {image_tokens} tokens where {expected_tokens} are expected")
     ids, logprobs = reply.tokens.reply_ids, reply.tokens.reply_logprobs
     if logprobs is None:
-        raise _other("gives no log-probabilities")
+        raise _failure("gives no log-probabilities")
     tolerance = EXACT_TOLERANCE if is_exact and test.is_exact else TOLERANCE
     off = distance(test.after, ids, logprobs)
-    if not off <= tolerance:  # not a number is no pass
-        raise _other(f"is off by {off:.3g} nats per token, {tolerance:g} are allowed")
+    if not off <= tolerance:  # also fails for NaN
+        raise _failure(f"is off by {off:.3g} nats per token, {tolerance:g} are allowed")
     if off > tolerance / 10 and distance(test.before, ids, logprobs) < off / 2:
-        raise _other("reads it as before the update: the new weights did not arrive")
+        raise _failure("replies as before the update: the new weights are not in use")
     moved = distance(test.after, test.before.ids, test.before.logprobs)
     if earlier is not None and earlier.tokens == reply.tokens and moved > _MOVED:
-        raise _other("says to the last bit what it said before: the new weights did not arrive")
+        raise _failure("gives exactly the same reply as before: the new weights are not in use")
 
 
 def distance(expected: Greedy, ids: Sequence[int], logprobs: Sequence[float]) -> float:
-    """Mean difference of log-probabilities up to the first other token, nats per token.
+    """Mean difference of log-probabilities up to the first different token, nats per token.
 
-    Infinite where the other token is no near tie, or one reply goes on where the other ends.
+    Infinite if the different token is no near tie, or if one reply is longer than the other.
     """
     differences: list[float] = []
     places = zip(expected.ids, expected.logprobs, expected.margins, ids, logprobs, strict=False)
@@ -201,11 +202,11 @@ def distance(expected: Greedy, ids: Sequence[int], logprobs: Sequence[float]) ->
 
 
 def _before_expansion(ids: Sequence[int], image_id: int) -> list[int]:
-    """The ids with every picture as one token."""
+    """The ids with each picture's tokens replaced by a single one."""
     return [token for token, run in groupby(ids) for _ in ([0] if token == image_id else list(run))]
 
 
-def _other(what: str) -> PublishError:
+def _failure(what: str) -> PublishError:
     return PublishError(
         f"the served model does not pass its self-test: it {what}",
         hint="what was collected and learned is kept; fix the server, then webgym train --resume",

@@ -1,4 +1,4 @@
-"""Serving the policy during training: new weights are taken between two replies."""
+"""Serves the policy during training; weights are replaced between replies."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ from webgym.train.selftest import GREEDY, check, read_selftest
 
 
 class Serving(Protocol):
-    """A policy that can be given other weights. Entered once for a whole training run."""
+    """Serves a policy whose weights can be replaced. Entered once for a training."""
 
     @property
     def policy(self) -> Policy:
-        """What collects. Entering and leaving it does nothing: that is the serving's own matter."""
+        """The policy that collects. Entering and leaving it does nothing; the serving opens and closes it."""
         ...
 
     async def publish(self, weights: Path, version: str) -> None:
-        """Reply with these weights from now on, and be sure of it: what is served passes their self-test.
+        """Reply with these weights from now on; the served model must pass their self-test.
 
-        Atomic: no reply comes from half-loaded weights.
+        Atomic: no reply comes from partly loaded weights.
 
         Args:
             weights: a folder that an update wrote.
-            version: what replies will say.
+            version: recorded in replies.
 
         Raises:
-            PublishError: they were not taken, or replies are not theirs.
+            PublishError: the weights were not loaded, or replies do not come from them.
         """
         ...
 
     async def watch(self) -> None:
-        """Look after the server as long as the training runs; never returns.
+        """Supervise the server during the training; never returns.
 
         Raises:
-            TrainingError: it is gone for good, or its replies cannot be trusted any more.
+            TrainingError: the server has failed for good, or its replies are no longer reliable.
         """
         ...
 
@@ -53,11 +53,11 @@ class Serving(Protocol):
 
 
 class LocalServing:
-    """The model in this process.
+    """Serves the model in this process.
 
     Args:
-        config: which model, and how it is sampled.
-        profile: of its family.
+        config: the model and its sampling.
+        profile: of the model's family.
     """
 
     def __init__(self, config: LocalConfig, profile: Profile | None = None) -> None:
@@ -77,11 +77,11 @@ class LocalServing:
             return
         reply = await self._local.ask(*test.request(), GREEDY)
         if reply.weight_version != version:
-            raise PublishError(f"the weights {reply.weight_version} reply where {version} were published")
+            raise PublishError(f"the weights {reply.weight_version} reply instead of the published {version}")
         check(test, reply, is_exact=self._local.config.dtype == "float32", earlier=earlier)
 
     async def watch(self) -> None:
-        """See :class:`Serving`: there is nothing that could go away."""
+        """See :class:`Serving`; nothing can fail here."""
         await asyncio.get_running_loop().create_future()
 
     async def __aenter__(self) -> Self:
@@ -93,7 +93,7 @@ class LocalServing:
 
 
 class KeptOpen(BasePolicy):
-    """A policy that many runs enter and leave, and that somebody else opens and closes.
+    """A policy that runs enter and leave without opening or closing it.
 
     Args:
         policy: the policy itself.
@@ -104,7 +104,7 @@ class KeptOpen(BasePolicy):
 
     @property
     def name(self) -> str:
-        """Of the policy."""
+        """Name of the policy."""
         return self._policy.name
 
     @property
@@ -113,5 +113,5 @@ class KeptOpen(BasePolicy):
         return self._policy.wants_elements
 
     def begin(self, task: Task, seed: int) -> PolicySession:
-        """A player of the policy."""
+        """Start a session of the policy."""
         return self._policy.begin(task, seed)

@@ -1,4 +1,4 @@
-"""Sets up a training: tasks, browsers, the model that collects and the one that learns."""
+"""Sets up a training: tasks, browsers, the collecting and the learning model."""
 
 from __future__ import annotations
 
@@ -40,18 +40,18 @@ async def open_training(
     show: Show | None = None,
     tell: Tell | None = None,
 ) -> AsyncIterator[Training]:
-    """A training, with browsers and models started.
+    """Open a training, with browsers and models started.
 
     Args:
-        config: everything; of a training that is resumed, what :func:`read_config` gives.
-        out: its folder; new or empty, unless it is resumed.
-        resume: whether it is there already.
+        config: of the training; for a resumed one, the result of :func:`read_config`.
+        out: the training's folder; missing or empty, unless it is resumed.
+        resume: continue the training in the folder.
         secrets: tokens of servers that run elsewhere.
         show: shows the progress of each run.
-        tell: is told, a line at a time, what a person should know.
+        tell: called with each line that the user should read, such as a warning.
 
     Raises:
-        WebGymError: it cannot start.
+        WebGymError: the training cannot start.
     """
     folder = TrainingFolder(out)
     if not resume:
@@ -59,9 +59,9 @@ async def open_training(
     tasks = all_tasks(config.rollout, tell)
     objective = make_objective(config.learn.objective)
     serving = make_serving(config, folder)
-    # As config.yaml holds it, for when it is resumed: what follows from unset settings must not change then.
+    # Stored in resolved form, so that defaults of unset settings cannot change when it is resumed.
     config = config.model_copy(update={"rollout": resolved(config.rollout, serving.policy, tell)})
-    # Whatever can be wrong with settings, tasks and models is found before browsers start.
+    # Errors in settings, tasks and models are found before browsers start.
     training = Training(
         config,
         folder,
@@ -77,7 +77,9 @@ async def open_training(
     await asyncio.to_thread(load_renderer, config.learn.model)
     refuse_unjudgeable(config.rollout.judge, tasks)
     if config.rollout.policy.check:
-        await check_judge(config.rollout.judge)  # once: iterations outlast a judge that is away for a while
+        await check_judge(
+            config.rollout.judge
+        )  # only once: iterations tolerate a judge that is temporarily unavailable
     failed = tell or (lambda line: warnings.warn(line, stacklevel=1))
     async with serving, services(config.rollout, secrets or Secrets()) as (where, tokens):
         if not resume:
@@ -91,10 +93,10 @@ async def open_training(
 
 
 def make_serving(config: TrainConfig, folder: TrainingFolder) -> Serving:
-    """Who replies, as the settings say; not started yet.
+    """The configured serving of the policy, not started yet.
 
     Raises:
-        ConfigError: the settings do not fit each other.
+        ConfigError: the settings contradict each other.
     """
     model = config.learn.model
     if config.vllm is None:
@@ -112,7 +114,7 @@ def make_serving(config: TrainConfig, folder: TrainingFolder) -> Serving:
 
 
 def load_train_config(files: Sequence[Path]) -> TrainConfig:
-    """Settings from YAML files, each laid over those before it.
+    """Settings from YAML files, each overriding those before it.
 
     Raises:
         ConfigError: a file cannot be read, or a setting is missing, unknown or out of range.
@@ -121,15 +123,15 @@ def load_train_config(files: Sequence[Path]) -> TrainConfig:
 
 
 def read_config(out: Path) -> TrainConfig:
-    """The configuration that a training was started with.
+    """The config that a training was started with.
 
     Raises:
-        RunFolderError: the folder is not a training of this version.
+        RunFolderError: the folder is not a training folder of this version.
     """
     try:
-        held = yaml.safe_load((out / CONFIG).read_text())
+        data = yaml.safe_load((out / CONFIG).read_text())
     except OSError as error:
         raise RunFolderError(
             f"{out} is not a training: it has no {CONFIG}", hint="give the folder that webgym train wrote"
         ) from error
-    return validated(TrainConfig, held, f"{out}/{CONFIG}", failure=RunFolderError)
+    return validated(TrainConfig, data, f"{out}/{CONFIG}", failure=RunFolderError)

@@ -2,16 +2,16 @@
 
     updater = Updater(config, objective, source="Qwen/Qwen3-VL-8B-Instruct")
     report = updater.update(samples, passes=2)
-    updater.save(folder)                        # whole or not at all; the next Updater goes on from there
+    updater.save(folder)                        # atomic; the next Updater can resume from it
 
-Read :meth:`Updater.update` first: it is all of the algorithm. One process or many (``accelerate launch``), in
-one go or in micro-batches, the same samples give the same update: the loss of an optimizer step is
+:meth:`Updater.update` is the whole algorithm. The same samples give the same update for any number of
+processes (``accelerate launch``) and any size of micro-batches: the loss of an optimizer step is
 
     sum of the losses of all reply tokens of the effective batch / number of those tokens
 
-with the number taken over all processes before the first forward pass. For filtered behaviour cloning that is
-the log-likelihood of the actions (a sum over tokens, as the paper maximises it), scaled so that the learning
-rate does not depend on how long replies are.
+with the number summed over all processes before the first forward pass. For filtered behaviour cloning that
+is the log-likelihood of the actions (a sum over tokens, as in the paper), scaled so that the learning rate
+does not depend on the length of replies.
 """
 
 from __future__ import annotations
@@ -49,19 +49,19 @@ WHOLE = StateDictOptions(full_state_dict=True, cpu_offload=True)
 
 
 class UpdateReport(msgspec.Struct, frozen=True):
-    """What an update did, for the log.
+    """Figures of an update, for the log.
 
     Attributes:
-        samples: trained on, once per pass.
-        tokens: reply tokens trained on.
-        prompt_tokens: tokens that were read for them.
+        samples: number of samples, each trained on once per pass.
+        tokens: number of reply tokens trained on.
+        prompt_tokens: number of prompt tokens.
         optimizer_steps: in this update.
-        loss: mean over optimizer steps.
-        grad_norm: mean before clipping.
+        loss: mean over the optimizer steps.
+        grad_norm: mean norm of the gradient before clipping.
         learning_rate: of the last optimizer step.
         seconds: wall time.
-        tokens_per_second: read and trained on, over all processes.
-        extra: means over tokens of what the objective logs.
+        tokens_per_second: prompt and reply tokens, over all processes.
+        extra: means over tokens of the objective's own figures.
     """
 
     samples: int
@@ -90,14 +90,14 @@ class Updater:
     """Weights, optimizer and schedule. Make one per process; all processes call the same methods.
 
     Args:
-        config: how.
-        objective: what for.
-        source: folder or hub id of the weights that learning started from; or a model that is loaded already.
-        resume: a folder that :meth:`save` wrote, to resume from; ``None`` to begin.
+        config: of the update.
+        objective: the training objective.
+        source: folder or hub id of the initial weights, or a loaded model.
+        resume: a folder written by :meth:`save` to resume from; ``None`` to start.
 
     Raises:
-        ConfigError: there is no such model, its weights are not whole, or DeepSpeed is to offload.
-        TrainingError: what was saved does not fit the settings.
+        ConfigError: there is no such model, its weights are incomplete, or DeepSpeed is set to offload.
+        TrainingError: the folder to resume from does not match the settings.
     """
 
     def __init__(
@@ -132,25 +132,25 @@ class Updater:
         self._groups = zero.named_groups(module, optimizer) if self._is_zero else []
         self.model, self.optimizer = self.accelerator.prepare(module, optimizer)
         self.step = 0 if resume is None else read_state(resume).step
-        self._take_optimizer_state(None if resume is None else read_optimizer(resume))
-        self._reads: Greedy | None = None  # what the weights make of the known screenshot
+        self._load_optimizer_state(None if resume is None else read_optimizer(resume))
+        self._greedy_reply: Greedy | None = None  # of the current weights to the self-test's request
 
     def update(self, samples: Sequence[Sample], *, passes: int = 1) -> UpdateReport:
-        """Train on samples: the same ones, in the same order, in every process.
+        """Train on samples, which must be the same, in the same order, in every process.
 
         Raises:
-            TrainingError: the loss or the gradient is no finite number. Nothing was saved.
-            ValueError: there is no sample.
+            TrainingError: the loss or the gradient is not finite. Nothing was saved.
+            ValueError: there are no samples.
         """
         if not samples:
             raise ValueError("there is nothing to train on")
-        config, started, seen = self.config, time.perf_counter(), Counter[str]()
-        self._reads = self._reads or self._greedy()
+        config, started, objective_sums = self.config, time.perf_counter(), Counter[str]()
+        self._greedy_reply = self._greedy_reply or self._greedy()
         proximal = self._logprobs(samples) if self.objective.off_policy else None
         losses, norms, rate = [], [], 0.0
         self.model.train()
         for batch in self._batches(len(samples), passes):
-            tokens = sum(len(samples[place].reply_ids) for place in batch)
+            tokens = sum(len(samples[index].reply_ids) for index in batch)
             rate = learning_rate(config, self.step)
             for group in self.optimizer.param_groups:
                 group["lr"] = rate
@@ -159,10 +159,10 @@ class Updater:
                 self.accelerator.sync_gradients = is_last  # DeepSpeed clips and steps in that backward pass
                 with nullcontext() if is_last else self.accelerator.no_sync(self.model):
                     loss, sums = self._loss(samples, micro, proximal)
-                    # Gradients are averaged over processes, so the sum needs their number back.
+                    # Gradients are averaged over processes; multiplying by their number gives the sum.
                     self.accelerator.backward(loss * self.accelerator.num_processes / tokens)
                 total += loss.detach() / tokens
-                seen.update(sums)
+                objective_sums.update(sums)
             loss_now = float(reduce(total, "sum"))
             norm = float(self.accelerator.clip_grad_norm_(self.model.parameters(), config.max_grad_norm))
             if not (math.isfinite(loss_now) and math.isfinite(norm)):
@@ -176,7 +176,9 @@ class Updater:
             self.step += 1
             losses.append(loss_now)
             norms.append(norm)
-        return self._report(samples, passes, losses, norms, rate, seen, time.perf_counter() - started)
+        return self._report(
+            samples, passes, losses, norms, rate, objective_sums, time.perf_counter() - started
+        )
 
     def _loss(
         self,
@@ -184,72 +186,72 @@ class Updater:
         micro: Sequence[tuple[int, bool]],
         proximal: list[torch.Tensor] | None,
     ) -> tuple[torch.Tensor, dict[str, float]]:
-        """The summed loss of a micro-batch of (place, whether it counts), and the objective's sums."""
-        batch = self._collate([samples[place] for place, _ in micro])
+        """The summed loss of a micro-batch of (sample index, whether it counts), and the objective's sums."""
+        batch = self._collate([samples[index] for index, _ in micro])
         new = self.model(batch)
         real = torch.tensor([is_real for _, is_real in micro], device=new.device)[batch.rows]
         if not real.any():
             return new.sum() * 0.0, {}
-        old = None if proximal is None else torch.cat([proximal[place] for place, _ in micro]).to(new.device)
+        old = None if proximal is None else torch.cat([proximal[index] for index, _ in micro]).to(new.device)
         given = (new, batch.advantage, batch.behaviour, old)
         found = self.objective.loss(Tokens(*(each if each is None else each[real] for each in given)))
         return found.tokens.sum(), {name: float(value) for name, value in found.sums.items()}
 
     def _batches(self, count: int, passes: int) -> Iterator[list[int]]:
-        """Places of the samples of each optimizer step, the same in every process."""
+        """Indices of the samples of each optimizer step, the same in every process."""
         rng = random.Random(f"{self.config.seed}/{self.step}")
         for _ in range(passes):
             order = list(range(count))
             rng.shuffle(order)
-            # Batches as even as can be: a last one of a few samples would move the weights as far as a whole.
+            # Even batches: a small last batch would change the weights as much as a full one.
             pieces = max(1, round(count / self.config.batch))
             yield from (order[count * i // pieces : count * (i + 1) // pieces] for i in range(pieces))
 
     def _micro_batches(
         self, samples: Sequence[Sample], batch: Sequence[int]
     ) -> Iterator[tuple[list[tuple[int, bool]], bool]]:
-        """This process's share of a batch, in pieces of (place, whether it counts); whether it is the last.
+        """This process's micro-batches of (sample index, whether it counts), and whether each is the last.
 
-        Every process gets as many pieces as every other, of samples of about the same length. Who has too few
-        gets one again that does not count: processes that wait for each other must all call the model.
+        Every process gets the same number of micro-batches, with samples of similar lengths. A process with
+        fewer samples gets one that does not count, because all processes must call the model together.
         """
         count, rank = self.accelerator.num_processes, self.accelerator.process_index
-        order = sorted(batch, key=lambda place: (len(samples[place]), place), reverse=True)
-        mine = [(place, True) for place in order[rank::count]]
+        order = sorted(batch, key=lambda index: (len(samples[index]), index), reverse=True)
+        own = [(index, True) for index in order[rank::count]]
         most = -(-len(order) // count)
-        mine += [(order[-1], False)] * (most - len(mine))
+        own += [(order[-1], False)] * (most - len(own))
         size = self.config.micro_batch
         for start in range(0, most, size):
-            yield mine[start : start + size], start + size >= most
+            yield own[start : start + size], start + size >= most
 
     @torch.no_grad()
     def _logprobs(self, samples: Sequence[Sample]) -> list[torch.Tensor]:
-        """Log-probabilities of all replies under the weights as they are."""
+        """Log-probabilities of all replies under the current weights."""
         self.model.eval()
         found: list[tuple[int, torch.Tensor]] = []
         for micro, _ in self._micro_batches(samples, range(len(samples))):
-            batch = self._collate([samples[place] for place, _ in micro])
+            batch = self._collate([samples[index] for index, _ in micro])
             pieces = torch.split(self.model(batch).cpu(), batch.lengths)
-            found += [(place, piece) for (place, _), piece in zip(micro, pieces, strict=True)]
+            found += [(index, piece) for (index, _), piece in zip(micro, pieces, strict=True)]
         known = dict(gather_object(found))
-        return [known[place] for place in range(len(samples))]
+        return [known[index] for index in range(len(samples))]
 
     def _collate(self, samples: Sequence[Sample]) -> Batch:
         batch = collate(samples, self.renderer, off_policy=self.objective.off_policy)
         return batch.to(self.accelerator.device)
 
     def save(self, folder: Path) -> None:
-        """Write weights, optimizer and schedule, whole or not at all; see :mod:`webgym.train.weights`.
+        """Write weights, optimizer and schedule atomically; see :mod:`webgym.train.weights`.
 
         Raises:
-            StoreError: they cannot be written; what was there is whole.
+            StoreError: they cannot be written; an earlier folder is intact.
         """
         prefix = "policy."
         whole = zero.weights(self.model) if self._is_zero else self.accelerator.get_state_dict(self.model)
         weights = {name.removeprefix(prefix): value.cpu() for name, value in whole.items()}
         optimizer = self._optimizer_state()
         after = self._greedy()
-        before, self._reads = self._reads or after, after
+        before, self._greedy_reply = self._greedy_reply or after, after
         if self.accelerator.is_main_process:
             state = UpdateState(self.step, self.source, self.config.lora is not None)
             save(folder, self.loaded, weights, optimizer, state, self._selftest(before, after))
@@ -257,42 +259,42 @@ class Updater:
 
     @torch.no_grad()
     def _greedy(self) -> Greedy:
-        """What the weights as they are make of the known screenshot. All processes compute the same."""
+        """The current weights' reply to the self-test's request. All processes compute the same."""
         self.model.eval()
         messages, picture, renderer = known_messages(), known_picture(), self.renderer
         prompt = torch.tensor(renderer.prompt_ids(messages), dtype=torch.int32)
-        found: list[tuple[int, float, float]] = []
-        while len(found) < REPLY_TOKENS and not (found and found[-1][0] in renderer.end_ids):
-            # The last id is only there to be predicted.
-            reply = torch.tensor([*(token for token, _, _ in found), renderer.pad_id], dtype=torch.int32)
+        tokens: list[tuple[int, float, float]] = []
+        while len(tokens) < REPLY_TOKENS and not (tokens and tokens[-1][0] in renderer.end_ids):
+            # The last id is a placeholder, whose position is predicted.
+            reply = torch.tensor([*(token for token, _, _ in tokens), renderer.pad_id], dtype=torch.int32)
             sample = Sample(prompt, reply, None, 1.0, "", messages, lambda _name: picture)
             batch = collate([sample], renderer, off_policy=False).to(self.accelerator.device)
             (best, second), (token, _) = self.model(batch, ranked=True)[-1].tolist()
-            found.append((int(token), best, best - second))
-        ids, logprobs, margins = zip(*found, strict=True)
+            tokens.append((int(token), best, best - second))
+        ids, logprobs, margins = zip(*tokens, strict=True)
         return Greedy(list(ids), list(logprobs), list(margins))
 
     def _selftest(self, before: Greedy, after: Greedy) -> SelfTest:
-        sure = next(
-            (place for place, margin in enumerate(after.margins) if margin <= NEAR_TIE), len(after.ids)
+        certain_length = next(
+            (index for index, margin in enumerate(after.margins) if margin <= NEAR_TIE), len(after.ids)
         )
         return SelfTest(
             prompt_ids=self.renderer.prompt_ids(known_messages()),
             image_id=self.renderer.image_id,
             after=after,
             before=before,
-            certain=self.renderer.decode(after.ids[:sure]),
+            certain=self.renderer.decode(after.ids[:certain_length]),
             is_exact=self.config.precision == "fp32" and self.config.weights == "float32",
             picture=known_picture(),
         )
 
     def _optimizer_state(self) -> dict[str, Any]:
-        """The optimizer's state by the names of parameters, whole however it is sharded."""
+        """The full optimizer state by names of parameters, even if it is sharded."""
         if self._is_zero:
             return zero.optimizer_state(self.model, self._groups, self.step)
         return get_optimizer_state_dict(self.model, self.optimizer.optimizer, options=WHOLE)
 
-    def _take_optimizer_state(self, saved: dict[str, Any] | None) -> None:
+    def _load_optimizer_state(self, saved: dict[str, Any] | None) -> None:
         if self._is_zero:
             zero.set_optimizer_state(self.model, saved, self.step)
         elif saved is not None:
@@ -311,7 +313,7 @@ class Updater:
         tokens = passes * sum(len(sample.reply_ids) for sample in samples)
         prompt_tokens = passes * sum(len(sample.prompt_ids) for sample in samples)
         summed = gather_object([dict(sums)])
-        names = sorted({name for each in summed for name in each})
+        names = sorted({name for process_sums in summed for name in process_sums})
         return UpdateReport(
             samples=len(samples),
             tokens=tokens,
@@ -322,5 +324,7 @@ class Updater:
             learning_rate=rate,
             seconds=seconds,
             tokens_per_second=(tokens + prompt_tokens) / seconds,
-            extra={name: sum(each.get(name, 0.0) for each in summed) / tokens for name in names},
+            extra={
+                name: sum(process_sums.get(name, 0.0) for process_sums in summed) / tokens for name in names
+            },
         )

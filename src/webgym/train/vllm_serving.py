@@ -1,10 +1,11 @@
-"""A vLLM server that replies while a policy learns, ours or somebody else's, and the three ways to update it.
+"""Serves the policy with a vLLM server, started here or elsewhere, and publishes weights by three methods.
 
-lora      a new adapter is loaded under a name of its own, tested, and asked for from then on; the old one is
-          unloaded once its last reply is there. Nobody waits, and a failure changes nothing.
-in_place  requests are held and drained, the server is paused and reads all weights from a folder that it can
-          see too, then it is tested. If it fails half-way, the old weights are put back or nothing replies.
-restart   requests are held and drained, our server is stopped and started again on the new weights.
+lora      loads a new adapter under a new name, tests it, and uses it from then on; the old one is unloaded
+          after its last reply. No request waits, and a failure changes nothing.
+in_place  holds new requests, drains those in progress, pauses the server, which reads all weights from a
+common
+          folder, and tests it. After a failure the old weights are restored, or the server stays paused.
+restart   holds new requests, drains those in progress, and restarts our server with the new weights.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ log = logging.getLogger(__name__)
 LOG: Final = "vllm.log"
 _POLL_SECONDS: Final = 0.5
 _BASE: Final = "webgym-base"
-"""Name of the first weights at a server of ours; later ones are called after their version."""
+"""Name of the initial weights at a server of ours; later ones are named after their version."""
 
 
 class VllmServing:
@@ -46,10 +47,10 @@ class VllmServing:
     Args:
         config: of the server.
         model: that learning starts from, folder or hub id.
-        logs: folder for what the server writes.
+        logs: folder for the server's log.
         lora: of the learner, if it trains adapters.
-        profile: of the model's family; by default the one that its name leads to.
-        newest: weights and version that a training continues with, so that a server is started with them.
+        profile: of the model's family; by default chosen by the model's name.
+        newest: weights and version of a resumed training, with which a server is started.
     """
 
     def __init__(
@@ -68,14 +69,14 @@ class VllmServing:
         self._log = logs / LOG
         self._lora = lora
         self._profile = profile or choose_profile(None, Path(model).name)
-        self._way = _way(config, has_adapters=lora is not None)
+        self._method = _method(config, has_adapters=lora is not None)
         self._newest = (newest[0].resolve(), newest[1]) if newest else None
         self._vllm = VllmPolicy(Path(model).name)
         self.policy: Policy = self._vllm
         self._api: VllmApi | None = None
         self._server: ManagedServer | None = None
-        self._weights: Path | None = None  # those that are served; None for the first
-        self._earlier: Reply | None = None  # to the self-test's request, before the weights change
+        self._weights: Path | None = None  # the served weights; None for the initial ones
+        self._earlier: Reply | None = None  # reply to the self-test before the weights change
         self._restarts = 0
         self._busy = asyncio.Lock()
 
@@ -83,7 +84,7 @@ class VllmServing:
 
     async def publish(self, weights: Path, version: str) -> None:
         """See :class:`webgym.train.serving.Serving`."""
-        weights = await asyncio.to_thread(weights.resolve)  # as the server finds it, from wherever it runs
+        weights = await asyncio.to_thread(weights.resolve)  # absolute, for the server's working directory
         async with self._busy:
             if self._server is not None and not self._server.is_alive:
                 await self._revive()
@@ -104,12 +105,12 @@ class VllmServing:
             try:
                 await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
             finally:
-                for each in waits:
-                    each.cancel()
+                for task in waits:
+                    task.cancel()
             if self._vllm.distrusted.is_set():
                 raise TrainingError(
-                    f"the policy's model changes under us: {self._vllm.why}",
-                    hint="nothing of that was kept: keep others off the server, then webgym train --resume",
+                    f"the policy's model was changed by others: {self._vllm.why}",
+                    hint="no such replies were kept: keep others off the server, then webgym train --resume",
                 )
             async with self._busy:
                 if self._server is not None and not self._server.is_alive:
@@ -119,7 +120,7 @@ class VllmServing:
         try:
             if self._is_ours:
                 self._log.parent.mkdir(parents=True, exist_ok=True)
-                first = self._newest if self._way == "restart" else None
+                first = self._newest if self._method == "restart" else None
                 await self._start(*(first or (None, "0")))
             else:
                 await self._connect()
@@ -142,26 +143,26 @@ class VllmServing:
     # --- a server of ours ---------------------------------------------------------------------------------
 
     async def _start(self, weights: Path | None, version: str) -> None:
-        """Start a server and wait until it replies. Nobody is let through to it before this returns.
+        """Start a server and wait until it replies. Requests are held until this returns.
 
         Args:
-            weights: that it serves; ``None`` for those that learning starts from.
-            version: of them.
+            weights: to serve; ``None`` for the initial ones.
+            version: of the weights.
         """
-        config, way = self._config, self._way
+        config, method = self._config, self._method
         await self._stop()
         port, key = free_port("127.0.0.1", config.port), SecretStr(secrets.token_hex(16))
-        name = _BASE if weights is None or way == "lora" else f"webgym-{version}"
-        model = (config.model or self._first) if weights is None or way == "lora" else str(weights)
-        command = config.command(model, name, port, way, self._lora.rank if self._lora else 0)
-        self._server = await ManagedServer.start(command, config.environment(key, way), self._log)
+        name = _BASE if weights is None or method == "lora" else f"webgym-{version}"
+        model = (config.model or self._first) if weights is None or method == "lora" else str(weights)
+        command = config.command(model, name, port, method, self._lora.rank if self._lora else 0)
+        self._server = await ManagedServer.start(command, config.environment(key, method), self._log)
         self._api = VllmApi(f"http://127.0.0.1:{port}/v1", key, config.update_seconds)
         await self._until_up(self._server, self._api)
         self._weights = weights
-        if weights is not None and way == "lora":
+        if weights is not None and method == "lora":
             await self._hot_load(weights, version)
             return
-        if way == "in_place":
+        if method == "in_place":
             await self._api.label(version)
         await self._switch(await self._tested(name, version, weights))
 
@@ -182,7 +183,7 @@ class VllmServing:
             await self._server.stop()
 
     async def _revive(self) -> None:
-        """Start a server again that ended by itself, with the weights that it served."""
+        """Restart a server that ended unexpectedly, with the weights that it served."""
         assert self._server is not None
         self._vllm.hold()
         version = self._vllm.served.version if self._vllm.served else "0"
@@ -202,13 +203,13 @@ class VllmServing:
         self._api = api = VllmApi(config.base_url, key, config.update_seconds)
         try:
             names = await api.models()
-            missing = [path for path in _NEEDED[self._way] if not await api.offers(path)]
+            missing = [path for path in _NEEDED[self._method] if not await api.offers(path)]
         except LLMError as error:
             raise ConfigError(error.message, hint="is vLLM running there, and the key right?") from error
         if missing:
             raise ConfigError(
                 f"the server {config.base_url} does not offer {missing[0]}, so it takes no new weights",
-                hint=f"start it with {_FLAGS[self._way]}, or let webgym start one: leave vllm.base_url out",
+                hint=f"start it with {_FLAGS[self._method]}, or leave vllm.base_url out, to start one here",
             )
         name = config.model or (names[0] if len(names) == 1 else None)
         if name not in names:
@@ -216,12 +217,12 @@ class VllmServing:
                 f"the server {config.base_url} has the models {', '.join(names) or '(none)'}",
                 hint="set vllm.model to the one that learning starts from",
             )
-        if self._way == "in_place" and await api.offers("/weight_info"):
+        if self._method == "in_place" and await api.offers("/weight_info"):
             label = await api.weight_version()
             if self._newest is None and label not in ("", "default", "0"):
                 raise ConfigError(
                     f"the server {config.base_url} has other weights than learning starts from: {label!r}",
-                    hint="start it anew, or continue with the training they are of: webgym train --resume",
+                    hint="restart it, or continue the training that published them: webgym train --resume",
                 )
             await api.label("0")
         await self._switch(await self._tested(name, "0", None))
@@ -233,13 +234,13 @@ class VllmServing:
         if test is not None and served is not None:
             self._earlier = await served.policy.ask(*test.request(), GREEDY)
         try:
-            await (self._hot_load if self._way == "lora" else self._drained)(weights, version)
+            await (self._hot_load if self._method == "lora" else self._drained)(weights, version)
         finally:
             self._earlier = None
 
     async def _hot_load(self, weights: Path, version: str) -> None:
         assert self._api is not None
-        name = f"webgym-{version}-{secrets.token_hex(3)}"  # never one that was used before
+        name = f"webgym-{version}-{secrets.token_hex(3)}"  # a name is never reused
         await self._api.load_adapter(name, str(weights))
         try:
             served = await self._tested(name, version, weights)
@@ -253,10 +254,10 @@ class VllmServing:
                 await self._api.unload_adapter(before.model)
 
     async def _drained(self, weights: Path, version: str) -> None:
-        """Hold requests, wait for those in flight, change the weights, test them, let requests through."""
+        """Hold new requests, drain those in progress, change and test the weights, and release requests."""
         assert self._api is not None
         await self._vllm.close()
-        if self._way == "restart":
+        if self._method == "restart":
             await self._start(weights, version)
             return
         before = self._vllm.served
@@ -265,12 +266,12 @@ class VllmServing:
             await self._api.update_weights(str(weights), version)
             served = await self._tested(before.model, version, weights)
         except (LLMError, PolicyError, PublishError):
-            await self._put_back(before)
+            await self._restore(before)
             raise
         await self._switch(served)
 
-    async def _put_back(self, before: Served) -> None:
-        """The weights of before an update that failed. If that fails too, the server stays paused."""
+    async def _restore(self, before: Served) -> None:
+        """Restore the previous weights after a failed update. If that fails, too, the server stays paused."""
         assert self._api is not None
         with contextlib.suppress(LLMError, PolicyError, PublishError):
             self._earlier = None
@@ -280,7 +281,7 @@ class VllmServing:
             self._vllm.switch(before)
 
     async def _tested(self, name: str, version: str, weights: Path | None) -> Served:
-        """What the server has under a name, once it has passed the test of these weights."""
+        """A model of the server by name, once it has passed the self-test of the weights."""
         assert self._api is not None
         chat = self._config.chat(self._api.base_url, name)
         sampling = chat.sampling.over(self._profile.sampling).over(EXPLICIT)
@@ -290,8 +291,8 @@ class VllmServing:
             api_key=self._api.key,
             processed_logprobs=self._is_ours,
         )
-        is_labelled = self._way == "in_place" and await self._api.offers("/weight_info")
-        is_adapter = self._way == "lora" and weights is not None
+        is_labelled = self._method == "in_place" and await self._api.offers("/weight_info")
+        is_adapter = self._method == "lora" and weights is not None
         served = Served(self._api, name, version, await policy.__aenter__(), is_labelled, is_adapter)
         try:
             if weights is not None:
@@ -302,7 +303,7 @@ class VllmServing:
         return served
 
     async def _switch(self, served: Served) -> Served | None:
-        """Let requests through to these weights; what was served before, with no request in flight."""
+        """Send requests to these weights; returns the previous ones, after their last request."""
         before = self._vllm.switch(served)
         if before is not None:
             await before.idle.wait()
@@ -329,11 +330,11 @@ _FLAGS: Final[dict[PublishMethod, str]] = {
 }
 
 
-def _way(config: VllmConfig, *, has_adapters: bool) -> PublishMethod:
-    """How weights are published.
+def _method(config: VllmConfig, *, has_adapters: bool) -> PublishMethod:
+    """The method by which weights are published.
 
     Raises:
-        ConfigError: it does not fit what is trained, or whose the server is.
+        ConfigError: the configured method does not fit the trained weights or the server.
     """
     if config.publish == "auto":
         return "lora" if has_adapters else "restart" if config.base_url is None else "in_place"
@@ -345,14 +346,15 @@ def _way(config: VllmConfig, *, has_adapters: bool) -> PublishMethod:
         )
     if config.publish == "restart" and config.base_url is not None:
         raise ConfigError(
-            "a server that is not ours cannot be restarted", hint="leave vllm.publish or vllm.base_url out"
+            "a server that webgym did not start cannot be restarted",
+            hint="leave vllm.publish or vllm.base_url out",
         )
     return config.publish
 
 
 @contextlib.contextmanager
 def _as_publish_error(version: str) -> Iterator[None]:
-    """Whatever the server does wrong, as one line that says what was being done."""
+    """Convert the server's errors to a :class:`PublishError`."""
     try:
         yield
     except (LLMError, PolicyError) as error:

@@ -1,11 +1,11 @@
-"""Weights and optimizer state on disk: loaded to be trained, saved whole or not at all.
+"""Weights and optimizer state on disk: loaded for training, saved atomically.
 
 FOLDER/
   *.safetensors, config.json   all weights, as load_model reads them; or adapter_model.safetensors,
                                adapter_config.json: adapters, for load_model and for servers
-  tokenizer*, preprocessor_config.json, chat_template.jinja, and what else a server's processor reads
+  tokenizer*, preprocessor_config.json, chat_template.jinja, and other files that a server's processor reads
   optimizer.pt                 torch.load(..., weights_only=True)
-  selftest.json                what these weights make of a known screenshot (webgym.train.selftest)
+  selftest.json                these weights' reply to a known request (webgym.train.selftest)
   state.json                   {"step": optimizer steps so far, "source": "...", "lora": false}
 """
 
@@ -34,11 +34,11 @@ OPTIMIZER = "optimizer.pt"
 
 
 class UpdateState(msgspec.Struct, frozen=True):
-    """What an update goes on from, beside weights and optimizer.
+    """The state of learning, apart from weights and optimizer.
 
     Attributes:
         step: optimizer steps so far.
-        source: the weights that learning began with; adapters need them.
+        source: the initial weights; adapters need them.
         lora: whether the folder holds adapters.
     """
 
@@ -48,21 +48,21 @@ class UpdateState(msgspec.Struct, frozen=True):
 
 
 def load_trainable(config: UpdateConfig, source: str | Path | Loaded, resume: Path | None) -> Loaded:
-    """The model, with those parameters trainable that are to be trained.
+    """Load a model, and make the configured parameters trainable.
 
     Args:
-        config: all weights, or adapters; vision tower or not.
-        source: weights that learning began with, by folder or hub id; or a model that is loaded already.
-        resume: a folder to resume from, which must have been made with the same kind of weights.
+        config: what is trained: all weights or adapters, with or without the vision tower.
+        source: folder or hub id of the initial weights, or a loaded model.
+        resume: a folder to resume from, with the same kind of weights.
 
     Raises:
-        ConfigError: there is no such model, or no module has a name that adapters are for.
+        ConfigError: there is no such model, or ``lora.targets`` matches no module.
         TrainingError: the folder to resume from holds the other kind.
     """
     if resume is not None and read_state(resume).lora != (config.lora is not None):
         raise TrainingError(
             f"{resume} was trained {'without' if config.lora else 'with'} adapters",
-            hint="continue with the same update.lora, or begin anew",
+            hint="continue with the same update.lora, or start a new training",
         )
     if resume is not None and config.lora is None:
         source = resume
@@ -88,7 +88,7 @@ def _adapted(model: Any, config: LoraConfig, resume: Path | None) -> Any:
     try:
         return peft.get_peft_model(model, settings)
     except ValueError as error:
-        raise ConfigError("update.lora.targets fits no module of the model", hint=str(error)) from error
+        raise ConfigError("update.lora.targets matches no module of the model", hint=str(error)) from error
 
 
 def save(
@@ -99,23 +99,23 @@ def save(
     state: UpdateState,
     selftest: SelfTest,
 ) -> None:
-    """Write a folder whole or not at all. One that is there already is replaced.
+    """Write a folder atomically; an existing one is replaced.
 
     Args:
-        folder: where; its parent is made if need be.
+        folder: of the weights; its parent is created if missing.
         loaded: the model (for its configuration), tokenizer and image processor.
         weights: of the model, by name, on the CPU.
         optimizer: its state.
-        state: the rest.
-        selftest: what these weights make of the known screenshot.
+        state: of learning.
+        selftest: of these weights.
 
     Raises:
-        StoreError: it cannot be written; what was there is whole.
+        StoreError: it cannot be written; an existing folder is intact.
     """
     torn = folder.with_name(f".{folder.name}.new{TORN}")
     old = folder.with_name(f".{folder.name}.old{TORN}")
     with disk_errors(f"saving weights to {folder}"):
-        for left in (torn, old):  # by one who died while saving
+        for left in (torn, old):  # leftovers of a crash while saving
             shutil.rmtree(left, ignore_errors=True)
         try:
             torn.mkdir(parents=True)
@@ -123,7 +123,7 @@ def save(
             loaded.tokenizer.save_pretrained(torn)
             loaded.image_processor.save_pretrained(torn)
             _copy_processor(state.source, torn)
-            with (torn / OPTIMIZER).open("wb") as file:  # of a path, torch does not tell why it failed
+            with (torn / OPTIMIZER).open("wb") as file:  # given a path, torch does not report why it failed
                 torch.save(optimizer, file)
             (torn / SELFTEST).write_bytes(msgspec.json.encode(selftest))
             (torn / STATE).write_bytes(msgspec.json.encode(state))
@@ -144,7 +144,7 @@ def save(
 
 
 def _disk_error(error: BaseException) -> int | None:
-    """The system's error number behind what safetensors and torch make of a full disk; else ``None``."""
+    """The system's error number of an error from safetensors or torch; ``None`` if there is none."""
     if found := re.search(r"\(os error (\d+)\)", str(error)):
         return int(found[1])
     cause = error.__cause__ or error.__context__
@@ -154,7 +154,7 @@ def _disk_error(error: BaseException) -> int | None:
 
 
 def _copy_processor(source: str, folder: Path) -> None:
-    """Settings that we do not read but a server does, which loads the processor of the whole model."""
+    """Copy files that a server needs to load the model's processor; this package does not read them."""
     for name in ("processor_config.json", "video_preprocessor_config.json"):
         found = Path(source, name) if Path(source).is_dir() else try_to_load_from_cache(source, name)
         if isinstance(found, str | Path) and Path(found).is_file() and not (folder / name).exists():
@@ -162,7 +162,7 @@ def _copy_processor(source: str, folder: Path) -> None:
 
 
 def read_state(folder: Path) -> UpdateState:
-    """What a saved folder goes on from.
+    """Read the state of learning of a saved folder.
 
     Raises:
         TrainingError: it was not saved by an update.
@@ -174,6 +174,6 @@ def read_state(folder: Path) -> UpdateState:
 
 
 def read_optimizer(folder: Path) -> dict[str, Any]:
-    """The optimizer's state of a saved folder."""
+    """Read the optimizer state of a saved folder."""
     found: dict[str, Any] = torch.load(folder / OPTIMIZER, map_location="cpu", weights_only=True)
     return found

@@ -1,11 +1,11 @@
 """The differences between DeepSpeed's ZeRO and one process, DDP and FSDP2.
 
-accelerate hides most of it. Left are settings that must follow from ours, and the optimizer's state, which
-ZeRO keeps in flat pieces: it is read and written here by the names of parameters, whole, in the form that
-torch's ``get_optimizer_state_dict`` has. So a training can continue with other processes, or another backend.
+accelerate hides most of them. This module derives ZeRO's settings from ours, and converts the optimizer
+state, which ZeRO stores in flat shards, from and to the full state by parameter names that torch's
+``get_optimizer_state_dict`` returns. So a training can continue with another number of processes or backend.
 
-The engine clips and steps by itself, when accelerate's ``sync_gradients`` says that gradients are complete; a
-step whose gradient is no finite number it skips, and tells an infinite norm.
+The engine clips gradients and steps by itself once accelerate's ``sync_gradients`` is set. It skips steps
+whose gradient is not finite and reports an infinite norm for them.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ MOMENTS = ("exp_avg", "exp_avg_sq")
 
 
 def configure(accelerator: Accelerator, config: UpdateConfig) -> None:
-    """Give ZeRO what it wants to know before it prepares a model.
+    """Set ZeRO's settings before it prepares a model.
 
     Raises:
-        ConfigError: it is to keep something elsewhere than on the GPUs.
+        ConfigError: it is set to offload.
     """
     plugin = accelerator.state.deepspeed_plugin
     if plugin.hf_ds_config.is_offload():
         raise ConfigError(
-            "DeepSpeed's offloading is not supported", hint="take offload_* out of the launch settings"
+            "DeepSpeed's offloading is not supported", hint="remove offload_* from the launch settings"
         )
-    # Models are loaded whole, and the engine takes them apart: what transformers loads into stage 3 by itself
-    # it saves under other names.
+    # Load full models, which the engine then shards: models that transformers loads into stage 3 directly are
+    # saved under other names.
     unset_hf_deepspeed_config()
-    accelerator.gradient_accumulation_steps = 1  # the update says which micro-batch is the last
+    accelerator.gradient_accumulation_steps = 1  # the update marks the last micro-batch itself
     plugin.deepspeed_config.update(
         train_micro_batch_size_per_gpu=config.micro_batch,
         gradient_accumulation_steps=1,
@@ -47,30 +47,31 @@ def configure(accelerator: Accelerator, config: UpdateConfig) -> None:
 
 
 def named_groups(module: torch.nn.Module, optimizer: torch.optim.Optimizer) -> list[dict[str, Any]]:
-    """The optimizer's groups with names in place of parameters; to be asked before ZeRO takes it apart."""
-    names = {id(each): name for name, each in module.named_parameters()}
+    """The optimizer's groups with names in place of parameters; call this before ZeRO shards it."""
+    names = {id(parameter): name for name, parameter in module.named_parameters()}
     return [
-        group | {"params": [names[id(each)] for each in group["params"]]} for group in optimizer.param_groups
+        group | {"params": [names[id(parameter)] for parameter in group["params"]]}
+        for group in optimizer.param_groups
     ]
 
 
 def weights(engine: Any) -> dict[str, torch.Tensor]:
-    """The whole weights, on the CPU, in the first process; all processes call this.
+    """The full weights, on the CPU, in the first process; all processes must call this.
 
-    accelerate's way copies tied weights apart, and without a GPU leaves stage 3's to be overwritten.
+    accelerate's own function unties tied weights, and without a GPU returns stage 3's buffers uncopied.
     """
     from deepspeed.runtime.zero import GatheredParameters
 
     found = {}
-    for name, each in engine.module.named_parameters():
-        with GatheredParameters([each]):
+    for name, parameter in engine.module.named_parameters():
+        with GatheredParameters([parameter]):
             if engine.global_rank == 0:
-                found[name] = each.detach().to("cpu", copy=True)
+                found[name] = parameter.detach().to("cpu", copy=True)
     return found
 
 
 def optimizer_state(engine: Any, groups: Sequence[dict[str, Any]], step: int) -> dict[str, Any]:
-    """The whole state, on the CPU; all processes call this.
+    """The full optimizer state, on the CPU; all processes must call this.
 
     Args:
         engine: DeepSpeed's, with a model in it.
@@ -81,17 +82,17 @@ def optimizer_state(engine: Any, groups: Sequence[dict[str, Any]], step: int) ->
 
     state = {
         name: {"step": torch.tensor(float(step))}
-        | {moment: safe_get_full_optimizer_state(each, moment).cpu() for moment in MOMENTS}
-        for name, each in _trained(engine)
+        | {moment: safe_get_full_optimizer_state(parameter, moment).cpu() for moment in MOMENTS}
+        for name, parameter in _trained(engine)
     }
     return {"state": state, "param_groups": list(groups)}
 
 
 def set_optimizer_state(engine: Any, saved: dict[str, Any] | None, step: int) -> None:
-    """Make the state before the first step; whole ones that were saved are taken apart.
+    """Initialise the optimizer state before the first step, from a saved full state if there is one.
 
-    ZeRO would leave it to the optimizer, and then finds the moments of the first group alone: of all others
-    there are none yet when it looks.
+    If this were left to the optimizer, ZeRO would find the moments of the first group only, because those of
+    the others do not exist yet when it looks for them.
     """
     from deepspeed.utils import safe_set_full_optimizer_state, safe_set_local_optimizer_state
 
@@ -105,18 +106,20 @@ def set_optimizer_state(engine: Any, saved: dict[str, Any] | None, step: int) ->
         sharded._lazy_init_hp_params_optimizer_state()
     if saved is None:
         return
-    for name, each in _trained(engine):
+    for name, parameter in _trained(engine):
         for moment in MOMENTS:
             value = saved["state"][name][moment].to(engine.device)
             if not is_stage_3:
-                safe_set_full_optimizer_state(each, value, moment)
+                safe_set_full_optimizer_state(parameter, value, moment)
                 continue
-            size, rank = each.ds_tensor.numel(), engine.global_rank
-            mine = value.new_zeros(size)  # the last process's piece is filled up
+            size, rank = parameter.ds_tensor.numel(), engine.global_rank
+            own = value.new_zeros(size)  # the last process's shard is padded
             piece = value.flatten()[size * rank : size * (rank + 1)]
-            mine[: len(piece)] = piece
-            safe_set_local_optimizer_state(each, mine, moment)
+            own[: len(piece)] = piece
+            safe_set_local_optimizer_state(parameter, own, moment)
 
 
 def _trained(engine: Any) -> list[tuple[str, Any]]:
-    return [(name, each) for name, each in engine.module.named_parameters() if each.requires_grad]
+    return [
+        (name, parameter) for name, parameter in engine.module.named_parameters() if parameter.requires_grad
+    ]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.conftest import Calls
+from tests.conftest import Calls, webgym
 
 from webgym.bench.ceiling import APART, SERVER, SHARED
 
@@ -17,18 +18,19 @@ SMALL = (
 ).split()
 
 
-def figures_of(calls: Calls, folder: Path, *parts: str) -> tuple[str, dict[str, Any]]:
-    """What a small run prints and writes."""
+def figures_of(folder: Path, *parts: str) -> tuple[str, dict[str, Any]]:
+    """What a small run prints and writes; a process of its own, so that nothing else is measured."""
     file = folder / "figures.json"
     chosen = [word for part in parts for word in ("--only", part)]
-    code, out, err = calls.apart("bench", "server", *SMALL, *chosen, "--markdown", "--json", file)
-    assert code == 0, err
-    return out, json.loads(file.read_text())
+    command = webgym("bench", "server", *SMALL, *chosen, "--markdown", "--json", file)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=100)
+    assert done.returncode == 0, done.stderr
+    return done.stdout, json.loads(file.read_text())
 
 
 @pytest.mark.browser
-def test_the_server_beside_the_bare_loop_and_in_numbers(tmp_path: Path, calls: Calls) -> None:
-    said, figures = figures_of(calls, tmp_path, "ceiling", "density")
+def test_the_server_beside_the_bare_loop_and_in_numbers(tmp_path: Path) -> None:
+    said, figures = figures_of(tmp_path, "ceiling", "density")
     assert "Against the ceiling" in said
     assert "Density" in said
     assert "thinking" not in figures
@@ -41,8 +43,8 @@ def test_the_server_beside_the_bare_loop_and_in_numbers(tmp_path: Path, calls: C
 
 @pytest.mark.browser
 @pytest.mark.slow
-def test_every_part_runs(tmp_path: Path, calls: Calls) -> None:
-    said, figures = figures_of(calls, tmp_path)
+def test_every_part_runs(tmp_path: Path) -> None:
+    said, figures = figures_of(tmp_path)
     for title in ("Against the ceiling", "CPU milliseconds per call", "of thinking", "burst", "Density"):
         assert title in said
     costs = {cost["operation"]: cost for cost in figures["costs"]}

@@ -41,10 +41,10 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     found: list[str] = []
 
     def refuse(*_: Any) -> Any:
-        found.append("places")
+        found.append("services")
         raise WebGymError("far enough")
 
-    monkeypatch.setattr(runs, "places", refuse)
+    monkeypatch.setattr(runs, "open_services", refuse)
     return found
 
 

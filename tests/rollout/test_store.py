@@ -183,7 +183,7 @@ async def test_a_folder_that_is_no_run_is_named(tmp_path: Path) -> None:
     with pytest.raises(RunFolderError, match="is not a run"):
         await RunWriter.reopen(tmp_path / "none")
     (tmp_path / "file").touch()
-    with pytest.raises(RunFolderError, match="cannot make"):
+    with pytest.raises(RunFolderError, match="cannot create"):
         await RunWriter.create(tmp_path / "file", {}, [])
 
 

@@ -88,7 +88,7 @@ def refuse_taken(path: Path) -> None:
     try:
         names = {entry.name for entry in path.iterdir()} if path.exists() else set()
     except OSError as error:
-        raise RunFolderError(f"cannot make the run folder {path}: {error.strerror}") from error
+        raise RunFolderError(f"cannot create the run folder {path}: {error.strerror}") from error
     if CONFIG in names:
         raise RunFolderError(
             f"{path} holds a run already", hint="resume with --resume, or choose another folder"

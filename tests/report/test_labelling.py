@@ -302,11 +302,11 @@ async def test_trajectories_are_labelled_with_keys_and_the_work_is_taken_up_agai
         await page.get_by_placeholder("Note").fill("the price is there")
         await page.keyboard.press("Enter")
         await page.keyboard.press("s")
-        await expect(page.locator("#said")).to_have_text("saved: success")
+        await expect(page.locator("#said")).to_have_text("Saved: success")
         await expect(page.locator(".verdict-badge")).to_be_visible()  # now it may be seen
         await expect(page.locator("[data-label=success]")).to_have_attribute("aria-pressed", "true")
         await page.keyboard.press("f")  # on second thoughts
-        await expect(page.locator("#said")).to_have_text("saved: failure")
+        await expect(page.locator("#said")).to_have_text("Saved: failure")
         (label,) = read_labels(labels_path(run)).labels
         assert label == HumanLabel(
             "failure", queue[0], queue[0].rpartition("#")[0], "ann", "the price is there"

@@ -96,7 +96,7 @@ async def models(patch: pytest.MonkeyPatch) -> AsyncIterator[Names]:
         served.text = '{"name": "Ada", "years": 36}'
         config = ChatConfig(base_url=served.url(), model="my-model")
         patch.setattr(
-            "webgym.llm.ChatConfig", lambda **given: ChatConfig(**given | {"base_url": served.url()})
+            "webgym.llm.config.ChatConfig", lambda **given: ChatConfig(**given | {"base_url": served.url()})
         )
         async with ChatClient(config) as client:
             yield {

@@ -36,7 +36,7 @@ def _origin(url: str) -> str:
 
 
 class BrowserSession(Protocol):
-    """An open session: :class:`webgym.server.Session`, or a replacement for it."""
+    """An open session: :class:`webgym.server.client.Session`, or a replacement for it."""
 
     @property
     def id(self) -> str:
@@ -57,7 +57,7 @@ class BrowserSession(Protocol):
 
 
 class Browsers(Protocol):
-    """Opens sessions: :class:`webgym.server.BrowserClient`, or a replacement for it."""
+    """Opens sessions: :class:`webgym.server.client.BrowserClient`, or a replacement for it."""
 
     async def open(self, options: SessionOptions | None = None) -> BrowserSession:
         """Open a session.

@@ -179,7 +179,7 @@ async def _ask_for_text(
     check: Callable[[str], str | None],
     tries: int,
 ) -> str:
-    """As :func:`webgym.llm.ask_for`, for plain text."""
+    """As :func:`webgym.llm.structured.ask_for`, for plain text."""
     conversation = list(messages)
     replies: list[str] = []
     reason = ""

@@ -20,9 +20,7 @@ from webgym.rollout.config import CollectorConfig
 from webgym.run_config import RunConfig, TaskChoice
 from webgym.testing import check_environment, stand_in_environment
 
-SMALL = RunConfig(
-    tasks=TaskChoice(count=6), agent=AgentConfig(mode="marks"), collector=CollectorConfig(sessions=1)
-)
+SMALL = RunConfig(tasks=TaskChoice(count=6), agent=AgentConfig(mode="marks"))
 
 
 async def test_the_environment_keeps_its_promises() -> None:
@@ -185,6 +183,12 @@ def test_without_await_and_within_a_running_loop() -> None:
         with pytest.raises(UsageError, match="call reset first"):
             env.step(Scroll("down"))
     env.close()
+
+
+def test_one_environment_starts_one_browser_unless_more_are_asked_for() -> None:
+    assert webgym.make("offline-small-v1").config.collector.sessions == 1
+    three = RunConfig(collector=CollectorConfig(sessions=3))
+    assert webgym.make("offline-small-v1", config=three).config.collector.sessions == 3
 
 
 @pytest.fixture(scope="module")

@@ -97,7 +97,8 @@ class Environment:
         tasks: a task file, tasks, or ``None`` for those that ``config.tasks`` chooses (by default all
             training tasks of the offline web).
         browsers: an open client of a browser server, which several environments may share; by default what
-            ``config.server`` says: a server elsewhere, or a browser that is started here.
+            ``config.server`` says: a server elsewhere, or browsers that are started here, one unless
+            ``config.collector.sessions`` is set.
         judge: gives the reward; by default the one that ``config.judge`` names.
         config: all other settings of a run: agent (prompt, mode, actions), browser, budgets.
         secrets: tokens of servers that run elsewhere.
@@ -130,6 +131,9 @@ class Environment:
         # All tasks by default: a task costs nothing before it is drawn.
         if config.tasks.count is None:
             config = config.model_copy(update={"tasks": config.tasks.model_copy(update={"count": "all"})})
+        if "sessions" not in config.collector.model_fields_set:
+            collector = config.collector.model_copy(update={"sessions": 1})
+            config = config.model_copy(update={"collector": collector})
         self.config = resolved(config, None, None)
         self.profile = choose_profile(self.config.agent.profile, "", self.config.agent.mode)
         self._given = tasks
@@ -189,6 +193,8 @@ class Environment:
 
     def twin(self, seed: int) -> Environment:
         """Another environment on the same browsers, websites, tasks and judge; this one must be closed last.
+
+        Two episodes at once need two browsers: ``config.collector.sessions`` is their number.
 
         Args:
             seed: of the order of tasks.
@@ -520,7 +526,8 @@ def config_of(
     config = config or RunConfig()
     tasks = config.tasks.model_copy(update={"split": split})
     if name in COLLECTIONS:
-        sites = SitesConfig(collection=COLLECTIONS[name], latency=config.sites.latency)
+        delays = config.sites.model_dump(include={"latency", "latency_sigma"})
+        sites = SitesConfig(collection=COLLECTIONS[name], **delays)
         config = config.model_copy(update={"sites": sites})
     elif Path(name).is_file():
         tasks = tasks.model_copy(update={"file": Path(name)})

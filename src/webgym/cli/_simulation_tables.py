@@ -14,12 +14,12 @@ def paper_table(points: Iterable[Point]) -> Table:
     rows = []
     for point in points:
         paper = "–"
-        if point.told is not None:
-            low, high = point.told
+        if point.reported is not None:
+            low, high = point.reported
             paper = f"{low:g}" if low == high else f"{low:g}–{high:g}"
         error = "–" if point.error is None else f"{point.error:+.1%}"
         kind = "fitted" if point.is_fitted else "predicted"
-        rows.append((point.what, paper, f"{point.found:.1f}", point.unit, error, kind))
+        rows.append((point.what, paper, f"{point.simulated:.1f}", point.unit, error, kind))
     return Table("The paper's rollout system, simulated", ("", "paper", "model", "", "error", ""), rows)
 
 

@@ -39,24 +39,24 @@ class Point(msgspec.Struct, frozen=True):
 
     Attributes:
         what: the measured quantity.
-        told: lowest and highest value that the paper reports; ``None`` if it reports none.
-        found: the model's value.
+        reported: lowest and highest value that the paper reports; ``None`` if it reports none.
+        simulated: the model's value.
         is_fitted: whether the model's constants were fitted to it.
     """
 
     what: str
     unit: str
-    told: tuple[float, float] | None
-    found: float
+    reported: tuple[float, float] | None
+    simulated: float
     is_fitted: bool = False
 
     @property
     def error(self) -> float | None:
         """Relative error of the model; 0 within the paper's range; ``None`` if the paper reports no value."""
-        if self.told is None:
+        if self.reported is None:
             return None
-        low, high = self.told
-        return self.found / high - 1 if self.found > high else min(0.0, self.found / low - 1)
+        low, high = self.reported
+        return self.simulated / high - 1 if self.simulated > high else min(0.0, self.simulated / low - 1)
 
 
 class Reproduced(msgspec.Struct, frozen=True):
@@ -75,17 +75,17 @@ class Reproduced(msgspec.Struct, frozen=True):
     @property
     def points(self) -> Iterator[Point]:
         """The rows of the comparison."""
-        at, ratio = self.minutes, "step barrier / async"
+        at = self.minutes
         yield Point("64 CPUs, async", "min", (48.6, 48.6), at[64]["async"], is_fitted=True)
         yield Point("64 CPUs, step barrier", "min", (264.0, 264.0), at[64]["step_barrier"], is_fitted=True)
         yield Point("128 CPUs, async", "min", (30.0, 30.0), at[128]["async"], is_fitted=True)
         for cpus in at:
-            told = {64: (5.4, 5.4), 128: (4.0, 5.0)}.get(cpus)
-            found = at[cpus]["step_barrier"] / at[cpus]["async"]
-            yield Point(f"{cpus} CPUs, {ratio}", "x", told, found, is_fitted=cpus == 64)
-        for cpus, found_at in at.items():
-            times = found_at["episode_barrier"] / found_at["async"]
-            yield Point(f"{cpus} CPUs, episode barrier / async", "x", None, times)
+            reported = {64: (5.4, 5.4), 128: (4.0, 5.0)}.get(cpus)
+            ratio = at[cpus]["step_barrier"] / at[cpus]["async"]
+            yield Point(f"{cpus} CPUs, step barrier / async", "x", reported, ratio, is_fitted=cpus == 64)
+        for cpus, by_schedule in at.items():
+            ratio = by_schedule["episode_barrier"] / by_schedule["async"]
+            yield Point(f"{cpus} CPUs, episode barrier / async", "x", None, ratio)
         fewest = min(self.steps)
         for gpus, rate in self.steps.items():
             if gpus > fewest:

@@ -138,8 +138,8 @@ def test_no_browser_is_an_error_that_says_what_to_do(machine: Machine) -> None:
     [
         ("missing", None, "there is no browser at"),
         ("mute", "exit 0", "is not a working Chromium, it printed: nothing"),
-        ("other", "echo 'GNU bash, version 5.2.15'", "it says: GNU bash"),
-        ("broken", "echo 'libnss3.so: cannot open' >&2; exit 127", "it says: libnss3.so"),
+        ("other", "echo 'GNU bash, version 5.2.15'", "it printed: GNU bash"),
+        ("broken", "echo 'libnss3.so: cannot open' >&2; exit 127", "it printed: libnss3.so"),
     ],
 )
 def test_what_is_asked_for_by_name_is_it_or_an_error(

@@ -47,7 +47,9 @@ def connections(server: socket.socket) -> int:
 
 
 def test_a_model_that_is_not_there_is_told_after_one_question(silent_hub: socket.socket) -> None:
-    with pytest.raises(ConfigError, match=r"was never downloaded, and http://127.0.0.1:\d+ is not reached"):
+    with pytest.raises(
+        ConfigError, match=r"was never downloaded, and http://127.0.0.1:\d+ cannot be reached"
+    ):
         load_renderer("nobody/nothing")
     assert connections(silent_hub) == 1
 

@@ -56,7 +56,7 @@ def test_pictures_are_attended_to_together(pictures: list[list[int]]) -> None:
     plain, quick = made()
     speed_up_vision(quick)
     layers = [type(module).__name__ for module in quick.modules()]
-    assert "_Together" in layers
+    assert "_BatchedVisionAttention" in layers
     assert "Qwen3VLVisionAttention" not in layers
     grid = torch.tensor(pictures)
     patches = torch.randn(int(grid.prod(1).sum()), 3 * 2 * 4 * 4)

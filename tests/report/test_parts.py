@@ -122,7 +122,7 @@ def test_how_a_memory_was_mended_is_told(run_folder: Path) -> None:
     step = msgspec.structs.replace(made.episode.steps[0], revision=revision)
     episode = msgspec.structs.replace(made.episode, steps=(step, *made.episode.steps[1:]))
     first, *others = page(msgspec.structs.replace(made, episode=episode), None)["steps"]
-    assert first["memory"] == "left out, kept: price; changed, both values kept: size, colour"
+    assert first["memory"] == "omitted, kept: price; changed, both values kept: size, colour"
     assert {other["memory"] for other in others} <= {""}
 
 

@@ -119,5 +119,5 @@ def test_a_recipe_that_was_killed_ends_with_the_same_weights(
     weights = [tmp_path / name / "model/model.safetensors" for name in ("whole", "killed")]
     assert weights[0].read_bytes() == weights[1].read_bytes()
     other = config.model_copy(update={"attempts": 4})
-    with pytest.raises(ConfigError, match=r"demonstrations\.msgpack is of other settings"):
+    with pytest.raises(ConfigError, match=r"demonstrations\.msgpack was made with other settings"):
         asyncio.run(follow(other, tmp_path / "whole", tell=tell, advance=advance))

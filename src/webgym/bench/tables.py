@@ -30,6 +30,8 @@ def server_tables(figures: ServerFigures) -> Iterator[Table]:
 
 
 def _spread(values: Sequence[float], digits: int = 1) -> str:
+    if not values:  # rounds so short that not a step ended
+        return "–"
     middle = quantile(values, 0.5)
     return f"{middle:.{digits}f} ({min(values):.{digits}f}-{max(values):.{digits}f})"
 
@@ -66,7 +68,7 @@ def _per_step(results: list[Ceiling]) -> Table:
         for name, runs in ceiling.rounds.items():
             steps = sum(run.steps for run in runs)
             kinds = {kind for run in runs for kind in run.cpu}
-            cpu = {kind: sum(run.cpu.get(kind, 0.0) for run in runs) * 1000 / steps for kind in kinds}
+            cpu = {kind: sum(run.cpu.get(kind, 0.0) for run in runs) * 1000 / max(1, steps) for kind in kinds}
             rows.append((f"{ceiling.page}, {name}", *_kinds(cpu)))
     return Table("CPU milliseconds per step, by kind of process", ("pages", *_KINDS.values(), "all"), rows)
 

@@ -328,7 +328,7 @@ async def test_trajectories_are_labelled_with_keys_and_the_work_is_taken_up_agai
 
     async with viewed(run) as url, opened(browser, f"{url}label") as page:  # the viewer was started anew
         await page.get_by_label("Your name").fill("ann")
-        await page.get_by_role("button", name="Begin").click()
+        await page.get_by_role("button", name="Start").click()
         await expect(page.locator("#where")).to_have_text("3 of 9")
         for _ in queue[2:]:
             await expect(page.locator("#place .task-head")).to_be_visible()

@@ -6,6 +6,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from statistics import median
 
+from matplotlib.axes import Axes
+
 from webgym.bench.rollout.measure import CellResult, Measured, by_cell, over_async
 from webgym.plotting import CATEGORIES, PAGE, new_figure, save, styled
 from webgym.tables import Table
@@ -110,8 +112,12 @@ def draw_rollout(measured: Sequence[Measured], path: Path) -> None:
     """
     results = by_cell(measured)
     with styled():
+        slow = [result for result in results if result.cell.part == "capacity"]
+        many = [result for result in results if result.cell.part == "overload"]
+        columns = 3 if slow or many else 2
         figure = new_figure(PAGE, 4.4)
-        times, uses, overload, cpu, policy, capacity = figure.subplots(2, 3).flat
+        panels = figure.subplots(2, columns)
+        (times, uses), (cpu, policy) = panels[:, :2]
         schedules = [result for result in results if result.cell.part == "schedules"]
         modes = list(dict.fromkeys(result.cell.mode for result in schedules))
         for mode, colour in zip(modes, CATEGORIES, strict=False):
@@ -127,8 +133,10 @@ def draw_rollout(measured: Sequence[Measured], path: Path) -> None:
             uses.plot(cpus, [median(result.of("cpu")) for result in own], "o-", color=colour)
             loads = min(own, key=lambda result: result.cell.cpus).rounds[0].loads
             moments = [load.seconds for load in loads]
-            cpu.plot(moments, [load.cpu for load in loads], color=colour, lw=0.7)
-            policy.plot(moments, [load.policy for load in loads], color=colour, lw=0.7)
+            cpu.plot(moments, _smoothed([load.cpu for load in loads]), color=colour, lw=1)
+            policy.plot(moments, _smoothed([load.policy for load in loads]), color=colour, lw=1)
+        for panel in (times, uses):
+            panel.set_xticks(sorted({result.cell.cpus for result in schedules}))
         if schedules:
             times.legend(frameon=False)
             times.set_ylim(0)
@@ -136,20 +144,33 @@ def draw_rollout(measured: Sequence[Measured], path: Path) -> None:
         uses.set(title="CPU use", xlabel="CPUs", ylabel="share", ylim=(0, 1.05))
         cpu.set(title="CPU use, fewest CPUs", xlabel="seconds", ylabel="share", ylim=(0, 1.05))
         policy.set(title="Policy use, fewest CPUs", xlabel="seconds", ylabel="share", ylim=(0, 1.05))
-        slow = [result for result in results if result.cell.part == "capacity"]
+        if columns == 3:
+            _draw_limits(*panels[:, 2], many, slow)
+        save(figure, path)
+
+
+def _smoothed(values: Sequence[float]) -> list[float]:
+    """Means over ten seconds around each sample: the bursts of a barrier are shorter, and hide each other."""
+    around = [values[max(0, place - 5) : place + 5] for place in range(len(values))]
+    return [sum(window) / len(window) for window in around]
+
+
+def _draw_limits(
+    overload: Axes, capacity: Axes, many: Sequence[CellResult], slow: Sequence[CellResult]
+) -> None:
+    """Attempts under overload, and throughput by policy capacity, as far as they were measured."""
+    capacity.set_visible(bool(slow))
+    overload.set_visible(bool(many))
+    if slow:
         capacity.plot(
             [result.cell.gpus for result in slow], [median(result.of("per_minute")) for result in slow], "o-"
         )
         capacity.set(title="Policy capacity", xlabel="GPUs", ylabel="trajectories per minute")
-        many = [result for result in results if result.cell.part == "overload"]
+    if many:
         names = [result.cell.queues.replace("_", " ") for result in many]
         ended = [median(result.of("ended")) for result in many]
-        overload.bar(names, ended, label="finished")
         crashed = [median([once.crashes for once in result.rounds]) for result in many]
+        overload.bar(names, ended, label="finished")
         overload.bar(names, crashed, bottom=ended, label="crashed", color=CATEGORIES[3])
-        if many:
-            overload.legend(frameon=False)
+        overload.legend(frameon=False)
         overload.set(title="Overload", ylabel="attempts")
-        for panel, drawn in ((capacity, slow), (overload, many)):
-            panel.set_visible(bool(drawn))
-        save(figure, path)

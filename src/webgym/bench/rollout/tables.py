@@ -145,7 +145,8 @@ def draw_rollout(measured: Sequence[Measured], path: Path) -> None:
         cpu.set(title="CPU use, fewest CPUs", xlabel="seconds", ylabel="share", ylim=(0, 1.05))
         policy.set(title="Policy use, fewest CPUs", xlabel="seconds", ylabel="share", ylim=(0, 1.05))
         if columns == 3:
-            _draw_limits(*panels[:, 2], many, slow)
+            overload, capacity = panels[:, 2]
+            _draw_limits(overload, capacity, many, slow)
         save(figure, path)
 
 

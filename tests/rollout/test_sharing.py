@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import shutil
 import subprocess
 import sys
 from collections import Counter, defaultdict
@@ -139,6 +140,28 @@ async def test_three_collectors_do_every_sample_once(tmp_path: Path, world: Worl
     assert verify(tmp_path / "all").is_whole
     with pytest.raises(RunFolderError, match="a run already"):
         await merge_runs([tmp_path / "a"], tmp_path / "all")
+    assert not list(tmp_path.glob(".*")), "nothing is left behind"
+
+
+async def test_a_merge_that_is_cut_short_leaves_no_run_that_could_be_resumed(
+    tmp_path: Path, world: World
+) -> None:
+    config = world.config(tmp_path, 4, shared(tmp_path))
+    await Run().start(config, tmp_path / "a").end()
+
+    def stop(done: int, _: int) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        await merge_runs([tmp_path / "a"], tmp_path / "all", progress=stop)
+    assert not (tmp_path / "all").exists()
+    assert not list(tmp_path.glob(".*"))
+    half = tmp_path / ".all.tmp"  # as kill -9 leaves it
+    shutil.copytree(tmp_path / "a", half)
+    assert (await merge_runs([tmp_path / "a"], tmp_path / "all")).attempts == 4
+    assert not half.exists()
+    assert len(books(tmp_path / "all")) == 4
 
 
 async def test_what_an_abandoned_run_had_claimed_is_done_by_another_and_what_it_recorded_is_not(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import shutil
 import uuid
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
@@ -11,9 +13,10 @@ from typing import Any, Final, NamedTuple
 import msgspec
 
 from webgym.core.errors import ConfigError, RunFolderError
+from webgym.rollout.files import TORN, disk_errors
 from webgym.rollout.records import Entry, pictures
 from webgym.rollout.sharing import COLLECTORS
-from webgym.rollout.store import RunReader, RunWriter
+from webgym.rollout.store import RunReader, RunWriter, refuse_taken
 from webgym.rollout.summary import Summary, summarise
 
 _SAME: Final = ("seed", "samples", "policy", "agent", "judge", "attempt")
@@ -63,7 +66,8 @@ async def merge_runs(
     """Write a run that contains the attempts of several runs.
 
     The attempts at a sample get new numbers, so that the one that counts is the last. Verdicts that were made
-    later (``webgym judge RUN``) are not merged.
+    later (``webgym judge RUN``) are not merged. The folder appears when the merge is complete: a part of it,
+    resumed as a run, would repeat attempts.
 
     Args:
         runs: run folders of one task list, which are not changed.
@@ -76,11 +80,26 @@ async def merge_runs(
         RunFolderError: a folder is no run, or ``out`` is not empty.
         StoreCorrupt: a record or a picture is damaged.
     """
+    refuse_taken(out)
     readers = [RunReader(run) for run in dict.fromkeys(run.resolve() for run in runs)]
     first = readers[0]
     for other in readers[1:]:
         _refuse_different(first, other)
-    retries = _new_numbers(readers)
+    unfinished = out.with_name(f".{out.name}{TORN}")
+    await asyncio.to_thread(shutil.rmtree, unfinished, ignore_errors=True)  # of a merge that was killed
+    try:
+        merged = await _write(readers, unfinished, progress)
+        with disk_errors(f"creating {out}"):
+            unfinished.replace(out)
+    except BaseException:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        raise
+    return merged
+
+
+async def _write(readers: Sequence[RunReader], out: Path, progress: Callable[[int, int], object]) -> Merged:
+    """Write the merged run; see :func:`merge_runs`."""
+    first, retries = readers[0], _new_numbers(readers)
     config = first.config
     config["collector"]["sharing"]["folder"] = None
     config |= {"run_id": uuid.uuid4().hex, "merged_runs": [reader.config["run_id"] for reader in readers]}

@@ -39,7 +39,8 @@ PACKAGES = (
     # of the second set of unseen pages
     "primereact@10 rsuite@5 @blueprintjs/core@5 quasar@2 ace-builds@1 tui-grid@4 slickgrid@5 sortablejs@1 "
     "litepicker@2 @event-calendar/build@4 intl-tel-input@25 @yaireo/tagify@4 jsoneditor@10 "
-    "@spectrum-web-components/bundle@1 dockview-core@4 @melloware/coloris@0.25 wunderbaum@0.13"
+    "@spectrum-web-components/bundle@1 dockview-core@4 @melloware/coloris@0.25 wunderbaum@0.13 "
+    "bootstrap-icons@1"
 ).split()
 
 FOLDER = Path(__file__).with_name("npm_pages")

@@ -304,11 +304,12 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         ["Red ▼", "▼", "Blue ▼", "▼"],
     ),
     "headings that a table is sorted by": (
-        "<style>th{width:90px}th+th+th+th{width:400px}</style><table class=on>"
+        "<style>th{width:90px}</style><div class=on><b role=columnheader aria-sort=none>Town</b>"
+        "<b role=columnheader>Plain</b> and some more text</div><table class=on>"
         "<tr><th aria-sort=none>Name<th class=col-sortable>Age<th class=not-sortable>Plain<th>Plain"
         "<tr><td>Ann<td>20<td>x<td>y</table>"
         "<table><tr><th aria-sort=none>Plain<th aria-sort=none>Plain</table>" + LISTENS.format("click"),
-        ["Name", "Age"],
+        ["Town", "Name", "Age"],
     ),
     "a label's own name": ("<i id=l aria-label=Town>x</i><input aria-labelledby=l>", ["Town"]),
 }

@@ -463,7 +463,8 @@
     const within = kids.filter((kid) => isIn(middle(kid.boxes[0]), box));
     const share = (kid) => areaOf(kid.boxes[0]) / area;
     if (!one.isControl) {
-      if (!one.isPointer && isNothing(one)) return null;
+      const isHeading = ({ element, isPart }) => isPart && matches(element, HEADING);
+      if (!one.isPointer && (isNothing(one) || within.some(isHeading))) return null;
       const isUnpointed = one.isText || (!one.isPointer && within.length && hasOtherText(one, within));
       if (isUnpointed && within.some((kid) => [kid, ...kid.kids].some(({ isPointer }) => isPointer))) return null;
       if (!within.length) {

@@ -25,6 +25,7 @@ COMPONENT = (
     "<script>customElements.define('x-one', class extends HTMLElement {{ constructor() {{ super();"
     "this.attachShadow({{ mode: 'open' }}).innerHTML = `{0}`; }} }})</script>"
 )
+ICON = "<style>i{display:inline-block;width:9px;height:9px;border:1px solid}p{margin:0}</style>"
 PAGES: dict[str, tuple[str, list[str]]] = {
     "only a listener": ("<p class=on>Heard</p><p>Plain</p>" + LISTENS.format("click"), ["Heard"]),
     "a press of the mouse": ("<b class=on>Heard</b>" + LISTENS.format("pointerdown"), ["Heard"]),
@@ -275,6 +276,40 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         "<div title=Colours style='cursor:crosshair;width:90px;height:90px;background:red'></div>"
         "<script>document.addEventListener('mousedown', () => {})</script>",
         ["Colours"],
+    ),
+    "boxes to tick and arrows of rows that a tree listens for": (
+        ICON
+        + "<style>s::before{content:'\\a0'}</style><div class=on>"
+        + "".join(
+            f"<p><i class=t-checkbox></i><s class=expander></s><b>{name}</b></p>"
+            for name in ("One", "Two", "Three")
+        )
+        + "</div>"
+        + LISTENS.format("click"),
+        ["One", "", "Two", "", "Three", ""],
+    ),
+    "arrows of items that listen themselves": (
+        ICON
+        + "<div class=on><p class=on>One <i class=expander></i><p class=on>Two <i class=expander></i></div>"
+        + "<div class=on><button>A <i class=toggle></i></button><button>B <i class=toggle></i></button></div>"
+        + LISTENS.format("click"),
+        ["One", "Two", "A", "B"],
+    ),
+    "arrows in cells that a grid listens for": (
+        "<style>[role=gridcell]{width:90px}</style><div class=on role=grid><div role=row>"
+        "<div role=gridcell tabindex=-1>Red <i class=listArrow>▼</i></div>"
+        "<div role=gridcell tabindex=-1>Blue <i class=listArrow>▼</i></div></div></div>"
+        "<div class=on style='height:600px'><p>Plain <i class=listArrow>▼</i></p>"
+        "<p>Plain <i class=listArrow>▼</i></p></div>" + LISTENS.format("click"),
+        ["Red ▼", "▼", "Blue ▼", "▼"],
+    ),
+    "headings that a table is sorted by": (
+        "<style>th{width:90px}</style><div class=on><b role=columnheader aria-sort=none>Town</b>"
+        "<b role=columnheader>Plain</b> and some more text</div><table class=on>"
+        "<tr><th aria-sort=none>Name<th class=col-sortable>Age<th class=not-sortable>Plain<th>Plain"
+        "<tr><td>Ann<td>20<td>x<td>y</table>"
+        "<table><tr><th aria-sort=none>Plain<th aria-sort=none>Plain</table>" + LISTENS.format("click"),
+        ["Town", "Name", "Age"],
     ),
     "a label's own name": ("<i id=l aria-label=Town>x</i><input aria-labelledby=l>", ["Town"]),
 }

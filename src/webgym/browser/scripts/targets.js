@@ -3,7 +3,8 @@
   const webgym = globalThis.webgym;
   if (webgym.targets) return;
   const {
-    dispatchEvent, nodeType, parentNode, childNodes, textContent, getRootNode, localName, baseURI, getAttribute, matches, closest,
+    dispatchEvent, nodeType, parentNode, childNodes, textContent, getRootNode, localName, baseURI, getAttribute,
+    hasAttribute, matches, closest,
     checkVisibility, getBoundingClientRect, getClientRects, children, childElementCount, querySelector,
     querySelectorAll, createRange,
     offsetWidth, offsetHeight, tabIndex, ofKind, styleSheets, adoptedStyleSheets,
@@ -153,8 +154,12 @@
   const hasPaint = (style) =>
     style.backgroundImage !== 'none' || !/^rgba\(.*, 0\)$/.test(style.backgroundColor) || style.borderTopWidth !== '0px';
 
+  // What comes before and after it, but for spaces that only keep room free.
   const hasParts = (element) =>
-    ['::before', '::after'].some((part) => getComputedStyle(element, part).content !== 'none');
+    ['::before', '::after'].some((part) => {
+      const style = getComputedStyle(element, part);
+      return style.content !== 'none' && !(/^"\s+"$/.test(style.content) && !hasPaint(style));
+    });
 
   // A control in a label keeps the clicks on it to itself.
   const isOfLabelAlone = (part) => {
@@ -314,20 +319,55 @@
     return Boolean(isOfField) && !hears(element);
   };
 
+  // The class of an element that fits `pattern`, one of several such words in a name: `listArrow`, `tree-arrow`.
+  const classLike = (element, pattern) =>
+    (getAttribute(element, 'class') || '')
+      .split(/\s+/)
+      .find((name) => pattern.test(name.replace(/([a-z])(?=[A-Z])/g, '$1-')));
+
+  // Does the next element around it that listens do so for several of this selector?
+  const AROUND = 12; // elements
+  const isHeardFor = (element, kind) => {
+    let around = parentOf(element);
+    for (let n = 0; around && n < AROUND; n++, around = parentOf(around))
+      if (hears(around)) return querySelectorAll(around, kind).length > 1;
+    return false;
+  };
+
+  // A heading that says that its column is sorted by it.
+  const HEADING = 'th,[role=columnheader]';
+  const SORTABLE = /(?<![a-z]|(^|[_-])(no|not|non)[_-])sortable$/i;
+  const isSorter = (element) =>
+    matches(element, HEADING) && (hasAttribute(element, 'aria-sort') || Boolean(classLike(element, SORTABLE))) &&
+    !hasPointedKin(element) && isHeardFor(element, HEADING);
+
+  // An icon by which a part of a row is used: its box to tick, its arrow, or that of a cell.
+  const ICON = /(?<![a-z])(checkbox|expander|expand|toggle|toggler|twisty|collapse|remove|close|delete)(?![a-z])/i;
+  const ARROW = /(?<![a-z])arrow(?![a-z])/i;
+  const WHOLE_ROLES = 'button link tab option combobox checkbox radio switch menuitem menuitemcheckbox menuitemradio';
+  const UNDIVIDED = ['a,button,summary,label', ...WHOLE_ROLES.split(' ').map((role) => `[role=${role}]`)].join(',');
+  const isIcon = (element) => {
+    if (childElementCount(element)) return false;
+    const name = classLike(element, ICON) || (closest(element, CELL) && classLike(element, ARROW));
+    if (!name || /[\p{L}\p{N}]/u.test(textContent(element)) || closest(element, UNDIVIDED)) return false;
+    return isHeardFor(element, `.${CSS.escape(name)}`);
+  };
+
   // What names another element is a label, too.
   const isName = (element) => {
     const id = getAttribute(element, 'id');
     return Boolean(id) && querySelector(getRootNode(element), `[aria-labelledby~="${CSS.escape(id)}"]`) !== null;
   };
 
-  // {element, place, role, isControl, isPointer, isText, items, kids, boxes}: `isText` if nothing is seen of what
-  // listens, `kids` are the candidates in it, `items` those of
-  // its children that are candidates because of it.
+  // {element, place, role, isControl, isPointer, isText, isPart, items, kids, boxes}: `isText` if nothing is seen of
+  // what listens, `isPart` if something around listens for this part of a row, `kids` are the candidates in it,
+  // `items` those of its children that are candidates because of it.
   const candidateOf = (element, place, style, isItem) => {
     const role = roleOf(element);
     const isControl = Boolean(role && widgetOf(element));
     const isPointer = Boolean(style && startsPointer(element, style));
-    const isUsed = () => isItem || hears(element) || isHeardAround(element) || isCell(element, style);
+    const isPart = Boolean(style) && !role && !isItem && (isIcon(element) || isSorter(element));
+    const isUsed = () => isItem || isPart || hears(element) || isHeardAround(element) || isCell(element, style);
     if (!role && !isPointer && !(style && isUsed())) return null;
     if (isOff(element) || (!isControl && isOfLabel(element))) return null;
     if (!role && !isPointer && isName(element)) return null;
@@ -337,7 +377,10 @@
     const list = role === 'option' && localName(element) === 'option' ? closest(element, 'select') : null;
     if (list && roleOf(list) !== 'listbox') return null;
     const items = new Set(isControl ? [] : itemsOf(element));
-    return { element, place, role: role || 'button', isControl, isPointer, isText, items, kids: [], boxes: [] };
+    const heard = isPart || undefined;
+    return {
+      element, place, role: role || 'button', isControl, isPointer, isText, isPart, heard, items, kids: [], boxes: [],
+    };
   };
 
   const locate = (one, most) => {
@@ -420,7 +463,8 @@
     const within = kids.filter((kid) => isIn(middle(kid.boxes[0]), box));
     const share = (kid) => areaOf(kid.boxes[0]) / area;
     if (!one.isControl) {
-      if (!one.isPointer && isNothing(one)) return null;
+      const isHeading = ({ element, isPart }) => isPart && matches(element, HEADING);
+      if (!one.isPointer && (isNothing(one) || within.some(isHeading))) return null;
       const isUnpointed = one.isText || (!one.isPointer && within.length && hasOtherText(one, within));
       if (isUnpointed && within.some((kid) => [kid, ...kid.kids].some(({ isPointer }) => isPointer))) return null;
       if (!within.length) {
@@ -429,7 +473,7 @@
       }
       const isCovered = within.reduce((sum, kid) => sum + share(kid), 0) >= COVER;
       const isWrapper = within.length === 1 && isWrapperOf(one, within[0], share(within[0]));
-      if (isCovered || isWrapper || !one.isHeard()) return null;
+      if (isCovered || isWrapper || !(one.isHeard() || within.every(({ isPart }) => isPart))) return null;
       const isComponent = isComponentOf(one, within);
       if (isComponent && !within[0].isControl) return kids.filter((kid) => kid !== within[0]);
       if (isComponent || isSliderOf(box, within)) {
@@ -437,7 +481,8 @@
         return null;
       }
       const isHandle = (kid) =>
-        kid.role === 'slider' || !(kid.isControl || nameOf(kid.element, kid.role) || kid.isHeard());
+        kid.role === 'slider' ||
+        !(kid.isControl || nameOf(kid.element, kid.role) || (kid.isHeard() && !kid.isPart));
       const isTrack = area < LARGE * innerWidth * innerHeight && within.every(isHandle);
       const isSmall = area < SMALL * innerWidth * innerHeight;
       return one.isPointer || isTrack || (isSmall && hasOtherText(one, within)) ? kids : null;

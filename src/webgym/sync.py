@@ -9,6 +9,7 @@ from collections.abc import Callable, Coroutine, Mapping
 from typing import Any, Self, TypeVar
 
 from webgym.core.action import Action
+from webgym.core.errors import UsageError
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply
 from webgym.environment import Environment, Info
@@ -35,7 +36,13 @@ class LoopThread:
 
         Args:
             work: the coroutine; call this from another thread than the loop's.
+
+        Raises:
+            UsageError: it is closed.
         """
+        if not self._ending.alive:
+            work.close()
+            raise UsageError("this is closed", hint="make another")
         future = asyncio.run_coroutine_threadsafe(work, self._loop)
         try:
             return future.result()

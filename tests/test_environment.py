@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import math
+import subprocess
+import sys
 from collections.abc import Iterator
 from typing import Any, ClassVar
 
@@ -198,6 +200,16 @@ def test_without_await_and_within_a_running_loop() -> None:
     env.close()
     with pytest.raises(UsageError, match="closed"):
         env.reset()
+
+
+def test_what_is_left_open_is_closed_before_python_ends() -> None:
+    script = (
+        "import asyncio, webgym\n"
+        "async def closing():\n    print(await asyncio.to_thread(str, 'closed'))\n"
+        "kept = webgym.LoopThread(closing)\n"
+    )
+    answer = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert (answer.stdout, answer.stderr) == ("closed\n", "")
 
 
 def test_one_environment_starts_one_browser_unless_more_are_asked_for() -> None:

@@ -64,7 +64,7 @@ async def environment(patch: pytest.MonkeyPatch) -> AsyncIterator[Names]:
 
     patch.setattr("webgym.environment.make", lambda *_, **__: stand_in_environment())
     pool = webgym.EnvironmentPool(**stand_in_pool(Path(), 1))
-    patch.setattr("webgym.token_rollout.EnvironmentPool", lambda *_, **__: pool)
+    patch.setattr("webgym.environment_pool.EnvironmentPool", lambda *_, **__: pool)
     sampled, logprobs = Engine(tiny_renderer(), ["-"]).sample(await answers())
     made = SimpleNamespace(ids=sampled, logprobs=logprobs, version="1")
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import math
+import subprocess
+import sys
 from collections.abc import Iterator
 from typing import Any, ClassVar
 
@@ -135,10 +137,23 @@ async def test_what_is_used_wrongly_is_told() -> None:
         await env.reset()
         with pytest.raises(UsageError, match="int is not an action"):
             await env.step(3)  # type: ignore[arg-type]
+        *_, info = await env.step(Scroll("down"))
+        assert info["step"] == 1, "a wrong call costs no episode"
     with pytest.raises(ConfigError, match="no tasks named 'online-v1'"):
         webgym.make("online-v1")
     with pytest.raises(ConfigError, match="there is no task"):
         await Environment([]).__aenter__()
+    with pytest.raises(ConfigError, match="split is one of train, test, all, unsplit, not 'tran'"):
+        webgym.make(split="tran")  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="on_fault is nan or raise, not 'no'"):
+        webgym.make(on_fault="no")
+    for size in (0, -1):
+        with pytest.raises(ConfigError, match=f"{size} browsers play no episode"):
+            webgym.EnvironmentPool(size=size)
+        with pytest.raises(ConfigError, match=f"{size} browsers play no episode"):
+            await webgym.make_many(size).__aenter__()
+        with pytest.raises(ConfigError, match=f"count is at least 1, or 'all', not {size}"):
+            webgym.task_rows(count=size)
 
 
 async def test_a_reply_is_read_by_the_parser_of_runs_and_kept_as_it_was() -> None:
@@ -183,6 +198,18 @@ def test_without_await_and_within_a_running_loop() -> None:
         with pytest.raises(UsageError, match="call reset first"):
             env.step(Scroll("down"))
     env.close()
+    with pytest.raises(UsageError, match="closed"):
+        env.reset()
+
+
+def test_what_is_left_open_is_closed_before_python_ends() -> None:
+    script = (
+        "import asyncio, webgym\n"
+        "async def closing():\n    print(await asyncio.to_thread(str, 'closed'))\n"
+        "kept = webgym.LoopThread(closing)\n"
+    )
+    answer = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert (answer.stdout, answer.stderr) == ("closed\n", "")
 
 
 def test_one_environment_starts_one_browser_unless_more_are_asked_for() -> None:

@@ -7,6 +7,7 @@ import importlib.util
 import os
 import re
 import subprocess
+import sys
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -227,6 +228,20 @@ def test_the_facade_holds_what_it_names() -> None:
     namespace: dict[str, object] = {}
     exec("from webgym import *", namespace)
     assert set(exported) <= namespace.keys()
+
+
+def test_only_token_ids_need_torch() -> None:
+    script = (
+        "import sys, webgym\n"
+        "sys.modules['torch'] = None\n"
+        "def needs_torch(name):\n"
+        "    try:\n        getattr(webgym, name)\n"
+        "    except ImportError:\n        return True\n"
+        "print([name for name in webgym.__all__ if needs_torch(name)])\n"
+    )
+    answer = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    tokens = ["Renderer", "Sampled", "TokenRequest", "TokenRollout", "TokenRow", "roll_out"]
+    assert answer.stdout.strip() == str(tokens)
 
 
 # --- the tree and the locks --------------------------------------------------------------------------------

@@ -19,7 +19,8 @@ def main(
     """The success rate of the samples that have a score; NaN if none has."""
     task = webgym_task(name, count=count, browsers=browsers)
     [log] = evaluate(task, model=model, max_samples=browsers, **given)
-    assert log.results is not None, log.error
+    if log.results is None:
+        sys.exit(f"no evaluation: {log.error.message if log.error else log.status}")
     rate = log.results.scores[0].metrics["success_rate"].value
     print(f"{log.results.scores[0].scored_samples} of {count} samples have a score: success rate {rate:.2f}")
     return float(rate)

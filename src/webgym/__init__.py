@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from webgym.core.trajectory import Episode, Reply, Step, Trajectory
     from webgym.core.verdict import Verdict
     from webgym.environment import Environment, make, make_many, random_action
+    from webgym.environment_pool import EnvironmentPool, task_rows
     from webgym.inference.rendering import Renderer
     from webgym.judge.base import Judge
     from webgym.judge.offline import OfflineJudge
@@ -45,15 +46,7 @@ if TYPE_CHECKING:
     from webgym.server.run_worker import running_server
     from webgym.sync import LoopThread, SyncEnvironment
     from webgym.tasks.formats import read_tasks, write_tasks
-    from webgym.token_rollout import (
-        EnvironmentPool,
-        Sampled,
-        TokenRequest,
-        TokenRollout,
-        TokenRow,
-        roll_out,
-        task_rows,
-    )
+    from webgym.token_rollout import Sampled, TokenRequest, TokenRollout, TokenRow, roll_out
 
 __version__ = "0.1.0"
 
@@ -82,6 +75,7 @@ _HOMES = {
     "webgym.core.trajectory": ("Episode", "Reply", "Step", "Trajectory"),
     "webgym.core.verdict": ("Verdict",),
     "webgym.environment": ("Environment", "make", "make_many", "random_action"),
+    "webgym.environment_pool": ("EnvironmentPool", "task_rows"),
     "webgym.inference.rendering": ("Renderer",),
     "webgym.judge.base": ("Judge",),
     "webgym.judge.offline": ("OfflineJudge",),
@@ -94,15 +88,7 @@ _HOMES = {
     "webgym.server.run_worker": ("running_server",),
     "webgym.sync": ("LoopThread", "SyncEnvironment"),
     "webgym.tasks.formats": ("read_tasks", "write_tasks"),
-    "webgym.token_rollout": (
-        "EnvironmentPool",
-        "Sampled",
-        "TokenRequest",
-        "TokenRollout",
-        "TokenRow",
-        "roll_out",
-        "task_rows",
-    ),
+    "webgym.token_rollout": ("Sampled", "TokenRequest", "TokenRollout", "TokenRow", "roll_out"),
 }
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
 

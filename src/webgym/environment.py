@@ -22,7 +22,7 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, Final, Literal, Self, TypeAlias
+from typing import Any, Final, Literal, Self, TypeAlias, get_args
 
 import msgspec
 
@@ -45,6 +45,7 @@ from webgym.run_config import RunConfig, Secrets, resolved
 from webgym.run_services import open_services
 from webgym.server.messages import View
 from webgym.task_choice import choose_tasks
+from webgym.tasks.selection import SplitName
 
 Info: TypeAlias = dict[str, Any]
 """What :meth:`Environment.reset` and :meth:`Environment.step` return besides the view:
@@ -124,6 +125,8 @@ class Environment:
         seed: int = 0,
         on_fault: OnFault = "nan",
     ) -> None:
+        if on_fault not in get_args(OnFault):
+            raise ConfigError(f"on_fault is nan or raise, not {on_fault!r}")
         config = config or RunConfig()
         if isinstance(tasks, str | Path):
             chosen = config.tasks.model_copy(update={"file": Path(tasks)})
@@ -132,8 +135,7 @@ class Environment:
         if config.tasks.count is None:
             config = config.model_copy(update={"tasks": config.tasks.model_copy(update={"count": "all"})})
         if "sessions" not in config.collector.model_fields_set:
-            collector = config.collector.model_copy(update={"sessions": 1})
-            config = config.model_copy(update={"collector": collector})
+            config = with_browsers(config, 1)
         self.config = resolved(config, None, None)
         self.profile = choose_profile(self.config.agent.profile, "", self.config.agent.mode)
         self._given = tasks
@@ -272,15 +274,16 @@ class Environment:
             info: :data:`Info`.
 
         Raises:
-            UsageError: there is no episode, or it is over.
+            UsageError: there is no episode, or it is over; or this is no action, and the episode continues.
             EpisodeLost: there is no reward, and ``on_fault`` is ``raise``.
         """
         episode = self._episode
         if episode is None or episode.is_over:
             raise UsageError("there is no episode to step", hint="call reset first")
+        reply = self._as_reply(action)
         try:
-            is_over = await episode.step(self._as_reply(action))
-        except BaseException:  # cancelled or misused: the episode cannot continue
+            is_over = await episode.step(reply)
+        except BaseException:  # cancelled: the episode cannot continue
             await self.abandon()
             raise
         info = episode.info()
@@ -523,6 +526,8 @@ def config_of(
     name: str, split: Literal["train", "test", "all"], config: RunConfig | None = None
 ) -> RunConfig:
     """A config whose task set and split are those given; see :func:`make`."""
+    if split not in get_args(SplitName):
+        raise ConfigError(f"the split is one of {', '.join(get_args(SplitName))}, not {split!r}")
     config = config or RunConfig()
     tasks = config.tasks.model_copy(update={"split": split})
     if name in COLLECTIONS:
@@ -539,6 +544,18 @@ def config_of(
     return config.model_copy(update={"tasks": tasks})
 
 
+def with_browsers(config: RunConfig, count: int) -> RunConfig:
+    """A config with this number of browsers.
+
+    Raises:
+        ConfigError: it is less than 1.
+    """
+    if count < 1:
+        raise ConfigError(f"{count} browsers play no episode", hint="give at least 1")
+    collector = config.collector.model_copy(update={"sessions": count})
+    return config.model_copy(update={"collector": collector})
+
+
 @asynccontextmanager
 async def make_many(count: int, name: str = "offline-v1", **given: Any) -> AsyncIterator[list[Environment]]:
     """Several environments on the same browsers, websites and judge, each with its own order of tasks::
@@ -551,10 +568,8 @@ async def make_many(count: int, name: str = "offline-v1", **given: Any) -> Async
         name: see :func:`make`.
         given: further arguments of :func:`make`.
     """
-    config = given.pop("config", None) or RunConfig()
+    config = with_browsers(given.pop("config", None) or RunConfig(), count)
     seed = given.pop("seed", 0)
-    collector = config.collector.model_copy(update={"sessions": count})
-    config = config.model_copy(update={"collector": collector})
     async with AsyncExitStack() as stack:
         first = await stack.enter_async_context(make(name, config=config, seed=seed, **given))
         others = [first.twin(seed + 1 + index) for index in range(count - 1)]

@@ -74,7 +74,7 @@ Show: TypeAlias = Callable[[Progress], AbstractAsyncContextManager[None]]
 
 async def collect(
     config: RunConfig,
-    out: Path,
+    out: Path | str,
     *,
     tasks: Sequence[Task] | None = None,
     policy: Policy | None = None,
@@ -98,6 +98,7 @@ async def collect(
     Raises:
         WebGymError: the run could not start or continue; what was collected is on disk.
     """
+    out = Path(out)
     check_installed(config.trackers)
     refuse_taken(out)  # before anything starts; the folder is created later
     if policy is not None:
@@ -144,7 +145,7 @@ async def collect(
 
 
 async def resume(
-    out: Path,
+    out: Path | str,
     *,
     policy: Policy | None = None,
     secrets: Secrets | None = None,
@@ -181,7 +182,7 @@ async def resume(
     tasks = await asyncio.to_thread(lambda: reader.drawn)
     refuse_unjudgeable(config.judge, tasks)
     async with (
-        await RunWriter.reopen(out, skip_corrupt=skip_corrupt) as store,
+        await RunWriter.reopen(reader.path, skip_corrupt=skip_corrupt) as store,
         _run_services(config, secrets or Secrets(), tasks, policy, tell) as run_services,
     ):
         if store.torn_bytes:

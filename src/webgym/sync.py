@@ -9,6 +9,7 @@ from collections.abc import Callable, Coroutine, Mapping
 from typing import Any, Self, TypeVar
 
 from webgym.core.action import Action
+from webgym.core.errors import UsageError
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply
 from webgym.environment import Environment, Info
@@ -29,13 +30,22 @@ class LoopThread:
         thread = threading.Thread(target=self._loop.run_forever, name="webgym", daemon=True)
         thread.start()
         self._ending = weakref.finalize(self, _end, self._loop, thread, closing)
+        # Browsers end with the help of threads, and executors refuse work before `atexit` runs: this runs
+        # before theirs, if they are imported before.
+        getattr(threading, "_register_atexit", lambda _: None)(self._ending)
 
     def run(self, work: Coroutine[Any, Any, T]) -> T:
         """Wait for a coroutine's result, or raise what it raises.
 
         Args:
             work: the coroutine; call this from another thread than the loop's.
+
+        Raises:
+            UsageError: it is closed.
         """
+        if not self._ending.alive:
+            work.close()
+            raise UsageError("this is closed", hint="make another")
         future = asyncio.run_coroutine_threadsafe(work, self._loop)
         try:
             return future.result()

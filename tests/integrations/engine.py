@@ -5,14 +5,16 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import webgym
-from webgym import Renderer, Sampled, TokenRequest
 from webgym.agent.prompts import render_reply
 from webgym.conformance import STAND_IN_TASKS, StandInBrowsers, StandInJudge
 from webgym.core.action import Action
 from webgym.testing import stand_in_environment
+
+if TYPE_CHECKING:  # torch, which only some frameworks bring
+    from webgym import Renderer, Sampled, TokenRequest
 
 
 def reply_text(action: Action) -> str:
@@ -49,7 +51,7 @@ class Engine:
         place = min(len(self.requests), len(self._texts) - 1)
         self.requests.append(request)
         ids, logprobs = self.sample(self._texts[place])
-        return self.change(Sampled(ids, logprobs, weight_version=self.version))
+        return self.change(webgym.Sampled(ids, logprobs, weight_version=self.version))
 
 
 def example(name: str) -> Any:

@@ -110,7 +110,7 @@ def test_a_reward_is_the_judges_and_a_fault_is_none(browsers: Browsers) -> None:
 def test_more_episodes_than_browsers_are_refused(browsers: Browsers) -> None:
     for _ in range(4):
         browsers()
-    with pytest.raises(RuntimeError, match="more than 4 episodes"):
+    with pytest.raises(RuntimeError, match="more than 4 concurrent episodes"):
         browsers()
 
 

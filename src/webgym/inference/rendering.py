@@ -182,7 +182,8 @@ class Renderer:
         """
         merged: int = self.image_processor.merge_size**2
         patches = self.image_processor.get_number_of_image_patches
-        return [patches(ref.height, ref.width) // merged for ref in pictures_of(messages)]
+        # Without the last argument, transformers before 5.11 fails.
+        return [patches(ref.height, ref.width, {}) // merged for ref in pictures_of(messages)]
 
     def image_mask(self, ids: Sequence[int]) -> list[int]:
         """1 for an image token and 0 for any other, as for models' ``mm_token_type_ids``.

@@ -29,6 +29,7 @@ import httpx
 import msgspec
 from browsergym.core.registration import register_task
 from browsergym.core.task import AbstractBrowserTask
+from playwright.sync_api import Error
 
 from webgym import Episode, OfflineJudge, OfflineWeb, RunConfig, Task, WebGymError
 
@@ -37,6 +38,7 @@ Collection = Literal["large", "small"]
 _VISITOR: Final = "webgym_visitor"
 _TIMEOUT_SECONDS: Final = 60.0
 """Longest time for a website's response, seconds."""
+_READ_ATTEMPTS: Final = 10
 
 # The text visible in the viewport: the judge's evidence.
 _TEXT: Final = """() => {
@@ -202,12 +204,12 @@ class WebGymTask(AbstractBrowserTask):
     def _record(self, page: Any) -> None:
         if self._fault:
             raise NoReward(self._fault)
-        text = page.evaluate(_TEXT)
+        text, title = _text_and_title(page)
         self._observations.append(
             {
                 "screenshot": hashlib.sha256(f"{page.url}\n{text}".encode()).hexdigest(),
                 "url": page.url,
-                "title": page.title(),
+                "title": title,
                 "viewport": (self.viewport["width"], self.viewport["height"]),
                 "status": self._statuses.get(page.url),
                 "text": text,
@@ -304,3 +306,14 @@ def register_tasks(
         register_task(name, WebGymTask, task_kwargs=given)
         names.append(f"browsergym/{name}")
     return names
+
+
+def _text_and_title(page: Any) -> tuple[str, str]:
+    for _ in range(_READ_ATTEMPTS):
+        page.wait_for_load_state()
+        try:
+            return page.evaluate(_TEXT), page.title()
+        except Error as error:  # the click's page came while this one was read
+            if "context was destroyed" not in str(error):
+                raise
+    raise NoReward("the page never stopped navigating")

@@ -31,7 +31,7 @@ def quiet(what: str, done: int, total: int) -> None:
 
 
 def write_report(
-    run_path: Path, *, config: ReportConfig | None = None, progress: ReportProgress = quiet
+    run_path: Path | str, *, config: ReportConfig | None = None, progress: ReportProgress = quiet
 ) -> Path:
     """Write the report of a run, which may still be going on. Blocks.
 
@@ -51,7 +51,7 @@ def write_report(
         StoreFull: there is no space.
     """
     reader = RunReader(run_path, skip_corrupt=True)
-    return write_parts(run_path / REPORT, _parts(reader, config or ReportConfig(), progress))
+    return write_parts(reader.path / REPORT, _parts(reader, config or ReportConfig(), progress))
 
 
 def write_parts(target: Path, parts: Iterable[str]) -> Path:

@@ -418,7 +418,8 @@ class RunReader:
         RunFolderError: the folder is not a run folder.
     """
 
-    def __init__(self, path: Path, *, skip_corrupt: bool = False) -> None:
+    def __init__(self, path: Path | str, *, skip_corrupt: bool = False) -> None:
+        path = Path(path)
         check_run(path)
         self.path = path
         self._skip_corrupt = skip_corrupt

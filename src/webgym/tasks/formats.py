@@ -47,7 +47,7 @@ _LONGEST_LINE: Final = 2**23
 _SPLITS: Final[tuple[Literal["train", "test"], ...]] = ("train", "test")
 
 
-def read_tasks(path: Path) -> TaskFile:
+def read_tasks(path: Path | str) -> TaskFile:
     """Read a task file, or the task files of a folder, in any format.
 
     A broken record is reported and skipped, and a task without a fact to judge is set aside.
@@ -59,6 +59,7 @@ def read_tasks(path: Path) -> TaskFile:
     Raises:
         TaskFileError: it cannot be read, or contains no task.
     """
+    path = Path(path)
     collector = TaskCollector()
     with gc_paused():
         for file in _files(path):
@@ -75,7 +76,7 @@ def _why_none(collector: TaskCollector) -> str:
     return f"; the first broken record: {collector.broken[0]}" if collector.broken else ", it is empty"
 
 
-def write_tasks(path: Path, tasks: Iterable[Task], *, format: Format | None = None) -> int:
+def write_tasks(path: Path | str, tasks: Iterable[Task], *, format: Format | None = None) -> int:
     """Write tasks atomically; the number of tasks written.
 
     Args:
@@ -87,6 +88,7 @@ def write_tasks(path: Path, tasks: Iterable[Task], *, format: Format | None = No
         TaskFileError: it cannot be written, name and format do not match, or a task to be written to a folder
             has no split.
     """
+    path = Path(path)
     if not path.is_dir() and path.suffix:
         return _write(path, tasks, format or _format_of(path))
     parts: dict[str, list[Task]] = {split: [] for split in _SPLITS}

@@ -1,0 +1,125 @@
+"""What trainers of any kind share: browsers for many episodes at once, and tasks as rows of a dataset.
+
+Needs no torch: whoever evaluates or serves episodes has none.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from typing import Any, Literal, Self
+
+from webgym.core.errors import ConfigError, UsageError
+from webgym.environment import Environment, config_of, with_browsers
+from webgym.run_config import RunConfig
+from webgym.task_choice import choose_tasks
+
+
+class EnvironmentPool:
+    """Environments for a trainer that plays many episodes concurrently, on a shared set of browsers.
+
+    They are opened for the first episode, on the calling event loop, and stay open until :meth:`close`::
+
+        pool = webgym.EnvironmentPool("offline-v1", size=32)
+
+        async def episode(task_id):
+            async with pool.environment() as env:
+                return await webgym.roll_out(env, generate, renderer, task_id=task_id)
+
+    Args:
+        name: of the tasks, as for :func:`webgym.make`.
+        size: number of browsers, and so of concurrent episodes; further episodes wait.
+        split: of the tasks.
+        config: other settings of the environments.
+        given: further arguments of :class:`~webgym.Environment`.
+    """
+
+    def __init__(
+        self,
+        name: str = "offline-v1",
+        *,
+        size: int = 8,
+        split: Literal["train", "test", "all"] = "train",
+        config: RunConfig | None = None,
+        **given: Any,
+    ) -> None:
+        self._first = Environment(config=with_browsers(config_of(name, split, config), size), **given)
+        self._stack = AsyncExitStack()
+        self._free_browsers = asyncio.Semaphore(size)
+        self._opening = asyncio.Lock()
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._is_open = False
+        self._seeds = itertools.count()
+
+    @asynccontextmanager
+    async def environment(self) -> AsyncIterator[Environment]:
+        """An environment for one or more episodes; waits while all browsers are in use.
+
+        Raises:
+            UsageError: the pool was opened on another event loop.
+        """
+        await self.open()
+        async with self._free_browsers, self._first.twin(next(self._seeds)) as env:
+            yield env
+
+    async def open(self) -> None:
+        """Start the browsers and services now, instead of with the first episode.
+
+        Raises:
+            UsageError: the pool was opened on another event loop.
+        """
+        loop = asyncio.get_running_loop()
+        if self._loop not in (None, loop):
+            raise UsageError("the pool was opened on another event loop", hint="make a pool for each loop")
+        self._loop = loop
+        async with self._opening:
+            if not self._is_open:
+                await self._stack.enter_async_context(self._first)
+                self._is_open = True
+
+    async def close(self) -> None:
+        """Stop the browsers. Safe to call twice."""
+        await self._stack.aclose()
+        self._is_open = False
+
+    async def __aenter__(self) -> Self:
+        await self.open()
+        return self
+
+    async def __aexit__(self, *exc: object) -> None:
+        await self.close()
+
+
+def task_rows(
+    name: str = "offline-v1",
+    *,
+    split: Literal["train", "test", "all"] = "train",
+    count: int | Literal["all"] = 20,
+    config: RunConfig | None = None,
+) -> list[dict[str, str]]:
+    """Tasks as rows of a dataset: ``task_id``, ``instruction``, ``website``, ``split``; no rubric, no answer.
+
+    Args:
+        name: as for :func:`webgym.make`.
+        split: of the tasks.
+        count: number of tasks, drawn as for a run.
+        config: settings of the draw: ``tasks``, ``seed``.
+
+    Raises:
+        ConfigError: there are no such tasks.
+    """
+    if count != "all" and count < 1:
+        raise ConfigError(f"count is at least 1, or 'all', not {count}")
+    config = config_of(name, split, config)
+    config = config.model_copy(update={"tasks": config.tasks.model_copy(update={"count": count})})
+    return [
+        {
+            "task_id": task.id,
+            "instruction": task.instruction,
+            "website": task.website,
+            "split": task.split or split,
+        }
+        for task in choose_tasks(config).tasks
+    ]

@@ -211,6 +211,14 @@ class Page:
             commands.append(("Network.setCookies", {"cookies": cookies}))
         await self._do_all(commands)
 
+    async def begin_again(self, options: PageOptions) -> None:
+        """Start another episode in this tab: without cookies, history, notices and what was learned."""
+        self.begin_action()
+        self.take_notices()
+        self.idlers, self.points, self.picture = IdleTimers(), {}, ""
+        await self._do_all([("Network.clearBrowserCookies", {}), ("Page.resetNavigationHistory", {})])
+        await self.begin(options)
+
     def _metrics(self) -> dict[str, Any]:
         width, height = self.options.viewport
         return {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}

@@ -1,0 +1,454 @@
+"""Plays the solutions of the offline web's tasks in Chromium, and appends every result to a file.
+
+``webgym sites check`` uses it for all tasks of a version, so it does what the proof needs and nothing more:
+pages, clicks, typing, navigation, the wait for a quiet page and the reading of visible text are those of an
+agent's session, and the actions are parsed from replies. Left out is what no rule of the offline judge reads:
+screenshots, prompts, and the record of a run. Browsers are driven without a server in between. A tab is used
+for several tasks of a website, each time as a new visitor without cookies and history.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import fcntl
+import hashlib
+import random
+import uuid
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from contextlib import asynccontextmanager, nullcontext
+from pathlib import Path
+from typing import Final, Self
+
+import msgspec
+
+from webgym.agent.parser import ParseError, parse_reply
+from webgym.agent.prompts import render_reply
+from webgym.agent.solver import Solver
+from webgym.browser.config import BrowserConfig
+from webgym.browser.find import find_browser
+from webgym.browser.slot import Slot
+from webgym.core.action import Action, Answer, BrowserAction, Mode
+from webgym.core.errors import BrowserError, StoreCorrupt, StoreLocked, WebGymError
+from webgym.core.observation import Observation
+from webgym.core.outcome import Outcome
+from webgym.core.task import Task
+from webgym.core.trajectory import Episode, Reply, Step, Trajectory
+from webgym.judge.base import no_picture
+from webgym.judge.offline import OfflineJudge
+from webgym.offline.app import serving
+from webgym.offline.client import SitesClient
+from webgym.offline.config import SitesConfig
+from webgym.offline.web import OfflineWeb
+from webgym.rollout.config import AttemptConfig
+from webgym.rollout.driver import EpisodeContext, EpisodeDriver
+from webgym.rollout.files import disk_errors
+from webgym.rollout.judging import judge_episode
+from webgym.rollout.plan import Planned
+from webgym.rollout.progress import Progress
+from webgym.rollout.sealing import encode
+from webgym.run_services import ServedState
+from webgym.runs import Show
+from webgym.server.config import ServerConfig
+from webgym.server.messages import SessionOptions, View
+from webgym.server.pool import Pool
+from webgym.validation import cut_off, may_be_cut_off, unexpected, wrongly_accepted
+
+_TASKS_PER_TAB: Final = 12
+"""Most tasks of one website that a tab plays in a row; a sample of all tasks consists of such groups."""
+
+_JUDGE_SECONDS: Final = 300.0
+_SHOWN_CHARACTERS: Final = 600
+"""Longest text of the last page in the result of a task that failed."""
+
+
+class Result(msgspec.Struct, frozen=True, omit_defaults=True):
+    """What came of playing one task.
+
+    Attributes:
+        task: its id.
+        content: :func:`content_of` the task.
+        browser: version of Chromium.
+        outcome: of the attempt.
+        steps: actions of the solution, with the answer.
+        faults: a line for everything that is wrong; empty if the task passed.
+        seen: if it failed: a line for every step, and the text of the last page.
+        first_try: faults of a first try in a tab that was used before. The task was then played in a fresh
+            one, and that try counts.
+        begins: the task that was played in its place: from a new visitor's first page on, its actions began
+            with all those of this task, so the observations are the same; judged on its own.
+    """
+
+    task: str
+    content: str
+    browser: str
+    outcome: Outcome
+    steps: int
+    faults: tuple[str, ...] = ()
+    seen: tuple[str, ...] = ()
+    first_try: tuple[str, ...] = ()
+    begins: str = ""
+
+
+def content_of(task: Task) -> str:
+    """A digest of everything about a task: instruction, rubric, truth and solution."""
+    return hashlib.sha256(msgspec.json.encode(task)).hexdigest()[:16]
+
+
+class ResultFile:
+    """A file of results, one JSON line each; the last line about a task counts. Locked while it is open.
+
+    A killed process loses no result: a line that was not completed is cut off, and its task played again.
+    Files of several processes may be concatenated.
+
+    Args:
+        path: the file; created if it does not exist.
+
+    Attributes:
+        results: the results, by task id.
+
+    Raises:
+        StoreLocked: another process has opened it.
+        StoreCorrupt: a complete line is no result.
+        StoreError: it cannot be opened.
+    """
+
+    def __init__(self, path: Path) -> None:
+        with disk_errors(f"opening {path}"):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = path.open("a+b")
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self._file.close()
+            raise StoreLocked(
+                f"another process writes to {path}", hint="give each one its own file"
+            ) from None
+        self.results: dict[str, Result] = {}
+        self._file.seek(0)
+        end = 0
+        for number, line in enumerate(self._file, 1):
+            if not line.endswith(b"\n"):
+                self._file.truncate(end)
+                break
+            end += len(line)
+            try:
+                result = msgspec.json.decode(line, type=Result)
+            except msgspec.MsgspecError as error:
+                self._file.close()
+                raise StoreCorrupt(f"{path} line {number} is no result: {error}") from error
+            self.results[result.task] = result
+
+    def add(self, result: Result) -> None:
+        """Append a result."""
+        with disk_errors(f"writing {self._file.name}"):
+            self._file.write(encode(result) + b"\n")
+            self._file.flush()
+        self.results[result.task] = result
+
+    def of(self, task: Task) -> Result | None:
+        """The result of a task as it is now; ``None`` if there is none."""
+        result = self.results.get(task.id)
+        return result if result is not None and result.content == content_of(task) else None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self._file.close()
+
+
+async def check_in_browsers(
+    web: OfflineWeb,
+    tasks: Sequence[Task],
+    file: Path,
+    *,
+    mode: Mode = "coordinates",
+    sessions: int = 4,
+    latency: float = 0.0,
+    seed: int = 0,
+    again: bool = False,
+    show: Show | None = None,
+    on_episode: Callable[[Task, Episode], None] | None = None,
+) -> list[str]:
+    """Play every task's solution in real browsers, except those of which the file has the result.
+
+    Args:
+        web: the websites; they are served here.
+        tasks: on these websites.
+        file: results are appended to it, see :class:`ResultFile`.
+        mode: the agent's action mode.
+        sessions: number of browsers.
+        latency: factor on the simulated latency; 0 for none.
+        seed: of the order, in which groups of tasks of one website are shuffled.
+        again: whether tasks that failed are played again.
+        show: as for :func:`webgym.runs.collect`.
+        on_episode: called with every episode that was played.
+
+    Returns:
+        A line for every task whose solution fails, whose evidence is truncated on the page, or for which a
+        degraded solution passes, including results that the file has.
+    """
+    with ResultFile(file) as results:
+        missing = [task for task in tasks if (known := results.of(task)) is None or (again and known.faults)]
+        progress = Progress(
+            total=len(tasks),
+            done=len(tasks) - len(missing),
+            earlier=len(tasks) - len(missing),
+            levels={task.id: task.level for task in tasks},
+        )
+        if missing:
+            context = (web, sessions, latency, mode, results, progress, on_episode)
+            async with _playing(*context) as player, show(progress) if show else nullcontext():
+                await player.play(_groups(missing, seed))
+        return [fault for task in tasks if (known := results.of(task)) is not None for fault in known.faults]
+
+
+def _groups(tasks: Sequence[Task], seed: int) -> list[list[Task]]:
+    """The tasks in groups of one website, in random order; longer solutions come first in a group."""
+    by_website: dict[str, list[Task]] = {}
+    for task in tasks:
+        by_website.setdefault(task.website, []).append(task)
+    groups = [
+        sorted(group, key=_moves_of, reverse=True)
+        for of_website in by_website.values()
+        for group in (
+            of_website[first : first + _TASKS_PER_TAB] for first in range(0, len(of_website), _TASKS_PER_TAB)
+        )
+    ]
+    random.Random(seed).shuffle(groups)
+    return groups
+
+
+def _moves_of(task: Task) -> int:
+    assert task.truth is not None
+    return len(task.truth.moves)
+
+
+@asynccontextmanager
+async def _playing(
+    web: OfflineWeb,
+    sessions: int,
+    latency: float,
+    mode: Mode,
+    results: ResultFile,
+    progress: Progress,
+    on_episode: Callable[[Task, Episode], None] | None,
+) -> AsyncIterator[_Player]:
+    async with (
+        serving(SitesConfig(latency=latency), web) as sites,
+        SitesClient(sites.url, sites.token) as client,
+    ):
+        browser = BrowserConfig(freeze=False).allowing(*sites.allowed_hosts)
+        executable = await asyncio.to_thread(find_browser)
+        pool = Pool(ServerConfig(slots=sessions, browser=browser), executable.path)
+        context = EpisodeContext(
+            store=_NoStore(),
+            config=AttemptConfig(viewport=web.collection.viewport),
+            site_state=ServedState(client),
+            run_id=uuid.uuid4().hex,
+            seed=0,
+            policy="scripted",
+            mode=mode,
+            elements=True,
+        )
+        try:
+            await pool.start()
+            yield _Player(pool, sessions, context, results, progress, on_episode)
+        finally:
+            await pool.stop()
+
+
+class _NoStore:
+    async def put_image(self, name: str, data: bytes) -> None:
+        pass
+
+
+class _Tab:
+    """A browser session without pictures, on a slot of this process."""
+
+    id = ""
+
+    def __init__(self, slot: Slot, task: Task) -> None:
+        self._slot = slot
+        assert task.truth is not None
+        self._truth = task.truth
+
+    async def open(self, options: SessionOptions, *, is_fresh: bool) -> None:
+        if is_fresh or not self._slot.is_open:
+            await self._slot.open(options)
+        else:
+            await self._slot.begin_again(options)
+
+    async def step(self, action: BrowserAction | None = None) -> View:
+        assert action is not None
+        await self._slot.act(action)
+        observation = await self._slot.observe_without_picture()
+        if may_be_cut_off(self._truth, observation):
+            cuts = (await self._slot.observe_without_picture(cuts=True)).cuts
+            observation = msgspec.structs.replace(observation, cuts=cuts)
+        return View(observation, b"")
+
+    async def close(self) -> None:
+        await self._slot.close()
+
+
+class _Player:
+    """Plays groups of tasks and stores their results."""
+
+    def __init__(
+        self,
+        pool: Pool,
+        sessions: int,
+        context: EpisodeContext,
+        results: ResultFile,
+        progress: Progress,
+        on_episode: Callable[[Task, Episode], None] | None,
+    ) -> None:
+        self._pool = pool
+        self._sessions = sessions
+        self._context = context
+        self._results = results
+        self._progress = progress
+        self._on_episode = on_episode
+        self._judge = OfflineJudge()
+
+    async def play(self, groups: Sequence[Sequence[Task]]) -> None:
+        """Play groups of tasks of one website each."""
+        remaining = iter(groups)
+
+        async def work() -> None:
+            for group in remaining:
+                await self._play_group(group)
+
+        async with asyncio.TaskGroup() as workers:
+            for _ in range(min(self._sessions, len(groups))):
+                workers.create_task(work())
+
+    async def _play_group(self, group: Sequence[Task]) -> None:
+        slot = await self._pool.acquire()
+        passed: list[tuple[Task, Episode]] = []
+        try:
+            for task in group:
+                known = next(self._known(task, passed), None)
+                if known is not None:
+                    longer, episode = known
+                    result = await self._result(task, episode, begins=longer.id)
+                    if not result.faults:
+                        self._add(result, episode)
+                        continue
+                was_used = slot.is_open
+                episode = await self._attempt(slot, task, 0)
+                result = await self._result(task, episode)
+                if result.faults and (was_used or result.outcome is Outcome.ENVIRONMENT_ERROR):
+                    episode = await self._attempt(slot, task, 1)
+                    result = await self._result(task, episode, first_try=result.faults)
+                self._add(result, episode)
+                if not result.faults:
+                    passed.append((task, episode))
+        finally:
+            await asyncio.shield(self._pool.clean(slot))
+            self._pool.give_back(slot)
+
+    def _add(self, result: Result, episode: Episode) -> None:
+        self._results.add(result)
+        self._progress.done += 1
+        self._progress.ended(Trajectory(episode, result.outcome))
+
+    def _known(self, task: Task, passed: Sequence[tuple[Task, Episode]]) -> Iterator[tuple[Task, Episode]]:
+        """Longer tasks whose actions began with all those of this task, and the episode up to its answer."""
+        assert task.truth is not None
+        if any(fact.state for fact in task.truth.facts):
+            return  # the server's state was not read at that point
+        for longer, episode in passed:
+            if (beginning := self._beginning(task, episode)) is not None:
+                yield longer, beginning
+
+    def _beginning(self, task: Task, longer: Episode) -> Episode | None:
+        solver, steps = self._solver(task), list[Step]()
+        for before in longer.steps:
+            step = self._step(solver, before.observation, len(steps))
+            if isinstance(step.action, Answer):
+                planned = Planned(task, 0)
+                return msgspec.structs.replace(
+                    longer,
+                    attempt_id=planned.attempt_id,
+                    task_id=task.id,
+                    steps=(*steps, step),
+                    answer=step.action.text,
+                )
+            if step.action != before.action or len(steps) >= self._context.config.budget.for_task(task):
+                return None
+            steps.append(before)
+        return None
+
+    async def _attempt(self, slot: Slot, task: Task, retry: int) -> Episode:
+        """Play a task in a slot's tab, in a fresh one if it is a second try."""
+        driver = EpisodeDriver(self._context, Planned(task, 0, retry))
+        tab, solver = _Tab(slot, task), self._solver(task)
+        self._progress.move(None, "acting", driver.planned.attempt_id)
+        try:
+            await tab.open(driver.options(), is_fresh=retry > 0)
+            view: View | None = await driver.start(tab)
+            while view is not None and not driver.is_over:
+                step = self._step(solver, view.observation, len(driver.steps))
+                self._progress.stepped(driver.planned.attempt_id)
+                view = await driver.take(step)
+        except BrowserError as error:
+            driver.fail(error)
+            await slot.stop()  # a second try, or the next task, starts another browser
+        except WebGymError as error:
+            driver.fail(error)
+        finally:
+            self._progress.move("acting", None, driver.planned.attempt_id)
+        await driver.conclude()
+        episode = driver.episode()
+        if self._on_episode is not None:
+            self._on_episode(task, episode)
+        return episode
+
+    def _solver(self, task: Task) -> Solver:
+        assert task.truth is not None
+        return Solver(task.website, task.truth.moves)
+
+    def _step(self, solver: Solver, observation: Observation, index: int) -> Step:
+        act = solver.next(observation, self._context.mode)
+        text = render_reply(act.action, "memory", description=act.description)
+        return Step(index, observation, (), Reply(text, "scripted"), self._parsed(text))
+
+    def _parsed(self, text: str) -> Action:
+        parsed = parse_reply(text, self._context.mode, "memory")
+        if isinstance(parsed, ParseError):
+            raise RuntimeError(f"the reply {text!r} cannot be read: {parsed}")
+        return parsed.action
+
+    async def _result(
+        self, task: Task, episode: Episode, *, first_try: tuple[str, ...] = (), begins: str = ""
+    ) -> Result:
+        judged = await judge_episode(self._judge, task, episode, no_picture, _JUDGE_SECONDS)
+        trajectory = Trajectory(episode, judged.outcome, judged.verdict, judged.failure)
+        tasks = {task.id: task}
+        faults = (
+            *unexpected(tasks, [trajectory]),
+            *cut_off(tasks, [trajectory]),
+            *[line async for line in wrongly_accepted(tasks, [trajectory], self._judge)],
+        )
+        return Result(
+            task=task.id,
+            content=content_of(task),
+            browser=self._pool.browser,
+            outcome=judged.outcome,
+            steps=len(episode.steps),
+            faults=faults,
+            seen=tuple(_seen(episode)) if faults else (),
+            first_try=first_try,
+            begins=begins,
+        )
+
+
+def _seen(episode: Episode) -> Iterator[str]:
+    for step in episode.steps:
+        description = step.reply.text.partition("Action: ")[2].partition("\n")[0]
+        yield f"{step.observation.url}: {description}"
+    last = episode.observations[-1] if episode.observations else None
+    if last is not None:
+        yield f"{last.url} shows: {(last.text or '')[:_SHOWN_CHARACTERS]}"

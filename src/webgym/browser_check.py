@@ -27,22 +27,21 @@ from webgym.agent.solver import Solver
 from webgym.browser.config import BrowserConfig
 from webgym.browser.find import find_browser
 from webgym.browser.slot import Slot
-from webgym.core.action import Action, Answer, BrowserAction, Mode
+from webgym.core.action import Action, Answer, BrowserAction, LeftClick, Mode
 from webgym.core.errors import BrowserError, StoreCorrupt, StoreLocked, WebGymError
 from webgym.core.observation import Observation
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode, Reply, Step, Trajectory
-from webgym.judge.base import no_picture
 from webgym.judge.offline import OfflineJudge
 from webgym.offline.app import serving
 from webgym.offline.client import SitesClient
 from webgym.offline.config import SitesConfig
+from webgym.offline.proofs import repeating_pages, typed_proofs
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.config import AttemptConfig
 from webgym.rollout.driver import EpisodeContext, EpisodeDriver
 from webgym.rollout.files import disk_errors
-from webgym.rollout.judging import judge_episode
 from webgym.rollout.plan import Planned
 from webgym.rollout.progress import Progress
 from webgym.rollout.sealing import encode
@@ -51,12 +50,11 @@ from webgym.runs import Show
 from webgym.server.config import ServerConfig
 from webgym.server.messages import SessionOptions, View
 from webgym.server.pool import Pool
-from webgym.validation import cut_off, may_be_cut_off, unexpected, wrongly_accepted
+from webgym.validation import judged, may_be_cut_off
 
 _TASKS_PER_TAB: Final = 12
 """Most tasks of one website that a tab plays in a row; a sample of all tasks consists of such groups."""
 
-_JUDGE_SECONDS: Final = 300.0
 _SHOWN_CHARACTERS: Final = 600
 """Longest text of the last page in the result of a task that failed."""
 
@@ -68,6 +66,7 @@ class Result(msgspec.Struct, frozen=True, omit_defaults=True):
         task: its id.
         content: :func:`content_of` the task.
         browser: version of Chromium.
+        mode: how the agent named its targets.
         outcome: of the attempt.
         steps: actions of the solution, with the answer.
         faults: a line for everything that is wrong; empty if the task passed.
@@ -81,6 +80,7 @@ class Result(msgspec.Struct, frozen=True, omit_defaults=True):
     task: str
     content: str
     browser: str
+    mode: Mode
     outcome: Outcome
     steps: int
     faults: tuple[str, ...] = ()
@@ -145,10 +145,11 @@ class ResultFile:
             self._file.flush()
         self.results[result.task] = result
 
-    def of(self, task: Task) -> Result | None:
-        """The result of a task as it is now; ``None`` if there is none."""
+    def of(self, task: Task, mode: Mode) -> Result | None:
+        """The result of a task as it is now, in this mode; ``None`` if there is none."""
         result = self.results.get(task.id)
-        return result if result is not None and result.content == content_of(task) else None
+        is_valid = result is not None and (result.mode, result.content) == (mode, content_of(task))
+        return result if is_valid else None
 
     def __enter__(self) -> Self:
         return self
@@ -185,11 +186,13 @@ async def check_in_browsers(
         on_episode: called with every episode that was played.
 
     Returns:
-        A line for every task whose solution fails, whose evidence is truncated on the page, or for which a
-        degraded solution passes, including results that the file has.
+        A line for every task whose solution fails, whose evidence is truncated on the page or could be typed,
+        or for which a degraded solution passes, including results that the file has.
     """
     with ResultFile(file) as results:
-        missing = [task for task in tasks if (known := results.of(task)) is None or (again and known.faults)]
+        missing = [
+            task for task in tasks if (known := results.of(task, mode)) is None or (again and known.faults)
+        ]
         progress = Progress(
             total=len(tasks),
             done=len(tasks) - len(missing),
@@ -200,7 +203,9 @@ async def check_in_browsers(
             context = (web, sessions, latency, mode, results, progress, on_episode)
             async with _playing(*context) as player, show(progress) if show else nullcontext():
                 await player.play(_groups(missing, seed))
-        return [fault for task in tasks if (known := results.of(task)) is not None for fault in known.faults]
+        return [
+            fault for task in tasks if (known := results.of(task, mode)) is not None for fault in known.faults
+        ]
 
 
 def _groups(tasks: Sequence[Task], seed: int) -> list[list[Task]]:
@@ -253,7 +258,7 @@ async def _playing(
         )
         try:
             await pool.start()
-            yield _Player(pool, sessions, context, results, progress, on_episode)
+            yield _Player(web, pool, sessions, context, results, progress, on_episode)
         finally:
             await pool.stop()
 
@@ -272,6 +277,9 @@ class _Tab:
         self._slot = slot
         assert task.truth is not None
         self._truth = task.truth
+        self._effects = 0
+        """Number of clicks that had an effect. It may be one that only a picture would show, such as the
+        focus, or one out of view: the solver must not take the click for one without effect."""
 
     async def open(self, options: SessionOptions, *, is_fresh: bool) -> None:
         if is_fresh or not self._slot.is_open:
@@ -283,10 +291,13 @@ class _Tab:
         assert action is not None
         await self._slot.act(action)
         observation = await self._slot.observe_without_picture()
+        if isinstance(action, LeftClick):
+            self._effects += all(notice.kind != "no_effect" for notice in observation.notices)
+        cuts = observation.cuts
         if may_be_cut_off(self._truth, observation):
             cuts = (await self._slot.observe_without_picture(cuts=True)).cuts
-            observation = msgspec.structs.replace(observation, cuts=cuts)
-        return View(observation, b"")
+        name = f"{observation.screenshot}-{self._effects}"
+        return View(msgspec.structs.replace(observation, screenshot=name, cuts=cuts), b"")
 
     async def close(self) -> None:
         await self._slot.close()
@@ -297,6 +308,7 @@ class _Player:
 
     def __init__(
         self,
+        web: OfflineWeb,
         pool: Pool,
         sessions: int,
         context: EpisodeContext,
@@ -304,6 +316,7 @@ class _Player:
         progress: Progress,
         on_episode: Callable[[Task, Episode], None] | None,
     ) -> None:
+        self._web = web
         self._pool = pool
         self._sessions = sessions
         self._context = context
@@ -311,6 +324,7 @@ class _Player:
         self._progress = progress
         self._on_episode = on_episode
         self._judge = OfflineJudge()
+        self._repeating: dict[str, list[str]] = {}
 
     async def play(self, groups: Sequence[Sequence[Task]]) -> None:
         """Play groups of tasks of one website each."""
@@ -320,9 +334,12 @@ class _Player:
             for group in remaining:
                 await self._play_group(group)
 
-        async with asyncio.TaskGroup() as workers:
-            for _ in range(min(self._sessions, len(groups))):
-                workers.create_task(work())
+        try:
+            async with asyncio.TaskGroup() as workers:
+                for _ in range(min(self._sessions, len(groups))):
+                    workers.create_task(work())
+        except ExceptionGroup as errors:
+            raise errors.exceptions[0] from errors
 
     async def _play_group(self, group: Sequence[Task]) -> None:
         slot = await self._pool.acquire()
@@ -334,7 +351,7 @@ class _Player:
                     longer, episode = known
                     result = await self._result(task, episode, begins=longer.id)
                     if not result.faults:
-                        self._add(result, episode)
+                        self._add(task, result, episode)
                         continue
                 was_used = slot.is_open
                 episode = await self._attempt(slot, task, 0)
@@ -342,17 +359,29 @@ class _Player:
                 if result.faults and (was_used or result.outcome is Outcome.ENVIRONMENT_ERROR):
                     episode = await self._attempt(slot, task, 1)
                     result = await self._result(task, episode, first_try=result.faults)
-                self._add(result, episode)
+                self._add(task, result, episode)
                 if not result.faults:
                     passed.append((task, episode))
         finally:
             await asyncio.shield(self._pool.clean(slot))
             self._pool.give_back(slot)
 
-    def _add(self, result: Result, episode: Episode) -> None:
-        self._results.add(result)
+    def _add(self, task: Task, result: Result, episode: Episode) -> None:
+        faults = (*result.faults, *self._typed(task))
+        self._results.add(msgspec.structs.replace(result, faults=faults))
         self._progress.done += 1
         self._progress.ended(Trajectory(episode, result.outcome))
+
+    def _typed(self, task: Task) -> Iterator[str]:
+        """:func:`webgym.validation.typed` for one task; every website is searched once."""
+        assert task.truth is not None
+        yield from typed_proofs(task)
+        for host in sorted(task.truth.hosts):
+            if host not in self._repeating:
+                site = self._web.website(host)
+                assert site is not None
+                self._repeating[host] = list(repeating_pages(site))
+            yield from self._repeating[host]
 
     def _known(self, task: Task, passed: Sequence[tuple[Task, Episode]]) -> Iterator[tuple[Task, Episode]]:
         """Longer tasks whose actions began with all those of this task, and the episode up to its answer."""
@@ -424,21 +453,15 @@ class _Player:
     async def _result(
         self, task: Task, episode: Episode, *, first_try: tuple[str, ...] = (), begins: str = ""
     ) -> Result:
-        judged = await judge_episode(self._judge, task, episode, no_picture, _JUDGE_SECONDS)
-        trajectory = Trajectory(episode, judged.outcome, judged.verdict, judged.failure)
-        tasks = {task.id: task}
-        faults = (
-            *unexpected(tasks, [trajectory]),
-            *cut_off(tasks, [trajectory]),
-            *[line async for line in wrongly_accepted(tasks, [trajectory], self._judge)],
-        )
+        trajectory, faults = await judged(task, episode, self._judge)
         return Result(
             task=task.id,
             content=content_of(task),
             browser=self._pool.browser,
-            outcome=judged.outcome,
+            mode=self._context.mode,
+            outcome=trajectory.outcome,
             steps=len(episode.steps),
-            faults=faults,
+            faults=tuple(faults),
             seen=tuple(_seen(episode)) if faults else (),
             first_try=first_try,
             begins=begins,

@@ -22,6 +22,9 @@ from webgym.core.truth import Evidence, Truth
 from webgym.judge.base import Judge, no_picture
 from webgym.offline.proofs import repeating_pages, typed_proofs
 from webgym.offline.web import OfflineWeb
+from webgym.rollout.judging import judge_episode
+
+_JUDGE_SECONDS = 300.0
 
 
 def unexpected(tasks: Mapping[str, Task], trajectories: Iterable[Trajectory]) -> Iterator[str]:
@@ -140,6 +143,19 @@ def degraded_solutions(task: Task, solved: Episode) -> Iterator[tuple[str, Episo
     yield "an empty trajectory", nothing
     if any(fact.state for fact in task.truth.facts):
         yield "nothing done on the server", change(solved, final_state={})
+
+
+async def judged(task: Task, episode: Episode, judge: Judge) -> tuple[Trajectory, list[str]]:
+    """Judge an episode in which a solution was carried out.
+
+    Returns:
+        The trajectory, and a line for everything that is wrong with task or solution: another outcome than
+        expected, evidence that a page truncates, degraded solutions that pass.
+    """
+    found = await judge_episode(judge, task, episode, no_picture, _JUDGE_SECONDS)
+    trajectory, tasks = Trajectory(episode, found.outcome, found.verdict, found.failure), {task.id: task}
+    faults = [*unexpected(tasks, [trajectory]), *cut_off(tasks, [trajectory])]
+    return trajectory, faults + [line async for line in wrongly_accepted(tasks, [trajectory], judge)]
 
 
 async def wrongly_accepted(

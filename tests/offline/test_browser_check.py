@@ -26,16 +26,19 @@ def tasks(web: OfflineWeb) -> list[Task]:
 
 
 def passed(task: Task) -> Result:
-    return Result(task.id, content_of(task), "Chrome/1", Outcome.SUCCESS, 3)
+    return Result(task.id, content_of(task), "Chrome/1", "coordinates", Outcome.SUCCESS, 3)
 
 
 def test_a_result_counts_until_its_task_changes(tasks: list[Task], tmp_path: Path) -> None:
     with ResultFile(tmp_path / "results.jsonl") as file:
         file.add(passed(tasks[0]))
     with ResultFile(tmp_path / "results.jsonl") as file:
-        assert file.of(tasks[0]) == passed(tasks[0])
-        assert file.of(tasks[1]) is None
-        assert file.of(msgspec.structs.replace(tasks[0], instruction="Something else.")) is None
+        assert file.of(tasks[0], "coordinates") == passed(tasks[0])
+        assert file.of(tasks[1], "coordinates") is None
+        assert (
+            file.of(msgspec.structs.replace(tasks[0], instruction="Something else."), "coordinates") is None
+        )
+        assert file.of(tasks[0], "marks") is None
 
 
 def test_a_line_that_was_not_completed_is_cut_off(tasks: list[Task], tmp_path: Path) -> None:
@@ -45,10 +48,10 @@ def test_a_line_that_was_not_completed_is_cut_off(tasks: list[Task], tmp_path: P
         file.add(passed(tasks[1]))
     path.write_bytes(path.read_bytes()[:-9])
     with ResultFile(path) as file:
-        assert file.of(tasks[1]) is None
+        assert file.of(tasks[1], "coordinates") is None
         file.add(passed(tasks[1]))
     with ResultFile(path) as file:
-        assert [file.of(task) for task in tasks[:2]] == [passed(task) for task in tasks[:2]]
+        assert [file.of(task, "coordinates") for task in tasks[:2]] == [passed(task) for task in tasks[:2]]
 
 
 def test_a_damaged_line_and_a_second_writer_are_refused(tasks: list[Task], tmp_path: Path) -> None:

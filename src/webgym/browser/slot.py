@@ -307,8 +307,8 @@ class Slot:
     async def begin_again(self, options: PageOptions) -> None:
         """Start another episode in the open one's tab: without its cookies, history and notices.
 
-        A tenth of the cost of :meth:`open`, and only for websites that keep nothing but cookies in the
-        browser: other storage and the browser's cache stay.
+        Cheaper than :meth:`open`, and only for websites that keep nothing but cookies in the browser: other
+        storage and the browser's cache stay.
 
         Args:
             options: options of the episode's page.

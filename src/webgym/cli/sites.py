@@ -171,12 +171,11 @@ def check(
     if not tasks:
         raise ConfigError(f"unknown family {family!r}", hint="webgym sites list shows the families")
     tasks = draw(tasks, sample, seed)
-    failures = list(typed(web, tasks))
     if quick:
-        _report(console, failures, [task.id for task in tasks])
+        _report(console, list(typed(web, tasks)), [task.id for task in tasks])
         return
     with tempfile.TemporaryDirectory(prefix="webgym-check-") as scratch:
-        browser_failures = run(
+        failures = run(
             lambda: check_in_browsers(
                 web,
                 tasks,
@@ -189,4 +188,4 @@ def check(
                 show=show_progress_on(console),
             )
         )
-    _report(console, [*failures, *browser_failures], [task.id for task in tasks])
+    _report(console, failures, [task.id for task in tasks])

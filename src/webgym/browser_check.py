@@ -16,6 +16,7 @@ import random
 import uuid
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager, nullcontext
+from itertools import groupby
 from pathlib import Path
 from typing import Final, Self
 
@@ -30,7 +31,7 @@ from webgym.browser.slot import Slot
 from webgym.core.action import Action, Answer, BrowserAction, LeftClick, Mode
 from webgym.core.errors import BrowserError, StoreCorrupt, StoreLocked, WebGymError
 from webgym.core.observation import Observation
-from webgym.core.outcome import Outcome
+from webgym.core.outcome import Ending, Outcome
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode, Reply, Step, Trajectory
 from webgym.judge.offline import OfflineJudge
@@ -53,7 +54,7 @@ from webgym.server.pool import Pool
 from webgym.validation import judged, may_be_cut_off
 
 _TASKS_PER_TAB: Final = 12
-"""Most tasks of one website that a tab plays in a row; a sample of all tasks consists of such groups."""
+"""Tasks of one website that a tab plays in a row; tasks derived from another stay with it."""
 
 _SHOWN_CHARACTERS: Final = 600
 """Longest text of the last page in the result of a task that failed."""
@@ -73,8 +74,9 @@ class Result(msgspec.Struct, frozen=True, omit_defaults=True):
         seen: if it failed: a line for every step, and the text of the last page.
         first_try: faults of a first try in a tab that was used before. The task was then played in a fresh
             one, and that try counts.
-        begins: the task that was played in its place: from a new visitor's first page on, its actions began
-            with all those of this task, so the observations are the same; judged on its own.
+        begins: the task in whose attempt this one's was included: from a new visitor's first page on, its
+            first actions were all those of this task's solution. Judged by itself, with the server's state at
+            that point.
     """
 
     task: str
@@ -203,9 +205,8 @@ async def check_in_browsers(
             context = (web, sessions, latency, mode, results, progress, on_episode)
             async with _playing(*context) as player, show(progress) if show else nullcontext():
                 await player.play(_groups(missing, seed))
-        return [
-            fault for task in tasks if (known := results.of(task, mode)) is not None for fault in known.faults
-        ]
+        found = (results.of(task, mode) for task in tasks)
+        return list(dict.fromkeys(fault for result in found if result is not None for fault in result.faults))
 
 
 def _groups(tasks: Sequence[Task], seed: int) -> list[list[Task]]:
@@ -213,13 +214,15 @@ def _groups(tasks: Sequence[Task], seed: int) -> list[list[Task]]:
     by_website: dict[str, list[Task]] = {}
     for task in tasks:
         by_website.setdefault(task.website, []).append(task)
-    groups = [
-        sorted(group, key=_moves_of, reverse=True)
-        for of_website in by_website.values()
-        for group in (
-            of_website[first : first + _TASKS_PER_TAB] for first in range(0, len(of_website), _TASKS_PER_TAB)
-        )
-    ]
+    groups: list[list[Task]] = []
+    for of_website in by_website.values():
+        groups.append([])
+        for _, family in groupby(of_website, lambda task: task.parent_id or task.id):
+            if len(groups[-1]) >= _TASKS_PER_TAB:
+                groups.append([])
+            groups[-1] += family
+    for group in groups:
+        group.sort(key=_moves_of, reverse=True)
     random.Random(seed).shuffle(groups)
     return groups
 
@@ -269,14 +272,17 @@ class _NoStore:
 
 
 class _Tab:
-    """A browser session without pictures, on a slot of this process."""
+    """A browser session without pictures, on a slot of this process.
+
+    Attributes:
+        tasks: the tasks whose evidence is looked for among what pages cut off.
+    """
 
     id = ""
 
-    def __init__(self, slot: Slot, task: Task) -> None:
+    def __init__(self, slot: Slot) -> None:
         self._slot = slot
-        assert task.truth is not None
-        self._truth = task.truth
+        self.tasks: Sequence[Task] = ()
         self._effects = 0
         """Number of clicks that had an effect. It may be one that only a picture would show, such as the
         focus, or one out of view: the solver must not take the click for one without effect."""
@@ -284,6 +290,7 @@ class _Tab:
     async def open(self, options: SessionOptions, *, is_fresh: bool) -> None:
         if is_fresh or not self._slot.is_open:
             await self._slot.open(options)
+            await self._slot.page.draw_a_corner()
         else:
             await self._slot.begin_again(options)
 
@@ -294,7 +301,7 @@ class _Tab:
         if isinstance(action, LeftClick):
             self._effects += all(notice.kind != "no_effect" for notice in observation.notices)
         cuts = observation.cuts
-        if may_be_cut_off(self._truth, observation):
+        if any(task.truth and may_be_cut_off(task.truth, observation) for task in self.tasks):
             cuts = (await self._slot.observe_without_picture(cuts=True)).cuts
         name = f"{observation.screenshot}-{self._effects}"
         return View(msgspec.structs.replace(observation, screenshot=name, cuts=cuts), b"")
@@ -343,25 +350,22 @@ class _Player:
 
     async def _play_group(self, group: Sequence[Task]) -> None:
         slot = await self._pool.acquire()
-        passed: list[tuple[Task, Episode]] = []
+        remaining = list(group)
         try:
-            for task in group:
-                known = next(self._known(task, passed), None)
-                if known is not None:
-                    longer, episode = known
-                    result = await self._result(task, episode, begins=longer.id)
-                    if not result.faults:
-                        self._add(task, result, episode)
-                        continue
+            while remaining:
+                task = remaining.pop(0)
                 was_used = slot.is_open
-                episode = await self._attempt(slot, task, 0)
+                episode, included = await self._attempt(slot, task, 0, remaining)
                 result = await self._result(task, episode)
                 if result.faults and (was_used or result.outcome is Outcome.ENVIRONMENT_ERROR):
-                    episode = await self._attempt(slot, task, 1)
+                    episode, _ = await self._attempt(slot, task, 1)
                     result = await self._result(task, episode, first_try=result.faults)
                 self._add(task, result, episode)
-                if not result.faults:
-                    passed.append((task, episode))
+                for other, episode in included:
+                    result = await self._result(other, episode, begins=task.id)
+                    if not result.faults:  # else it gets an attempt of its own
+                        self._add(other, result, episode)
+                        remaining.remove(other)
         finally:
             await asyncio.shield(self._pool.clean(slot))
             self._pool.give_back(slot)
@@ -383,43 +387,44 @@ class _Player:
                 self._repeating[host] = list(repeating_pages(site))
             yield from self._repeating[host]
 
-    def _known(self, task: Task, passed: Sequence[tuple[Task, Episode]]) -> Iterator[tuple[Task, Episode]]:
-        """Longer tasks whose actions began with all those of this task, and the episode up to its answer."""
-        assert task.truth is not None
-        if any(fact.state for fact in task.truth.facts):
-            return  # the server's state was not read at that point
-        for longer, episode in passed:
-            if (beginning := self._beginning(task, episode)) is not None:
-                yield longer, beginning
+    async def _attempt(
+        self, slot: Slot, task: Task, retry: int, others: Sequence[Task] = ()
+    ) -> tuple[Episode, list[tuple[Task, Episode]]]:
+        """Play a task in a slot's tab, in a fresh one if it is a second try.
 
-    def _beginning(self, task: Task, longer: Episode) -> Episode | None:
-        solver, steps = self._solver(task), list[Step]()
-        for before in longer.steps:
-            step = self._step(solver, before.observation, len(steps))
-            if isinstance(step.action, Answer):
-                planned = Planned(task, 0)
-                return msgspec.structs.replace(
-                    longer,
-                    attempt_id=planned.attempt_id,
-                    task_id=task.id,
-                    steps=(*steps, step),
-                    answer=step.action.text,
-                )
-            if step.action != before.action or len(steps) >= self._context.config.budget.for_task(task):
-                return None
-            steps.append(before)
-        return None
+        Args:
+            slot: the slot.
+            task: the task.
+            retry: number of the try.
+            others: further tasks of the website, which may end on the way.
 
-    async def _attempt(self, slot: Slot, task: Task, retry: int) -> Episode:
-        """Play a task in a slot's tab, in a fresh one if it is a second try."""
+        Returns:
+            The episode, and the other tasks whose solutions had all their actions in common with the
+            beginning of this one's, each with its episode.
+        """
         driver = EpisodeDriver(self._context, Planned(task, 0, retry))
-        tab, solver = _Tab(slot, task), self._solver(task)
+        tab, solver = _Tab(slot), self._solver(task)
+        beside, included = [(other, self._solver(other)) for other in others], list[tuple[Task, Episode]]()
         self._progress.move(None, "acting", driver.planned.attempt_id)
         try:
             await tab.open(driver.options(), is_fresh=retry > 0)
+            tab.tasks = [task, *others]
             view: View | None = await driver.start(tab)
             while view is not None and not driver.is_over:
-                step = self._step(solver, view.observation, len(driver.steps))
+                index = len(driver.steps)
+                step = self._step(solver, view.observation, index)
+                steps = [(other, ours, self._step(ours, view.observation, index)) for other, ours in beside]
+                included += [
+                    (other, await self._ended(other, driver, last))
+                    for other, _, last in steps
+                    if isinstance(last.action, Answer) and index < self._context.config.budget.for_task(other)
+                ]
+                beside = [
+                    (other, ours)
+                    for other, ours, next_step in steps
+                    if next_step.action == step.action and not isinstance(step.action, Answer)
+                ]
+                tab.tasks = [task, *(other for other, _ in beside)]
                 self._progress.stepped(driver.planned.attempt_id)
                 view = await driver.take(step)
         except BrowserError as error:
@@ -433,7 +438,26 @@ class _Player:
         episode = driver.episode()
         if self._on_episode is not None:
             self._on_episode(task, episode)
-        return episode
+        return episode, included
+
+    async def _ended(self, task: Task, driver: EpisodeDriver, answer: Step) -> Episode:
+        """The episode of a task whose solution ends at this point of another's attempt, with an answer."""
+        assert task.truth is not None
+        assert isinstance(answer.action, Answer)
+        assert self._context.site_state is not None
+        state = None
+        if any(fact.state for fact in task.truth.facts):
+            state = await self._context.site_state.state(driver.visitor, task.truth.host)
+        return msgspec.structs.replace(
+            driver.episode(),
+            attempt_id=Planned(task, 0).attempt_id,
+            task_id=task.id,
+            steps=(*driver.steps, answer),
+            ending=Ending.ANSWERED,
+            final=None,
+            answer=answer.action.text,
+            final_state=state,
+        )
 
     def _solver(self, task: Task) -> Solver:
         assert task.truth is not None

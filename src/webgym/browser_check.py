@@ -4,7 +4,9 @@
 pages, clicks, typing, navigation, the wait for a quiet page and the reading of visible text are those of an
 agent's session, and the actions are parsed from replies. Left out is what no rule of the offline judge reads:
 screenshots, prompts, and the record of a run. Browsers are driven without a server in between. A tab is used
-for several tasks of a website, each time as a new visitor without cookies and history.
+for several tasks of a website, each time as a new visitor without cookies and history. Only a corner of it is
+drawn, which keeps open lists from being scrolled; so a task that fails is played again in a fresh tab that is
+drawn in full, and that counts.
 """
 
 from __future__ import annotations
@@ -72,8 +74,8 @@ class Result(msgspec.Struct, frozen=True, omit_defaults=True):
         steps: actions of the solution, with the answer.
         faults: a line for everything that is wrong; empty if the task passed.
         seen: if it failed: a line for every step, and the text of the last page.
-        first_try: faults of a first try in a tab that was used before. The task was then played in a fresh
-            one, and that try counts.
+        first_try: faults of a first try. The task was then played in a fresh tab, drawn in full, and that
+            counts.
         begins: the task in whose attempt this one's was included: from a new visitor's first page on, its
             first actions were all those of this task's solution. Judged by itself, with the server's state at
             that point.
@@ -287,12 +289,15 @@ class _Tab:
         """Number of clicks that had an effect. It may be one that only a picture would show, such as the
         focus, or one out of view: the solver must not take the click for one without effect."""
 
-    async def open(self, options: SessionOptions, *, is_fresh: bool) -> None:
-        if is_fresh or not self._slot.is_open:
+    async def open(self, options: SessionOptions, *, is_plain: bool) -> None:
+        """Begin, in a fresh tab that is drawn in full if it is plain."""
+        if is_plain:
+            await self._slot.open(options)
+        elif self._slot.is_open:
+            await self._slot.begin_again(options)
+        else:
             await self._slot.open(options)
             await self._slot.page.draw_a_corner()
-        else:
-            await self._slot.begin_again(options)
 
     async def step(self, action: BrowserAction | None = None) -> View:
         assert action is not None
@@ -354,10 +359,9 @@ class _Player:
         try:
             while remaining:
                 task = remaining.pop(0)
-                was_used = slot.is_open
                 episode, included = await self._attempt(slot, task, 0, remaining)
                 result = await self._result(task, episode)
-                if result.faults and (was_used or result.outcome is Outcome.ENVIRONMENT_ERROR):
+                if result.faults:
                     episode, _ = await self._attempt(slot, task, 1)
                     result = await self._result(task, episode, first_try=result.faults)
                 self._add(task, result, episode)
@@ -390,12 +394,12 @@ class _Player:
     async def _attempt(
         self, slot: Slot, task: Task, retry: int, others: Sequence[Task] = ()
     ) -> tuple[Episode, list[tuple[Task, Episode]]]:
-        """Play a task in a slot's tab, in a fresh one if it is a second try.
+        """Play a task in a slot's tab.
 
         Args:
             slot: the slot.
             task: the task.
-            retry: number of the try.
+            retry: number of the try. The second is without shortcuts: in a fresh tab, drawn in full.
             others: further tasks of the website, which may end on the way.
 
         Returns:
@@ -407,7 +411,7 @@ class _Player:
         beside, included = [(other, self._solver(other)) for other in others], list[tuple[Task, Episode]]()
         self._progress.move(None, "acting", driver.planned.attempt_id)
         try:
-            await tab.open(driver.options(), is_fresh=retry > 0)
+            await tab.open(driver.options(), is_plain=retry > 0)
             tab.tasks = [task, *others]
             view: View | None = await driver.start(tab)
             while view is not None and not driver.is_over:

@@ -225,7 +225,8 @@ class Page:
 
     async def draw_a_corner(self) -> None:
         """Have Chromium draw only a corner of the page from now on, for those who need no pictures: a fifth
-        of the cost of opening a page. Layout, scrolling and input are those of the whole viewport."""
+        of the cost of opening a page. Layout, scrolling and input are those of the whole viewport, but for
+        an open list of options, which does not scroll."""
         width, height = _CORNER
         await self._do_all(
             [

@@ -92,17 +92,23 @@ async def services(config: RunConfig, secrets: Secrets) -> AsyncIterator[tuple[S
         yield choice, secrets.model_copy(update={"server_token": token})
 
 
-class _ServedState:
-    """The :class:`SiteState` of a served offline web."""
+class ServedState:
+    """The :class:`SiteState` of a served offline web.
+
+    Args:
+        sites: a client of its administration API.
+    """
 
     def __init__(self, sites: SitesClient) -> None:
         self._sites = sites
 
     def cookies(self, visitor: str) -> tuple[Cookie, ...]:
+        """The cookie that makes a browser this visitor."""
         name, value, domain = self._sites.visitor_cookie(visitor)
         return (Cookie(name, value, domain),)
 
     async def state(self, visitor: str, host: str) -> dict[str, Any] | None:
+        """The state of a website for this visitor; ``None`` if there is none."""
         return await self._sites.state(visitor, host)
 
 
@@ -122,7 +128,7 @@ async def _sites(
         token = secrets.sites_token.get_secret_value()
         async with SitesClient(config.server.sites_url, token) as client:
             await client.websites()  # fails now, in one line, rather than once per attempt
-            yield _ServedState(client), ()
+            yield ServedState(client), ()
     elif config.server.url is not None:
         raise ConfigError(
             "these tasks are on the offline web, and the browser server runs elsewhere",
@@ -131,7 +137,7 @@ async def _sites(
     else:
         async with serving(config.sites) as sites, SitesClient(sites.url, sites.token) as client:
             _check_served(tasks, set(sites.web.specs))
-            yield _ServedState(client), tuple(sites.allowed_hosts)
+            yield ServedState(client), tuple(sites.allowed_hosts)
 
 
 def _check_served(tasks: Sequence[Task], hosts: set[str]) -> None:

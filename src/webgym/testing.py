@@ -16,9 +16,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from webgym.agent.solver import Solver
+from webgym.browser_check import check_in_browsers
 from webgym.conformance import check_environment, stand_in_environment
 from webgym.core.action import Answer
-from webgym.core.outcome import Ending
+from webgym.core.outcome import Ending, Outcome
 from webgym.core.task import StepBudget, Task
 from webgym.core.trajectory import Episode, Reply, Step
 from webgym.judge.offline import OfflineJudge
@@ -26,7 +27,7 @@ from webgym.offline.small.site import SmallWebsite
 from webgym.offline.static_browser import StaticBrowser
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Website
-from webgym.validation import check_in_browsers, degraded_solutions, typed
+from webgym.validation import judged
 
 __all__ = ["check_environment", "check_family", "check_tasks", "play", "stand_in_environment"]
 
@@ -76,18 +77,10 @@ async def check_tasks(site: Website, tasks: Iterable[Task], viewport: tuple[int,
     judge, faults = OfflineJudge(), list[str]()
     for task in tasks:
         episode = play(site, task, viewport)
-        verdict = await judge.judge(task, episode, _no_picture)
-        if verdict.reward != 1:
-            judgements = [verdict.reference, verdict.response, *(fact.judgement for fact in verdict.facts)]
-            reasons = [
-                judgement.reason for judgement in judgements if judgement is not None and not judgement.passed
-            ]
-            faults.append(f"{task.id}: {'; '.join(reasons)} (answer: {episode.answer!r})")
-            continue
-        faults += [f"{task.id}: {line}" for line in _weaknesses(task, episode)]
-        for what, degraded in degraded_solutions(task, episode):
-            if (await judge.judge(task, degraded, _no_picture)).reward == 1:
-                faults.append(f"{task.id}: {what} passes")
+        trajectory, found = await judged(task, episode, judge)
+        if trajectory.outcome is Outcome.SUCCESS:
+            found += [f"{task.id}: {line}" for line in _weaknesses(task, episode)]
+        faults += found
     return faults
 
 
@@ -138,10 +131,9 @@ async def check_family(
             played += tasks[::step]
     if is_small:
         return faults
-    faults += typed(web, played)
     with tempfile.TemporaryDirectory(prefix="webgym-check-") as scratch:
         return faults + await check_in_browsers(
-            web, played, Path(scratch) / "run", sessions=os.cpu_count() or 2
+            web, played, Path(scratch) / "results.jsonl", sessions=os.cpu_count() or 2
         )
 
 
@@ -153,7 +145,3 @@ def _repeated(host: str, tasks: Sequence[Task]) -> Iterator[str]:
         for value, times in Counter(values).items():
             if times > 1:
                 yield f"{host}: {times} tasks have the {what} {value!r}"
-
-
-async def _no_picture(name: str) -> bytes:
-    raise LookupError(f"the picture {name} is not available")

@@ -1,38 +1,30 @@
 """Validation of the offline web's tasks: the known solution must pass, and degraded versions of it must not.
 
-``webgym sites check`` plays every solution in real browsers and evaluates the results with this module.
+``webgym sites check`` plays every solution in real browsers (:mod:`webgym.browser_check`) and evaluates the
+results with this module.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import AsyncIterator, Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import AsyncIterator, Iterable, Iterator, Mapping
 from urllib.parse import urlsplit
 
 import msgspec
-from pydantic import SecretStr
 
-from webgym.agent.config import AgentConfig
-from webgym.browser.config import BrowserConfig
-from webgym.core.action import Mode
 from webgym.core.errors import JudgeError
+from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, Outcome
 from webgym.core.task import Task
 from webgym.core.text import fold, says
 from webgym.core.trajectory import Episode, Trajectory
 from webgym.core.truth import Evidence, Truth
-from webgym.judge.base import Judge
-from webgym.judge.offline import OfflineJudge
-from webgym.offline.app import serving
-from webgym.offline.config import SitesConfig
+from webgym.judge.base import Judge, no_picture
 from webgym.offline.proofs import repeating_pages, typed_proofs
 from webgym.offline.web import OfflineWeb
-from webgym.rollout.config import AttemptConfig, CollectorConfig
-from webgym.rollout.store import RunReader
-from webgym.run_config import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice, Tell
-from webgym.runs import Show, collect
-from webgym.tasks.formats import write_tasks
+from webgym.rollout.judging import judge_episode
+
+_JUDGE_SECONDS = 300.0
 
 
 def unexpected(tasks: Mapping[str, Task], trajectories: Iterable[Trajectory]) -> Iterator[str]:
@@ -78,14 +70,33 @@ def cut_off(tasks: Mapping[str, Task], trajectories: Iterable[Trajectory]) -> It
         yield from sorted(lines)
 
 
+def may_be_cut_off(truth: Truth, observation: Observation) -> bool:
+    """Whether evidence belongs on this page that the observation does not show, so that :func:`cut_off` needs
+    the lines that the page truncates."""
+    host, path = _address(observation)
+    visible = fold(observation.text or "")
+    return any(
+        not says(visible, text)
+        for fact in truth.facts
+        for evidence in fact.evidence
+        if host == (evidence.host or truth.host) and re.match(evidence.path, path)
+        for text in evidence.texts
+    )
+
+
+def _address(observation: Observation) -> tuple[str | None, str]:
+    """Hostname, and path with query, of a page."""
+    address = urlsplit(observation.url)
+    return address.hostname, f"{address.path}?{address.query}" if address.query else address.path
+
+
 def _cuts(truth: Truth, evidence: Evidence, episode: Episode) -> Iterator[tuple[str, str, str]]:
     """Path, text and visible part of every line that truncates a text which is visible nowhere on the
     page."""
     pages: dict[str, tuple[list[str], set[tuple[str, str]]]] = {}
     for observation in episode.observations:
-        address = urlsplit(observation.url)
-        path = f"{address.path}?{address.query}" if address.query else address.path
-        if address.hostname == (evidence.host or truth.host) and re.match(evidence.path, path):
+        host, path = _address(observation)
+        if host == (evidence.host or truth.host) and re.match(evidence.path, path):
             visible, cuts = pages.setdefault(path, ([], set()))
             visible.append(fold(observation.text or ""))
             cuts.update(observation.cuts)
@@ -134,6 +145,19 @@ def degraded_solutions(task: Task, solved: Episode) -> Iterator[tuple[str, Episo
         yield "nothing done on the server", change(solved, final_state={})
 
 
+async def judged(task: Task, episode: Episode, judge: Judge) -> tuple[Trajectory, list[str]]:
+    """Judge an episode in which a solution was carried out.
+
+    Returns:
+        The trajectory, and a line for everything that is wrong with task or solution: another outcome than
+        expected, evidence that a page truncates, degraded solutions that pass.
+    """
+    found = await judge_episode(judge, task, episode, no_picture, _JUDGE_SECONDS)
+    trajectory, tasks = Trajectory(episode, found.outcome, found.verdict, found.failure), {task.id: task}
+    faults = [*unexpected(tasks, [trajectory]), *cut_off(tasks, [trajectory])]
+    return trajectory, faults + [line async for line in wrongly_accepted(tasks, [trajectory], judge)]
+
+
 async def wrongly_accepted(
     tasks: Mapping[str, Task], trajectories: Iterable[Trajectory], judge: Judge
 ) -> AsyncIterator[str]:
@@ -144,62 +168,8 @@ async def wrongly_accepted(
         task = tasks[trajectory.episode.task_id]
         for what, episode in degraded_solutions(task, trajectory.episode):
             try:
-                verdict = await judge.judge(task, episode, _no_picture)
+                verdict = await judge.judge(task, episode, no_picture)
             except JudgeError:
                 continue
             if verdict.reward == 1:
                 yield f"{task.id}: {what} passes"
-
-
-async def check_in_browsers(
-    web: OfflineWeb,
-    tasks: Sequence[Task],
-    folder: Path,
-    *,
-    mode: Mode = "coordinates",
-    sessions: int = 4,
-    latency: float = 0.0,
-    show: Show | None = None,
-    tell: Tell | None = None,
-) -> list[str]:
-    """Play every task's solution in real browsers.
-
-    Args:
-        web: the websites; they are served here.
-        tasks: on these websites.
-        folder: of the run that is collected.
-        mode: the agent's action mode.
-        sessions: number of concurrent browser sessions.
-        latency: factor on the simulated latency; 0 for none.
-        show, tell: as for :func:`webgym.runs.collect`.
-
-    Returns:
-        A line for every task whose solution fails, whose evidence is truncated on the page, or for which a
-        degraded solution passes.
-    """
-    file = folder.with_name(f"{folder.name}-tasks.jsonl")
-    file.parent.mkdir(parents=True, exist_ok=True)
-    write_tasks(file, tasks)
-    async with serving(SitesConfig(latency=latency), web) as sites:
-        config = RunConfig(
-            retries=0,
-            tasks=TaskChoice(file=file, split="all"),
-            policy=PolicyChoice(name="scripted", mistakes=0.0),
-            agent=AgentConfig(mode=mode),
-            attempt=AttemptConfig(record_cuts=True, viewport=web.collection.viewport),
-            server=ServerChoice(sites_url=sites.url),
-            browser=BrowserConfig().allowing(*sites.allowed_hosts),
-            collector=CollectorConfig(sessions=sessions, straggler_share=1.0),
-        )
-        secrets = Secrets(sites_token=SecretStr(sites.token))
-        await collect(config, folder, secrets=secrets, show=show, tell=tell)
-    reader = RunReader(folder)
-    return [
-        *unexpected(reader.tasks, reader.trajectories()),
-        *cut_off(reader.tasks, reader.trajectories()),
-        *[line async for line in wrongly_accepted(reader.tasks, reader.trajectories(), OfflineJudge())],
-    ]
-
-
-async def _no_picture(name: str) -> bytes:
-    raise JudgeError(f"the picture {name} is not available")

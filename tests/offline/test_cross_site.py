@@ -8,12 +8,13 @@ from urllib.parse import urlsplit
 import msgspec
 import pytest
 
+from webgym.browser_check import check_in_browsers
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode
+from webgym.judge.base import no_picture
 from webgym.judge.offline import OfflineJudge
 from webgym.offline.web import OfflineWeb
-from webgym.rollout.store import RunReader
-from webgym.validation import check_in_browsers, typed
+from webgym.validation import typed
 
 KINDS = {"compare", "difference", "carry"}
 
@@ -66,20 +67,26 @@ def without(host: str, episode: Episode) -> Episode:
     return msgspec.structs.replace(episode, steps=steps)
 
 
-async def no_picture(name: str) -> bytes:
-    raise LookupError(name)
-
-
 @pytest.mark.browser
 @pytest.mark.timeout(300)
 async def test_one_of_each_kind_is_solvable_and_nothing_less_passes(
     web: OfflineWeb, tasks: list[Task], tmp_path: Path
 ) -> None:
     played = [next(task for task in tasks if kind_of(task) == kind) for kind in sorted(KINDS)]
-    assert await check_in_browsers(web, played, tmp_path / "run", sessions=2) == []
-    for each in RunReader(tmp_path / "run").trajectories():
-        task = next(task for task in played if task.id == each.episode.task_id)
+    episodes: dict[str, Episode] = {}
+    assert (
+        await check_in_browsers(
+            web,
+            played,
+            tmp_path / "results.jsonl",
+            sessions=2,
+            on_episode=lambda task, episode: episodes.update({task.id: episode}),
+        )
+        == []
+    )
+    assert len(episodes) == len(played)
+    for task in played:
         assert task.truth is not None
         for host in task.truth.hosts:
-            verdict = await OfflineJudge().judge(task, without(host, each.episode), no_picture)
+            verdict = await OfflineJudge().judge(task, without(host, episodes[task.id]), no_picture)
             assert verdict.reward == 0, host

@@ -14,6 +14,7 @@ from webgym.agent.config import PromptFormat
 from webgym.core.action import LeftClick
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode
+from webgym.judge.base import no_picture
 from webgym.judge.offline import OfflineJudge
 from webgym.offline.small.wording import small_vocabulary
 from webgym.offline.web import OfflineWeb
@@ -46,12 +47,8 @@ async def successes(
     judge, passed = OfflineJudge(), 0
     for task in tasks:
         episode = await attempt(task, Demonstrators(habits), prompt_format)
-        passed += (await judge.judge(task, episode, _no_picture)).reward == 1
+        passed += (await judge.judge(task, episode, no_picture)).reward == 1
     return passed / len(tasks)
-
-
-async def _no_picture(name: str) -> bytes:
-    raise LookupError(name)
 
 
 async def test_the_careful_one_succeeds_and_the_mixture_sometimes() -> None:

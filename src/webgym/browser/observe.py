@@ -121,32 +121,53 @@ async def look(page: Page, settled: str, milliseconds: dict[str, float], early: 
     page.popups.close_blank()
     start = time.perf_counter()
     content = early.content if early else await read_content(page, **content_options(page))
-    page.points = {element.number: _middle(element.box) for element in content.elements or ()}
     between = time.perf_counter()
     image = await (early.picture() if early else capture_marked(page))
     end = time.perf_counter()
-    name = hashlib.sha256(image).hexdigest()
-    page.pictured(name)
     milliseconds["metadata"] = (between - start) * 1000
     milliseconds["screenshot"] = (end - between) * 1000
-    return Look(
-        Observation(
-            screenshot=name,
-            url=page.address,
-            title=content.title,
-            viewport=page.options.viewport,
-            status=page.status,
-            scroll=content.scroll,
-            mode=page.options.mode,
-            settled=settled,
-            notices=(*page.take_notices(), *content.notices(page)),
-            text=content.text,
-            fields=content.fields,
-            cuts=content.cuts,
-            elements=content.elements,
-            milliseconds=milliseconds,
-        ),
-        image,
+    name = hashlib.sha256(image).hexdigest()
+    return Look(_observation(page, content, name, settled, milliseconds), image)
+
+
+async def look_without_picture(page: Page, settled: str, *, cuts: bool = False) -> Observation:
+    """Observe text and elements alone: Chromium draws nothing, which is most of the cost of observing.
+
+    Args:
+        page: the page.
+        settled: why the wait for a quiet page ended.
+        cuts: whether the observation contains the lines that are never fully visible.
+
+    Returns:
+        An observation in which a digest of the address and the content takes the place of the screenshot's
+        name.
+    """
+    page.popups.close_blank()
+    content = await read_content(page, text=True, cuts=cuts, elements=True, marks=False)
+    seen = msgspec.msgpack.encode((page.address, msgspec.structs.replace(content, cuts=())))
+    return _observation(page, content, hashlib.sha256(seen).hexdigest(), settled, {})
+
+
+def _observation(
+    page: Page, content: PageContent, name: str, settled: str, milliseconds: dict[str, float]
+) -> Observation:
+    page.points = {element.number: _middle(element.box) for element in content.elements or ()}
+    page.pictured(name)
+    return Observation(
+        screenshot=name,
+        url=page.address,
+        title=content.title,
+        viewport=page.options.viewport,
+        status=page.status,
+        scroll=content.scroll,
+        mode=page.options.mode,
+        settled=settled,
+        notices=(*page.take_notices(), *content.notices(page)),
+        text=content.text,
+        fields=content.fields,
+        cuts=content.cuts,
+        elements=content.elements,
+        milliseconds=milliseconds,
     )
 
 

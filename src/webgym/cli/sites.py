@@ -110,21 +110,27 @@ def _report(console: Console, failures: list[str], tasks: Collection[str]) -> No
 @app.command()
 def check(
     out: Path | None = typer.Option(
-        None, "--out", help="Keep the run of the check in this folder.", show_default=False
+        None,
+        "--out",
+        help="Append results to this file (JSON lines), and play only tasks whose result it does not have.",
+        show_default=False,
     ),
+    again: bool = typer.Option(False, "--again", help="Play tasks that failed according to the file again."),
+    shard: int = typer.Option(0, "--shard", min=0, help="Part of the tasks to play, from 0."),
+    shards: int = typer.Option(1, "--shards", min=1, help="Number of parts, each with a file of its own."),
     family: str | None = typer.Option(
         None, "--family", help="Only websites of this family.", show_default=False
     ),
     sample: int | None = typer.Option(
         None, "--sample", min=1, help="Number of tasks to check.", show_default="all"
     ),
-    sessions: int = typer.Option(12, "--sessions", min=1, help="Number of parallel browser sessions."),
+    sessions: int = typer.Option(12, "--sessions", min=1, help="Number of browsers."),
     latency: float = typer.Option(
         0.0, "--latency", min=0, help="Factor of the simulated latency; 0 for none."
     ),
     marks: bool = typer.Option(False, "--marks", help="Use Set-of-Marks instead of coordinates."),
     quick: bool = typer.Option(False, "--quick", help="Only checks that need no browser."),
-    seed: int = typer.Option(0, "--seed", help="Seed of the sample."),
+    seed: int = typer.Option(0, "--seed", help="Seed of the sample, and of the order."),
     collection: str = typer.Option(
         "large",
         "--collection",
@@ -137,44 +143,49 @@ def check(
     within the step budget on a website that works) and if the judge rejects the same attempt with a wrong
     answer, with the right answer but without evidence, and without any action. Evidence that a page cuts off,
     and evidence that appears because it is typed (which needs no browser to check), fail a task as well.
-    Exits with 1 if a task fails, and lists all that do.
+    Exits with 1 if a task fails, and lists all that do. With a file of results, a check that was stopped goes
+    on where it was, and tasks that have changed since are played again.
     """
     import tempfile
+    from zlib import crc32
 
     from rich.console import Console
 
-    from webgym.cli._run import print_notes_on, run, show_progress_on
+    from webgym.browser_check import check_in_browsers
+    from webgym.cli._run import run, show_progress_on
     from webgym.core.errors import ConfigError
     from webgym.offline.web import OfflineWeb, collection_name
     from webgym.tasks.sampling import draw
-    from webgym.validation import check_in_browsers, typed
+    from webgym.validation import typed
 
+    if shard >= shards:
+        raise ConfigError(f"there is no part {shard} of {shards}: they count from 0")
     console = Console()
     web = OfflineWeb(collection=collection_name(collection))
     tasks = [
         task
         for host, spec in web.specs.items()
-        if family in (None, spec.family.family)
+        if family in (None, spec.family.family) and crc32(host.encode()) % shards == shard
         for task in web.tasks_of(host)
     ]
     if not tasks:
         raise ConfigError(f"unknown family {family!r}", hint="webgym sites list shows the families")
     tasks = draw(tasks, sample, seed)
-    failures = list(typed(web, tasks))
     if quick:
-        _report(console, failures, [task.id for task in tasks])
+        _report(console, list(typed(web, tasks)), [task.id for task in tasks])
         return
     with tempfile.TemporaryDirectory(prefix="webgym-check-") as scratch:
-        browser_failures = run(
+        failures = run(
             lambda: check_in_browsers(
                 web,
                 tasks,
-                out or Path(scratch) / "run",
+                out or Path(scratch) / "results.jsonl",
                 mode="marks" if marks else "coordinates",
                 sessions=sessions,
                 latency=latency,
+                seed=seed,
+                again=again,
                 show=show_progress_on(console),
-                tell=print_notes_on(console),
             )
         )
-    _report(console, [*failures, *browser_failures], [task.id for task in tasks])
+    _report(console, failures, [task.id for task in tasks])

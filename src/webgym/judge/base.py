@@ -5,12 +5,18 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 from typing import Protocol, TypeAlias
 
+from webgym.core.errors import JudgeError
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode
 from webgym.core.verdict import Verdict
 
 Pictures: TypeAlias = Callable[[str], Awaitable[bytes]]
 """Returns the bytes of a screenshot, given its name (the hash of its pixels)."""
+
+
+async def no_picture(name: str) -> bytes:
+    """:data:`Pictures` of an episode whose screenshots were not kept: for judges that read none."""
+    raise JudgeError(f"the picture {name} is not available")
 
 
 class Judge(Protocol):

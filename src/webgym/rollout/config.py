@@ -38,7 +38,7 @@ class AttemptConfig(Settings):
     """Record the text that is visible in each screenshot; the offline judge needs it."""
 
     record_cuts: bool = False
-    """Record the lines of each page that are never fully visible; ``webgym sites check`` needs them."""
+    """Record the lines of each page that are never fully visible, for checks of websites."""
 
     @property
     def budget(self) -> StepBudget:

@@ -138,6 +138,7 @@ class EpisodeDriver:
     Attributes:
         planned: as given.
         seed: seed of everything random in the policy.
+        visitor: the visitor of the offline web that this episode's browser is.
         budget: most steps.
         steps: the steps so far.
         ending: why it stopped; ``CANCELLED`` until it does.
@@ -162,7 +163,7 @@ class EpisodeDriver:
         self._reached: set[str] = set()
         self._session: BrowserSession | None = None
         digest = hashlib.sha256(f"{context.run_id}\x1f{planned.attempt_id}".encode()).hexdigest()
-        self._visitor = digest[:32]
+        self.visitor = digest[:32]
         # Without the retry: a retried attempt has the same seed.
         sample = f"{context.seed}\x1f{planned.task.id}\x1f{planned.sample}"
         self.seed = int(hashlib.sha256(sample.encode()).hexdigest()[:15], 16)
@@ -186,7 +187,7 @@ class EpisodeDriver:
             text=context.config.record_text,
             cuts=context.config.record_cuts,
             elements=context.elements,
-            cookies=context.site_state.cookies(self._visitor) if context.site_state else (),
+            cookies=context.site_state.cookies(self.visitor) if context.site_state else (),
             files=self.planned.task.files if context.space == "extended" else (),
         )
 
@@ -305,7 +306,7 @@ class EpisodeDriver:
         if any(fact.state for fact in truth.facts):
             ended, self.ending = self.ending, Ending.CANCELLED  # until the state for the judge is known
             try:
-                self._final_state = await site_state.state(self._visitor, truth.host)
+                self._final_state = await site_state.state(self.visitor, truth.host)
             except WebGymError as error:
                 self.fail(error)
             else:

@@ -1,13 +1,8 @@
-"""The records of a run, which are JSON lines with their own checksums, and an index of them.
-
-A line is ``{"sha256":"<hex>","trajectory":<JSON>}``. The digest covers the exact bytes of the
-trajectory's JSON, so that a record is verified without decoding it, and any program that reads JSON lines can
-read it.
-"""
+"""The records of a run, ``{"sha256":"<hex>","trajectory":<JSON>}`` (:mod:`webgym.rollout.sealing`), and an
+index of them."""
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,12 +14,9 @@ from webgym.core.errors import StoreCorrupt, StoreError
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import ImageRef, Trajectory
 from webgym.rollout.files import is_picture
+from webgym.rollout.sealing import SealedLines, encode
 
-_OPEN = b'{"sha256":"'
-_MIDDLE = b'","trajectory":'
-_CLOSE = b"}\n"
-_DIGEST = slice(len(_OPEN), len(_OPEN) + 64)
-_BODY = slice(_DIGEST.stop + len(_MIDDLE), -len(_CLOSE))
+_LINES = SealedLines("trajectory")
 
 
 class Entry(NamedTuple):
@@ -76,15 +68,6 @@ _heads = msgspec.json.Decoder(_Head)
 _trajectories = msgspec.json.Decoder(Trajectory)
 
 
-def whole_text(value: Any) -> Any:
-    """The same value with lone surrogates, which UTF-8 cannot encode, replaced by U+FFFD."""
-    if isinstance(value, str):
-        return value.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
-    if isinstance(value, dict):
-        return {whole_text(key): whole_text(item) for key, item in value.items()}
-    return [whole_text(item) for item in value] if isinstance(value, list | tuple) else value
-
-
 def seal(trajectory: Trajectory) -> bytes:
     """The line that stores a trajectory.
 
@@ -92,29 +75,15 @@ def seal(trajectory: Trajectory) -> bytes:
         StoreError: the trajectory cannot be stored without loss, for example because a duration is NaN.
     """
     try:
-        try:
-            body = msgspec.json.encode(trajectory)
-        except UnicodeEncodeError:  # page text and replies may hold halves of a surrogate pair
-            body = msgspec.json.encode(whole_text(msgspec.to_builtins(trajectory)))
+        body = encode(trajectory)
         _trajectories.decode(body)
     except (msgspec.MsgspecError, TypeError, OverflowError) as error:
         raise StoreError(f"{trajectory.episode.attempt_id} cannot be stored: {error}") from error
-    return b"".join((_OPEN, hashlib.sha256(body).hexdigest().encode(), _MIDDLE, body, _CLOSE))
+    return _LINES.seal(body)
 
 
-def unseal(line: bytes) -> bytes:
-    """The JSON of the trajectory in a line.
-
-    Raises:
-        ValueError: the line is damaged; the message is the reason.
-    """
-    framed = line.startswith(_OPEN) and line.endswith(_CLOSE) and line[_DIGEST.stop : _BODY.start] == _MIDDLE
-    if not framed:
-        raise ValueError("not a record")
-    body = line[_BODY]
-    if hashlib.sha256(body).hexdigest().encode() != line[_DIGEST]:
-        raise ValueError("the checksum does not match")
-    return body
+unseal = _LINES.unseal
+"""The JSON of the trajectory in a line; a ``ValueError`` gives the reason why it is damaged."""
 
 
 def decode(line: bytes) -> Trajectory:

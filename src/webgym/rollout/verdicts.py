@@ -23,12 +23,9 @@ from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Failure
 from webgym.core.verdict import Verdict
 from webgym.rollout.files import VERDICTS, Log, disk_errors, last_line_end
-from webgym.rollout.records import whole_text
+from webgym.rollout.sealing import SealedLines, encode
 
-_OPEN = b'{"sha256":"'
-_MIDDLE = b'","judged":'
-_CLOSE = b"}\n"
-_BODY_AT = len(_OPEN) + 64 + len(_MIDDLE)
+_LINES = SealedLines("judged")
 
 
 class Judged(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -56,21 +53,10 @@ class Judged(msgspec.Struct, frozen=True, omit_defaults=True):
 _decoder = msgspec.json.Decoder(Judged)
 
 
-def _seal(judged: Judged) -> bytes:
-    try:
-        body = msgspec.json.encode(judged)
-    except UnicodeEncodeError:  # reasons quote pages and replies
-        body = msgspec.json.encode(whole_text(msgspec.to_builtins(judged)))
-    return b"".join((_OPEN, hashlib.sha256(body).hexdigest().encode(), _MIDDLE, body, _CLOSE))
-
-
 def _unseal(line: bytes) -> Judged | None:
     """The record in a line; ``None`` if it is damaged."""
-    body = line[_BODY_AT : -len(_CLOSE)]
-    if line != b"".join((_OPEN, hashlib.sha256(body).hexdigest().encode(), _MIDDLE, body, _CLOSE)):
-        return None
     try:
-        return _decoder.decode(body)
+        return _decoder.decode(_LINES.unseal(line))
     except ValueError:
         return None
 
@@ -172,7 +158,7 @@ class VerdictLog:
         if judged.judge != self._judge:
             raise StoreError(f"a verdict of {judged.judge} does not belong to {self._judge}")
         with disk_errors("writing a verdict"):
-            self._log.append(_seal(judged), durable=True)
+            self._log.append(_LINES.seal(encode(judged)), durable=True)
         self._latest[judged.attempt_id] = judged
 
     def close(self) -> None:

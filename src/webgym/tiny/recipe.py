@@ -29,6 +29,7 @@ from webgym.core.task import Task
 from webgym.core.trajectory import Episode, Trajectory
 from webgym.inference.local import LocalConfig, LocalPolicy
 from webgym.inference.model import Loaded
+from webgym.judge.base import no_picture
 from webgym.judge.offline import OfflineJudge
 from webgym.offline.small.wording import small_vocabulary
 from webgym.offline.web import OfflineWeb
@@ -213,7 +214,7 @@ async def score(tasks: Sequence[Task], episodes: Sequence[Episode]) -> dict[str,
     """Figures of attempts at tasks, with the keys of ``summary.json``."""
     judge, tally, seconds = OfflineJudge(), Tally(tasks), CollectorConfig().judge_seconds
     for task, episode in zip(tasks, episodes, strict=True):
-        result = await judge_episode(judge, task, episode, _no_picture, seconds)
+        result = await judge_episode(judge, task, episode, no_picture, seconds)
         tally.add(digest_of(Trajectory(episode, result.outcome, result.verdict, result.failure)))
     summary = tally.summary()
     unreadable = sum(step.action is None for episode in episodes for step in episode.steps)
@@ -226,7 +227,3 @@ async def score(tasks: Sequence[Task], episodes: Sequence[Episode]) -> dict[str,
         "steps": summary["steps"],
         "unreadable_replies": unreadable,
     }
-
-
-async def _no_picture(name: str) -> bytes:
-    raise LookupError(f"the picture {name} is not available")

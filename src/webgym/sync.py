@@ -32,7 +32,8 @@ class LoopThread:
         self._ending = weakref.finalize(self, _end, self._loop, thread, closing)
         # Browsers end with the help of threads, and executors refuse work before `atexit` runs: this runs
         # before theirs, if they are imported before.
-        getattr(threading, "_register_atexit", lambda _: None)(self._ending)
+        register = getattr(threading, "_register_atexit", lambda _: None)
+        register(self._ending)
 
     def run(self, work: Coroutine[Any, Any, T]) -> T:
         """Wait for a coroutine's result, or raise what it raises.

@@ -112,6 +112,9 @@ class Environment:
     Attributes:
         config: the resolved config.
         profile: the profile of the model family that the requests are made for.
+
+    Raises:
+        ConfigError: ``on_fault`` is neither of the two.
     """
 
     def __init__(

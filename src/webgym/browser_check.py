@@ -35,6 +35,7 @@ from webgym.core.errors import BrowserError, StoreCorrupt, StoreLocked, WebGymEr
 from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, Outcome
 from webgym.core.task import Task
+from webgym.core.task_group import task_group
 from webgym.core.trajectory import Episode, Reply, Step, Trajectory
 from webgym.judge.offline import OfflineJudge
 from webgym.offline.app import serving
@@ -185,7 +186,7 @@ async def check_in_browsers(
         sessions: number of browsers.
         latency: factor on the simulated latency; 0 for none.
         seed: of the order, in which groups of tasks of one website are shuffled.
-        again: whether tasks that failed are played again.
+        again: whether tasks that failed are played again. Those that browser or websites failed always are.
         show: as for :func:`webgym.runs.collect`.
         on_episode: called with every episode that was played.
 
@@ -195,7 +196,10 @@ async def check_in_browsers(
     """
     with ResultFile(file) as results:
         missing = [
-            task for task in tasks if (known := results.of(task, mode)) is None or (again and known.faults)
+            task
+            for task in tasks
+            if (known := results.of(task, mode)) is None
+            or (known.faults and (again or known.outcome.is_retried))
         ]
         progress = Progress(
             total=len(tasks),
@@ -346,12 +350,9 @@ class _Player:
             for group in remaining:
                 await self._play_group(group)
 
-        try:
-            async with asyncio.TaskGroup() as workers:
-                for _ in range(min(self._sessions, len(groups))):
-                    workers.create_task(work())
-        except ExceptionGroup as errors:
-            raise errors.exceptions[0] from errors
+        async with task_group() as workers:
+            for _ in range(min(self._sessions, len(groups))):
+                workers.create_task(work())
 
     async def _play_group(self, group: Sequence[Task]) -> None:
         slot = await self._pool.acquire()
@@ -408,7 +409,10 @@ class _Player:
         """
         driver = EpisodeDriver(self._context, Planned(task, 0, retry))
         tab, solver = _Tab(slot), self._solver(task)
-        beside, included = [(other, self._solver(other)) for other in others], list[tuple[Task, Episode]]()
+        candidates, included = (
+            [(other, self._solver(other)) for other in others],
+            list[tuple[Task, Episode]](),
+        )
         self._progress.move(None, "acting", driver.planned.attempt_id)
         try:
             await tab.open(driver.options(), is_plain=retry > 0)
@@ -417,18 +421,20 @@ class _Player:
             while view is not None and not driver.is_over:
                 index = len(driver.steps)
                 step = self._step(solver, view.observation, index)
-                steps = [(other, ours, self._step(ours, view.observation, index)) for other, ours in beside]
+                steps = [
+                    (other, ours, self._step(ours, view.observation, index)) for other, ours in candidates
+                ]
                 included += [
                     (other, await self._ended(other, driver, last))
                     for other, _, last in steps
                     if isinstance(last.action, Answer) and index < self._context.config.budget.for_task(other)
                 ]
-                beside = [
+                candidates = [
                     (other, ours)
                     for other, ours, next_step in steps
                     if next_step.action == step.action and not isinstance(step.action, Answer)
                 ]
-                tab.tasks = [task, *(other for other, _ in beside)]
+                tab.tasks = [task, *(other for other, _ in candidates)]
                 self._progress.stepped(driver.planned.attempt_id)
                 view = await driver.take(step)
         except BrowserError as error:

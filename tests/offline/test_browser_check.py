@@ -100,6 +100,20 @@ async def test_a_check_goes_on_where_it_was(web: OfflineWeb, tasks: list[Task], 
 
 @pytest.mark.browser
 @pytest.mark.timeout(300)
+async def test_a_task_of_which_the_browser_failed_is_played_again(
+    web: OfflineWeb, tasks: list[Task], tmp_path: Path
+) -> None:
+    path = tmp_path / "results.jsonl"
+    lost = msgspec.structs.replace(
+        passed(tasks[0]), outcome=Outcome.ENVIRONMENT_ERROR, faults=("the browser crashed",)
+    )
+    with ResultFile(path) as file:
+        file.add(lost)
+    assert await check_in_browsers(web, tasks[:1], path, sessions=1) == []
+
+
+@pytest.mark.browser
+@pytest.mark.timeout(300)
 async def test_a_solution_that_another_begins_with_is_not_played_again(
     web: OfflineWeb, tasks: list[Task], tmp_path: Path
 ) -> None:

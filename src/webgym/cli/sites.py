@@ -168,6 +168,8 @@ def check(
         if family in (None, spec.family.family) and crc32(host.encode()) % shards == shard
         for task in web.tasks_of(host)
     ]
+    if not tasks and shards > 1:
+        raise ConfigError(f"part {shard} of {shards} has no website", hint="give fewer parts")
     if not tasks:
         raise ConfigError(f"unknown family {family!r}", hint="webgym sites list shows the families")
     tasks = draw(tasks, sample, seed)

@@ -40,8 +40,9 @@ _TIMEOUT_SECONDS: Final = 60.0
 """Longest time for a website's response, seconds."""
 _READ_ATTEMPTS: Final = 10
 
-# The text visible in the viewport: the judge's evidence.
-_TEXT: Final = """() => {
+# The text visible in the viewport, which is the judge's evidence, and the page that it belongs to. They are
+# read at once: the next page may come at any time.
+_VIEW: Final = """() => {
     const seen = [];
     const shown = (box) => box.width > 0 && box.height > 0 && box.bottom > 0 && box.right > 0
         && box.top < innerHeight && box.left < innerWidth;
@@ -54,7 +55,7 @@ _TEXT: Final = """() => {
     }
     for (const field of document.querySelectorAll("input:not([type=hidden]), textarea"))
         if (field.value && shown(field.getBoundingClientRect())) seen.push(field.value);
-    return seen.join("\\n");
+    return {text: seen.join("\\n"), title: document.title, url: location.href};
 }"""
 
 
@@ -204,15 +205,13 @@ class WebGymTask(AbstractBrowserTask):
     def _record(self, page: Any) -> None:
         if self._fault:
             raise NoReward(self._fault)
-        text, title = _text_and_title(page)
+        view = _view(page)
         self._observations.append(
             {
-                "screenshot": hashlib.sha256(f"{page.url}\n{text}".encode()).hexdigest(),
-                "url": page.url,
-                "title": title,
+                "screenshot": hashlib.sha256(f"{view['url']}\n{view['text']}".encode()).hexdigest(),
                 "viewport": (self.viewport["width"], self.viewport["height"]),
-                "status": self._statuses.get(page.url),
-                "text": text,
+                "status": self._statuses.get(view["url"]),
+                **view,
             }
         )
 
@@ -308,11 +307,17 @@ def register_tasks(
     return names
 
 
-def _text_and_title(page: Any) -> tuple[str, str]:
+def _view(page: Any) -> dict[str, str]:
+    """Text, title and address of the page that is shown.
+
+    Raises:
+        NoReward: it navigates whenever it is read.
+    """
     for _ in range(_READ_ATTEMPTS):
         page.wait_for_load_state()
         try:
-            return page.evaluate(_TEXT), page.title()
+            view: dict[str, str] = page.evaluate(_VIEW)
+            return view
         except Error as error:  # the click's page came while this one was read
             if "context was destroyed" not in str(error):
                 raise

@@ -9,6 +9,7 @@ from typing import Any, Final, TypeAlias, TypeVar
 import msgspec
 
 from webgym.core.errors import JudgeError, LLMError
+from webgym.core.task_group import task_group
 from webgym.core.verdict import Cost
 from webgym.judge.base import Pictures
 from webgym.judge.config import JudgeConfig, Stage
@@ -181,11 +182,8 @@ async def gather(questions: Iterable[Coroutine[Any, Any, T]]) -> list[T]:
     Raises:
         JudgeError: the first error, not wrapped in an exception group.
     """
-    try:
-        async with asyncio.TaskGroup() as group:
-            tasks = [group.create_task(question) for question in questions]
-    except ExceptionGroup as errors:
-        raise errors.exceptions[0] from errors
+    async with task_group() as group:
+        tasks = [group.create_task(question) for question in questions]
     return [task.result() for task in tasks]
 
 

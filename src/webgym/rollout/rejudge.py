@@ -17,6 +17,7 @@ from pydantic import Field
 
 from webgym.core.errors import JudgeError, RunFolderError
 from webgym.core.outcome import Outcome
+from webgym.core.task_group import task_group
 from webgym.core.verdict import Cost, Verdict
 from webgym.judge.base import Judge
 from webgym.rollout.judging import is_judged, judge_episode
@@ -208,12 +209,9 @@ async def _judge_all(
                     hint="the verdicts so far are stored; fix the cause, then call again",
                 )
 
-    try:
-        async with asyncio.TaskGroup() as group:
-            for _ in range(min(config.judges, len(waiting))):
-                group.create_task(work())
-    except ExceptionGroup as errors:
-        raise errors.exceptions[0] from errors
+    async with task_group() as group:
+        for _ in range(min(config.judges, len(waiting))):
+            group.create_task(work())
 
 
 @dataclass(frozen=True)

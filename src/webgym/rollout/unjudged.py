@@ -16,6 +16,7 @@ import msgspec
 
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
+from webgym.core.task_group import task_group
 from webgym.core.trajectory import Episode, Trajectory
 from webgym.judge.base import Judge, Pictures
 from webgym.judge.blocking import blocking_host
@@ -88,12 +89,9 @@ class _Rejudging:
             return False
         reader = RunReader(self._context.store.path, skip_corrupt=True)
         await asyncio.to_thread(reader.refresh)
-        try:
-            async with asyncio.TaskGroup() as group:
-                for _ in range(min(self._config.judges, len(waiting))):
-                    group.create_task(self._work(waiting, reader))
-        except ExceptionGroup as errors:
-            raise errors.exceptions[0] from errors
+        async with task_group() as group:
+            for _ in range(min(self._config.judges, len(waiting))):
+                group.create_task(self._work(waiting, reader))
         return self._may_continue
 
     @property

@@ -15,7 +15,7 @@ SETUP ?=
 export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-all compile-tests coverage lint format bench docs lock clean
+.PHONY: help setup demo test test-all test-integrations compile-tests coverage lint format bench docs lock clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -31,6 +31,9 @@ test: setup ## Run the tests with real Chromium
 
 test-all: setup ## Run the slow tests too
 	@$(PYTEST) $(ARGS)
+
+test-integrations: setup ## Test the adapters with the frameworks themselves; ARGS="trl verl": only these
+	@scripts/test-integrations $(ARGS)
 
 compile-tests: setup ## Collect the tests once, so that no worker of `make test` has to compile them
 	@$(BIN)/pytest --collect-only -qq >build/collected.log || { cat build/collected.log; exit 1; }

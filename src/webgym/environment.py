@@ -534,7 +534,7 @@ def config_of(
     config = config or RunConfig()
     tasks = config.tasks.model_copy(update={"split": split})
     if name in COLLECTIONS:
-        delays = config.sites.model_dump(include={"latency", "latency_sigma"})
+        delays = config.sites.model_dump(include={"latency", "latency_sigma", "latency_longest"})
         sites = SitesConfig(collection=COLLECTIONS[name], **delays)
         config = config.model_copy(update={"sites": sites})
     elif Path(name).is_file():

@@ -367,6 +367,8 @@ def test_latency_is_heavy_tailed_and_bounded() -> None:
     assert median(drawn) == pytest.approx(latency.MEDIAN_SECONDS, rel=0.1)
     assert drawn[int(len(drawn) * 0.99)] > 6 * latency.MEDIAN_SECONDS
     assert max(drawn) <= latency.LONGEST_SECONDS
+    cut = [latency.seconds(1, "h", "/", nth, 2.0, longest=0.1) for nth in range(400)]
+    assert max(cut) == 0.2
 
 
 # --- the whole web ---------------------------------------------------------------------------------------

@@ -121,7 +121,13 @@ class SitesApp:
         self._requests[site.host, path] += 1
         config, nth = self.config, self._requests[site.host, path]
         seconds = latency.seconds(
-            self.web.seed, site.host, path, nth, config.latency, sigma=config.latency_sigma
+            self.web.seed,
+            site.host,
+            path,
+            nth,
+            config.latency,
+            sigma=config.latency_sigma,
+            longest=config.latency_longest,
         )
         if site.behaviour == "slow" and not path.startswith("/picture/"):
             seconds += self.config.slow_seconds

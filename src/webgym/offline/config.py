@@ -6,7 +6,7 @@ from typing import Literal, TypeAlias
 
 from pydantic import Field, SecretStr
 
-from webgym.offline.latency import SIGMA
+from webgym.offline.latency import LONGEST_SECONDS, SIGMA
 from webgym.settings import Settings
 
 DEFAULT_SEED = 7
@@ -37,6 +37,9 @@ class SitesConfig(Settings):
 
     latency_sigma: float = Field(default=SIGMA, ge=0, le=3)
     """Spread of the simulated latency: standard deviation of its logarithm."""
+
+    latency_longest: float = Field(default=LONGEST_SECONDS, gt=0)
+    """Longest simulated latency before the factor, seconds."""
 
     slow_seconds: float = Field(default=4.0, ge=0)
     """Additional time for every page of a slow website."""

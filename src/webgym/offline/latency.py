@@ -12,7 +12,16 @@ SIGMA = 0.9
 LONGEST_SECONDS = 2.5
 
 
-def seconds(seed: int, host: str, path: str, nth: int, scale: float, *, sigma: float = SIGMA) -> float:
+def seconds(
+    seed: int,
+    host: str,
+    path: str,
+    nth: int,
+    scale: float,
+    *,
+    sigma: float = SIGMA,
+    longest: float = LONGEST_SECONDS,
+) -> float:
     """The latency of the ``nth`` request for ``path`` on ``host``, seconds.
 
     Args:
@@ -22,8 +31,9 @@ def seconds(seed: int, host: str, path: str, nth: int, scale: float, *, sigma: f
         nth: number of the request for this path, from 1.
         scale: factor of the latency; 0 for none.
         sigma: standard deviation of its logarithm.
+        longest: the longest one, before the factor, seconds.
     """
     if scale <= 0:
         return 0.0
     drawn = stream(seed, "latency", host, path, nth).lognormvariate(math.log(MEDIAN_SECONDS), sigma)
-    return min(drawn, LONGEST_SECONDS) * scale
+    return min(drawn, longest) * scale

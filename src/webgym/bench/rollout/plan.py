@@ -18,9 +18,17 @@ from webgym.simulate.demand import demand, draw_levels, draw_steps
 
 PARTS: Final = ("calibration", "schedules", "capacity", "overload")
 PageLatency: TypeAlias = Literal["offline", "paper"]
+PAPER_LONGEST_SECONDS: Final = 10.0
+"""Longest answer of the latency ``paper``. Slow websites take 4 s more, and one that does not answer within 15 s
+counts as broken."""
+_PAPER_FACTOR = Costs().page_seconds / MEDIAN_SECONDS
 PAGE_LATENCIES: Final[dict[PageLatency, SitesConfig]] = {
     "offline": SitesConfig(),
-    "paper": SitesConfig(latency=Costs().page_seconds / MEDIAN_SECONDS, latency_sigma=Costs().page_sigma),
+    "paper": SitesConfig(
+        latency=_PAPER_FACTOR,
+        latency_sigma=Costs().page_sigma,
+        latency_longest=PAPER_LONGEST_SECONDS / _PAPER_FACTOR,
+    ),
 }
 """By name: the offline web's own latency, and that of the simulation that is fitted to the paper."""
 

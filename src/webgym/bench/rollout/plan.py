@@ -19,8 +19,8 @@ from webgym.simulate.demand import demand, draw_levels, draw_steps
 PARTS: Final = ("calibration", "schedules", "capacity", "overload")
 PageLatency: TypeAlias = Literal["offline", "paper"]
 PAPER_LONGEST_SECONDS: Final = 10.0
-"""Longest answer of the latency ``paper``. Slow websites take 4 s more, and one that does not answer within 15 s
-counts as broken."""
+"""Longest answer of the latency ``paper``. Slow websites take 4 s more, and one that does not answer within
+15 s counts as broken."""
 _PAPER_FACTOR = Costs().page_seconds / MEDIAN_SECONDS
 PAGE_LATENCIES: Final[dict[PageLatency, SitesConfig]] = {
     "offline": SitesConfig(),

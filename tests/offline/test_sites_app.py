@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 import time
 from collections.abc import AsyncIterator
@@ -208,6 +209,19 @@ async def test_simulated_latency_is_waited_for(web: OfflineWeb) -> None:
         began = time.monotonic()
         await client.get(path, headers={"host": host})
         assert time.monotonic() - began >= 0.3
+
+
+async def test_latency_ends_when_the_websites_are_closed(
+    web: OfflineWeb, capfd: pytest.CaptureFixture[str]
+) -> None:
+    async with httpx.AsyncClient(trust_env=False, timeout=20) as client:
+        async with serving(SitesConfig(slow_seconds=1000), web) as sites:
+            headers = {"host": host_of(web, "slow")}
+            page = asyncio.create_task(client.get(sites.url, headers=headers))
+            await asyncio.sleep(0.2)  # the request arrives
+            assert not page.done()
+        assert (await page).status_code == 200
+    assert "Exception in ASGI application" not in capfd.readouterr().err
 
 
 async def test_an_address_that_is_taken_is_named(web: OfflineWeb) -> None:

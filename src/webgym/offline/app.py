@@ -13,7 +13,7 @@ import secrets
 import socket
 from collections import Counter
 from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -47,11 +47,15 @@ class SitesApp:
         web: the websites.
         config: latency and the slow websites' delay.
         token: of the administration API.
+
+    Attributes:
+        is_closing: once it is set, simulated latency ends, as the server waits for all answers.
     """
 
     def __init__(self, web: OfflineWeb, config: SitesConfig, token: str) -> None:
         self.web = web
         self.config = config
+        self.is_closing = asyncio.Event()
         self.visitors = Visitors()
         self._token = token
         self._requests: Counter[tuple[str, str]] = Counter()
@@ -132,7 +136,8 @@ class SitesApp:
         if site.behaviour == "slow" and not path.startswith("/picture/"):
             seconds += self.config.slow_seconds
         if seconds:
-            await asyncio.sleep(seconds)
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self.is_closing.wait(), seconds)
 
     def _asset(self, name: str) -> Response:
         if name not in self._assets:
@@ -236,9 +241,10 @@ async def serving(config: SitesConfig, web: OfflineWeb | None = None) -> AsyncIt
             f"cannot listen on {config.host}:{config.port}: {error.strerror}",
             hint="choose another port, or 0 for a free one",
         ) from error
+    app = SitesApp(web, config, token)
     server = _Server(
         uvicorn.Config(
-            SitesApp(web, config, token),
+            app,
             log_level="error",
             access_log=False,
             lifespan="off",
@@ -255,6 +261,7 @@ async def serving(config: SitesConfig, web: OfflineWeb | None = None) -> AsyncIt
         host, port = listener.getsockname()[:2]
         yield RunningSites(web, f"{host}:{port}", token)
     finally:
+        app.is_closing.set()
         server.should_exit = True
         await running
         listener.close()

@@ -157,7 +157,7 @@ def test_the_figures_are_those_of_the_summary_and_are_kept(
 
 @pytest.mark.slow
 def test_a_hundred_thousand_trajectories(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Prints what docs/run-folder.md tells; the limit is far above it, for a loaded machine."""
+    """Prints what docs/run-folder.md tells. CPU time, which other work on the machine hardly changes."""
     held = list(RunReader(run).trajectories())
     with _shard(run).open("wb") as file:
         for number in range(100_000):
@@ -185,4 +185,4 @@ def test_a_hundred_thousand_trajectories(run: Path, capsys: pytest.CaptureFixtur
         told.append((what, time.process_time() - began))
     with capsys.disabled():
         print("".join(f"\n{what}: {seconds:.2f} s" for what, seconds in told))
-    assert all(seconds < 20 for what, seconds in told[1:])
+    assert all(seconds < 1 for what, seconds in told[1:])

@@ -114,11 +114,16 @@ def draw_rollout(measured: Sequence[Measured], path: Path) -> None:
     with styled():
         slow = [result for result in results if result.cell.part == "capacity"]
         many = [result for result in results if result.cell.part == "overload"]
-        columns = 3 if slow or many else 2
+        schedules = [result for result in results if result.cell.part == "schedules"]
+        if not schedules:
+            figure = new_figure(PAGE, 2.4)
+            _draw_limits(*figure.subplots(1, 2), many, slow)
+            save(figure, path)
+            return
         figure = new_figure(PAGE, 4.4)
+        columns = 3 if slow or many else 2
         panels = figure.subplots(2, columns)
         (times, uses), (cpu, policy) = panels[:, :2]
-        schedules = [result for result in results if result.cell.part == "schedules"]
         modes = list(dict.fromkeys(result.cell.mode for result in schedules))
         for mode, colour in zip(modes, CATEGORIES, strict=False):
             own = [result for result in schedules if result.cell.mode == mode]
@@ -137,9 +142,8 @@ def draw_rollout(measured: Sequence[Measured], path: Path) -> None:
             policy.plot(moments, _smoothed([load.policy for load in loads]), color=colour, lw=1)
         for panel in (times, uses):
             panel.set_xticks(sorted({result.cell.cpus for result in schedules}))
-        if schedules:
-            times.legend(frameon=False)
-            times.set_ylim(0)
+        times.legend(frameon=False)
+        times.set_ylim(0)
         times.set(title="Wall time", xlabel="CPUs", ylabel="seconds")
         uses.set(title="CPU use", xlabel="CPUs", ylabel="share", ylim=(0, 1.05))
         cpu.set(title="CPU use, fewest CPUs", xlabel="seconds", ylabel="share", ylim=(0, 1.05))
@@ -166,6 +170,8 @@ def _draw_limits(
         capacity.plot(
             [result.cell.gpus for result in slow], [median(result.of("per_minute")) for result in slow], "o-"
         )
+        capacity.set_xticks([result.cell.gpus for result in slow])
+        capacity.set_ylim(0)
         capacity.set(title="Policy capacity", xlabel="GPUs", ylabel="trajectories per minute")
     if many:
         names = [result.cell.queues.replace("_", " ") for result in many]

@@ -28,12 +28,16 @@ os.environ.setdefault("HF_HUB_OFFLINE", "1")
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """What is imported lives to the end: it is not looked through for garbage, now or later."""
+    """What is imported lives to the end: it is not looked through for garbage, now or later.
+
+    What tests leave behind is looked through seldom: there is memory enough, and little of it is garbage.
+    """
     gc.disable()
     try:
         return (yield)
     finally:
         gc.freeze()
+        gc.set_threshold(20_000, 20, 20)
         gc.enable()
 
 

@@ -17,7 +17,6 @@ from typing import Any, Self
 from urllib.parse import urlsplit
 
 import msgspec
-from playwright.async_api import async_playwright
 
 from webgym.agent.agent import Agent
 from webgym.browser.config import Cookie
@@ -54,6 +53,8 @@ class PageImages:
         self._page: Any = None
 
     async def __aenter__(self) -> Self:
+        from playwright.async_api import async_playwright  # its import costs more than all of ours
+
         self._folder.mkdir(parents=True, exist_ok=True)
         width, height = self._viewport
         async with AsyncExitStack() as opening:

@@ -149,21 +149,36 @@ class Tab:
 
 
 Open = Callable[..., Awaitable[Tab]]
+OUTSIDE = {"type": "mouseMoved", "x": -1, "y": -1}
 
 
 @pytest_asyncio.fixture(loop_scope="package")
-async def open_tab(shared_slot: Slot) -> AsyncIterator[Open]:
-    """Open an episode, with limits of its own if need be."""
+async def open_tab(request: pytest.FixtureRequest, shared_slot: Slot) -> AsyncIterator[Open]:
+    """Open an episode, with limits of its own if need be.
+
+    Without options it takes the last episode's tab, unless that test failed: without its cookies, history and
+    what was learned, its mouse outside; but with the process that Chromium started for it, which is most of
+    what a tab costs.
+    """
+    failed, is_usual = request.session.testsfailed, True
 
     async def open_one(mode: str = "coordinates", config: BrowserConfig | None = None, **more: object) -> Tab:
+        nonlocal is_usual
+        is_usual = config is None and not more
         options = PageOptions(mode=mode, **({"text": True, "elements": True} | more))  # type: ignore[arg-type]
-        shared_slot.config = config or BrowserConfig()
-        await shared_slot.open(options)
+        if shared_slot.is_open and not shared_slot.is_frozen and is_usual:
+            await shared_slot.begin_again(options)
+            assert shared_slot._page is not None
+            await shared_slot._page.session.do("Input.dispatchMouseEvent", OUTSIDE, seconds=5)
+        else:
+            shared_slot.config = config or BrowserConfig()
+            await shared_slot.open(options)
         return Tab(shared_slot, options)
 
     yield open_one
-    await shared_slot.close()
-    shared_slot.config = BrowserConfig()
+    if not is_usual or request.session.testsfailed > failed:
+        await shared_slot.close()
+        shared_slot.config = BrowserConfig()
 
 
 @pytest_asyncio.fixture(loop_scope="package")
@@ -172,9 +187,8 @@ async def tab(open_tab: Open) -> Tab:
 
 
 @pytest_asyncio.fixture(loop_scope="package")
-async def same_tab(shared_slot: Slot) -> Tab:
-    """The last test's episode, for pages that are looked at and leave nothing behind."""
-    options = PageOptions(text=True, elements=True)
-    if not shared_slot.is_open:
-        await shared_slot.open(options)
-    return Tab(shared_slot, options)
+async def new_tab(shared_slot: Slot, open_tab: Open) -> AsyncIterator[Tab]:
+    """An episode in a tab that no other test had or gets."""
+    await shared_slot.close()
+    yield await open_tab()
+    await shared_slot.close()

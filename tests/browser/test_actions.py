@@ -217,23 +217,23 @@ async def test_every_row_of_a_box_comes_into_view(site: Site, tab: Tab, style: s
     assert {f"Row {number}" for number in range(40)} <= seen
 
 
-async def test_going_back_and_its_beginning(site: Site, tab: Tab) -> None:
+async def test_going_back_and_its_beginning(site: Site, new_tab: Tab) -> None:
     first = site.page("<title>First</title><a href='#part'>Part</a>")
     second = site.page("<title>Second</title>")
-    await tab.step(GoBack())
-    assert [kind for kind, _ in tab.notices] == ["action_failed"]
-    await tab.goto(first)
-    await tab.step(LeftClick(tab.at("Part")))
-    assert tab.last is not None
-    assert tab.last.observation.url == f"{first}#part"
-    await tab.goto(second)
-    await tab.step(GoBack())
-    assert tab.last.observation.url == f"{first}#part"
-    await tab.step(GoBack())
-    assert tab.last.observation.url == first
-    await tab.step(GoBack())
-    assert [kind for kind, _ in tab.notices] == ["action_failed"]
-    assert tab.last.observation.url == first
+    await new_tab.step(GoBack())
+    assert [kind for kind, _ in new_tab.notices] == ["action_failed"]
+    await new_tab.goto(first)
+    await new_tab.step(LeftClick(new_tab.at("Part")))
+    assert new_tab.last is not None
+    assert new_tab.last.observation.url == f"{first}#part"
+    await new_tab.goto(second)
+    await new_tab.step(GoBack())
+    assert new_tab.last.observation.url == f"{first}#part"
+    await new_tab.step(GoBack())
+    assert new_tab.last.observation.url == first
+    await new_tab.step(GoBack())
+    assert [kind for kind, _ in new_tab.notices] == ["action_failed"]
+    assert new_tab.last.observation.url == first
 
 
 async def test_going_back_in_a_script_made_history(site: Site, tab: Tab) -> None:

@@ -274,27 +274,27 @@ async def test_reading_a_document(site: Site, tab: Tab) -> None:
     assert (first.text.count("\n"), first.elements, first.meta) == (0, (), {})
 
 
-async def test_reading_a_blank_page(tab: Tab) -> None:
-    document = await whole(tab)
+async def test_reading_a_blank_page(new_tab: Tab) -> None:
+    document = await whole(new_tab)
     assert document == Document("about:blank")
 
 
-async def test_what_was_copied_is_pasted_in_the_same_episode_alone(site: Site, tab: Tab) -> None:
+async def test_what_was_copied_is_pasted_in_the_same_episode_alone(site: Site, new_tab: Tab) -> None:
     url = site.page("<input aria-label=Field value=secret>")
 
     async def paste() -> str | None:
-        await tab.goto(url)
-        await tab.step(Click(tab.at("Field")))
-        await tab.step(Press(("Control+a",)))
-        await tab.step(Press(("Delete",)))
-        await tab.step(Press(("Control+v",)))
-        return tab.find("Field").value
+        await new_tab.goto(url)
+        await new_tab.step(Click(new_tab.at("Field")))
+        await new_tab.step(Press(("Control+a",)))
+        await new_tab.step(Press(("Delete",)))
+        await new_tab.step(Press(("Control+v",)))
+        return new_tab.find("Field").value
 
-    await tab.goto(url)
-    await tab.step(Click(tab.at("Field")))
+    await new_tab.goto(url)
+    await new_tab.step(Click(new_tab.at("Field")))
     for keys in ("Control+a", "Control+c"):
-        await tab.step(Press((keys,)))
+        await new_tab.step(Press((keys,)))
     assert await paste() == "secret"
-    await tab.slot.close()
-    await tab.slot.open(tab.options)
+    await new_tab.slot.close()
+    await new_tab.slot.open(new_tab.options)
     assert await paste() == ""

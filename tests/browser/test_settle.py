@@ -16,6 +16,13 @@ from .conftest import Open, Site, Tab
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
+
+@pytest.fixture
+def tab(new_tab: Tab) -> Tab:
+    """A new one: how long a page is waited for is told from a tab's beginning."""
+    return new_tab
+
+
 NOWHERE = LeftClick(Target(coordinate=(990, 990)))
 
 

@@ -25,6 +25,13 @@ from .conftest import Open, Site, Tab
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
+
+@pytest.fixture
+def tab(new_tab: Tab) -> Tab:
+    """A new one: how long a page is waited for is told from a tab's beginning."""
+    return new_tab
+
+
 NOWHERE = LeftClick(Target(coordinate=(990, 990)))
 BUTTON = LeftClick(Target(coordinate=(100, 50)))
 PACE = 0.6

@@ -9,11 +9,6 @@ from .conftest import Open, Site, Tab
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 
-@pytest.fixture
-def tab(same_tab: Tab) -> Tab:
-    return same_tab
-
-
 BOX = "width:100px;overflow:hidden;white-space:nowrap;"
 
 UNSEEN = {

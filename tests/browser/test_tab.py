@@ -49,16 +49,16 @@ async def test_a_page_that_does_not_want_to_be_left_is_left(site: Site, tab: Tab
     assert [kind for kind, _ in tab.notices] == ["dialog"]
 
 
-async def test_endless_alerts_end(site: Site, tab: Tab) -> None:
-    await tab.goto(
+async def test_endless_alerts_end(site: Site, new_tab: Tab) -> None:
+    await new_tab.goto(
         site.page("<button onclick=\"while (true) alert('again')\">Trap</button><p>still here</p>")
     )
     async with asyncio.timeout(8):
-        await tab.step(LeftClick(tab.at("Trap")))
-    assert "still here" in tab.text
-    kinds = {kind for kind, _ in tab.notices}
+        await new_tab.step(LeftClick(new_tab.at("Trap")))
+    assert "still here" in new_tab.text
+    kinds = {kind for kind, _ in new_tab.notices}
     assert kinds == {"dialog"}
-    assert len(tab.notices) <= BrowserConfig().notices_per_observation
+    assert len(new_tab.notices) <= BrowserConfig().notices_per_observation
 
 
 async def test_a_page_in_an_endless_loop_is_freed(site: Site, open_tab: Open) -> None:
@@ -213,39 +213,39 @@ async def test_a_page_that_leads_on_and_on_is_held_and_can_be_left(site: Site, t
     assert tab.notices == []
 
 
-async def test_a_crashed_renderer_is_brought_back(site: Site, tab: Tab) -> None:
+async def test_a_crashed_renderer_is_brought_back(site: Site, new_tab: Tab) -> None:
     home = site.page("<title>Home</title><p>alive</p>")
-    await tab.goto(home)
-    assert tab.slot.process is not None
+    await new_tab.goto(home)
+    assert new_tab.slot.process is not None
     renderers = [
         pid
-        for pid in tab.slot.process.processes()
+        for pid in new_tab.slot.process.processes()
         if "--type=renderer" in Path(f"/proc/{pid}/cmdline").read_text()
     ]
     assert renderers
     for pid in renderers:
         os.kill(pid, signal.SIGKILL)
-    look = await tab.step()
-    assert [kind for kind, _ in tab.notices] == ["crashed"]
-    assert tab.text == ["alive"]
+    look = await new_tab.step()
+    assert [kind for kind, _ in new_tab.notices] == ["crashed"]
+    assert new_tab.text == ["alive"]
     assert look.observation.url == home
 
 
-async def test_a_killed_browser_is_a_typed_error(site: Site, tab: Tab) -> None:
-    await tab.goto(site.page("<p>alive</p>"))
-    assert tab.slot.process is not None
-    os.killpg(tab.slot.process.pid, signal.SIGKILL)
+async def test_a_killed_browser_is_a_typed_error(site: Site, new_tab: Tab) -> None:
+    await new_tab.goto(site.page("<p>alive</p>"))
+    assert new_tab.slot.process is not None
+    os.killpg(new_tab.slot.process.pid, signal.SIGKILL)
     with pytest.raises(BrowserCrashed):
-        await tab.step()
-    await tab.slot.open(tab.options)
-    look = await tab.step()
+        await new_tab.step()
+    await new_tab.slot.open(new_tab.options)
+    look = await new_tab.step()
     assert look.image.startswith(b"\x89PNG")
 
 
-async def test_a_page_that_closes_itself(site: Site, tab: Tab) -> None:
-    await tab.goto(site.page("<button onclick='window.close()'>Close</button><p>here</p>"))
-    await tab.step(LeftClick(tab.at("Close")))
-    assert "here" in tab.text
+async def test_a_page_that_closes_itself(site: Site, new_tab: Tab) -> None:
+    await new_tab.goto(site.page("<button onclick='window.close()'>Close</button><p>here</p>"))
+    await new_tab.step(LeftClick(new_tab.at("Close")))
+    assert "here" in new_tab.text
 
 
 # --- windows, dialogs and downloads in all their ways --------------------------------------------------

@@ -317,10 +317,10 @@ PAGES: dict[str, tuple[str, list[str]]] = {
 
 @pytest.mark.parametrize(("body", "expected"), PAGES.values(), ids=PAGES.keys())
 async def test_what_can_be_used_is_numbered_once(
-    site: Site, same_tab: Tab, body: str, expected: list[str]
+    site: Site, tab: Tab, body: str, expected: list[str]
 ) -> None:
-    await same_tab.goto(site.page(body))
-    assert names(same_tab) == expected
+    await tab.goto(site.page(body))
+    assert names(tab) == expected
 
 
 async def test_what_listens_in_frames_is_numbered(site: Site, open_tab: Open) -> None:

@@ -284,8 +284,7 @@ async def test_a_mask_that_formats_what_is_typed(site: Site, tab: Tab) -> None:
         ("url", "https://x.example/?a=b", "https://x.example/?a=b"),
     ],
 )
-async def test_fields_of_every_type(site: Site, same_tab: Tab, kind: str, text: str, result: str) -> None:
-    tab = same_tab
+async def test_fields_of_every_type(site: Site, tab: Tab, kind: str, text: str, result: str) -> None:
     await tab.goto(
         site.page(f"<input type={kind} step=any aria-label=Field oninput='document.title = this.value'>")
     )

@@ -233,14 +233,14 @@ async def test_certificates_that_are_not_to_be_trusted(site: Site, tab: Tab, con
             assert tab.last.observation.status is None
 
 
-async def test_offline(site: Site, tab: Tab) -> None:
+async def test_offline(site: Site, new_tab: Tab) -> None:
     home = site.page("<title>Home</title><p>here</p>")
-    page = tab.slot._page
+    page = new_tab.slot._page
     assert page is not None
     offline = {"offline": True, "latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
     await page.session.do("Network.emulateNetworkConditions", offline, seconds=5)
-    await tab.goto(home)
-    [(kind, text)] = tab.notices
+    await new_tab.goto(home)
+    [(kind, text)] = new_tab.notices
     assert kind == "navigation_failed"
     assert "net::ERR_INTERNET_DISCONNECTED" in text
 
@@ -359,12 +359,12 @@ async def test_back_out_of_a_page_that_leads_on_at_once(site: Site, tab: Tab, tr
     assert tab.notices == []
 
 
-async def test_back_to_a_first_page_that_leads_on(site: Site, tab: Tab) -> None:
+async def test_back_to_a_first_page_that_leads_on(site: Site, new_tab: Tab) -> None:
     site.page("<title>End</title><p>here</p>", "/end")
-    await tab.goto(site.page("<script>setTimeout(() => { location = '/end' }, 60)</script>"))
-    look = await tab.step(GoBack())
+    await new_tab.goto(site.page("<script>setTimeout(() => { location = '/end' }, 60)</script>"))
+    look = await new_tab.step(GoBack())
     assert look.observation.title == "End"
-    assert tab.notices == [("action_failed", "there is no earlier page to go back to")]
+    assert new_tab.notices == [("action_failed", "there is no earlier page to go back to")]
 
 
 async def test_back_in_histories_that_scripts_write(site: Site, tab: Tab) -> None:

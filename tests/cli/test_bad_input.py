@@ -17,6 +17,7 @@ from tests.serving import beside
 from webgym.core.errors import PolicyError, StoreFull, WebGymError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
+from webgym.offline.config import CollectionName
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.store import RunReader
 from webgym.run_config import RunConfig, Secrets, ServerChoice
@@ -27,11 +28,11 @@ from webgym.server.run_worker import running_server
 from webgym.tasks.formats import write_tasks
 from webgym.tasks.sampling import draw
 
-SITES = {"per_family": 2, "latency": 0}
+SITES = {"collection": "small", "per_family": 2, "latency": 0}
 
 
-def tasks(count: int) -> list[Task]:
-    web = OfflineWeb(per_family=2)
+def tasks(count: int, collection: CollectionName = "small") -> list[Task]:
+    web = OfflineWeb(per_family=2, collection=collection)
     hosts = [host for host, spec in web.specs.items() if spec.behaviour == "good"]
     return draw((task for host in hosts for task in web.tasks_of(host)), count, seed=8)
 
@@ -184,11 +185,11 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 @pytest.mark.browser
 async def test_a_full_disk_stops_the_run_and_what_was_counted_stays(tmp_path: Path, small_disk: Path) -> None:
-    write_tasks(tmp_path / "tasks.jsonl", tasks(12))
+    write_tasks(tmp_path / "tasks.jsonl", tasks(12, "large"))  # whose pictures fill a disk
     settings = RunConfig.model_validate(
         {
             "tasks": {"file": tmp_path / "tasks.jsonl", "split": "all"},
-            "sites": SITES,
+            "sites": SITES | {"collection": "large"},
             "collector": {"sessions": 2},
         }
     )

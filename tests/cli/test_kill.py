@@ -23,22 +23,19 @@ from webgym.tasks.sampling import draw
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(240)]
 
-TASKS = 6
+TASKS = 9
 
 
 @pytest.fixture
 def settings(tmp_path: Path) -> Path:
-    """A small run: short tasks of well-behaved websites, three browsers, retries."""
-    web = OfflineWeb(per_family=3)
-    hosts = [host for host, spec in web.specs.items() if spec.behaviour == "good"]
-    tasks = [
-        task for host in hosts for task in web.tasks_of(host) if task.truth and len(task.truth.moves) <= 6
-    ]
+    """A small run: short tasks of small websites that take their time, three browsers, retries."""
+    web = OfflineWeb(per_family=3, collection="small")
+    tasks = [task for task in web.tasks() if task.truth and len(task.truth.moves) <= 6]
     write_tasks(tmp_path / "tasks.jsonl", draw(tasks, TASKS, seed=5))
     held = {
         "retries": 3,
         "tasks": {"file": str(tmp_path / "tasks.jsonl"), "split": "all"},
-        "sites": {"per_family": 3},
+        "sites": {"collection": "small", "per_family": 3},
         "collector": {"sessions": 3},
     }
     path = tmp_path / "run.yaml"
@@ -104,7 +101,9 @@ def test_a_killed_server_costs_attempts_and_no_trajectory(
     tmp_path: Path, settings: Path, commands: Commands
 ) -> None:
     tokens = {"WEBGYM_TOKEN": "the-token-of-the-server", "WEBGYM_SITES_TOKEN": "the-token-of-the-sites"}
-    sites = commands.start("sites", "serve", "--port", 0, "--per-family", 3, **tokens)
+    sites = commands.start(
+        "sites", "serve", "--port", 0, "--collection", "small", "--per-family", 3, **tokens
+    )
     wait_until(lambda: "list " in commands.output(sites))
     found = re.search(r"websites at (\S+)", commands.output(sites))
     assert found is not None

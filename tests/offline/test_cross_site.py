@@ -21,7 +21,7 @@ KINDS = {"compare", "difference", "carry"}
 
 @pytest.fixture(scope="module")
 def web() -> OfflineWeb:
-    return OfflineWeb(collection="cross", per_family=5)
+    return OfflineWeb(collection="cross", per_family=3)
 
 
 @pytest.fixture(scope="module")

@@ -41,12 +41,15 @@ from webgym.validation import unexpected
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
 
-SITES = SitesConfig(per_family=3, latency=0, slow_seconds=0.5)
+SMALL = SitesConfig(collection="small", per_family=3, latency=0)
+"""What is drawn in no time: most tests are about attempts, whatever the pages are."""
+LARGE = SitesConfig(per_family=3, latency=0, slow_seconds=0.5)
+"""Some of these misbehave."""
 
 
 def config(file: Path | None = None, **changes: Any) -> RunConfig:
     settings: dict[str, Any] = {
-        "sites": SITES,
+        "sites": SMALL,
         "tasks": TaskChoice(file=file, split="all"),
         "collector": CollectorConfig(sessions=3),
     }
@@ -58,8 +61,15 @@ Served = tuple[ServerChoice, Secrets]
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def served() -> AsyncIterator[Served]:
-    """Browsers and websites for those runs that need not start their own."""
+    """Browsers and small websites for those runs that need not start their own."""
     async with services(config(), Secrets()) as reached:
+        yield reached
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def served_large() -> AsyncIterator[Served]:
+    """Browsers and large websites."""
+    async with services(config(sites=LARGE), Secrets()) as reached:
         yield reached
 
 
@@ -68,9 +78,11 @@ async def collect_there(served: Served, settings: RunConfig, out: Path) -> Summa
     return await collect(settings.model_copy(update={"server": where}), out, secrets=secrets)
 
 
-def task_file(path: Path, count: int, *, behaviour: str = "good", most_moves: int = 6) -> Path:
+def task_file(
+    path: Path, count: int, sites: SitesConfig = SMALL, *, behaviour: str = "good", most_moves: int = 6
+) -> Path:
     """Tasks whose solutions are short, where it does not matter how long they are."""
-    web = OfflineWeb(SITES.seed, per_family=SITES.per_family)
+    web = OfflineWeb(sites.seed, per_family=sites.per_family, collection=sites.collection)
     hosts = [host for host, spec in web.specs.items() if spec.behaviour == behaviour]
     tasks = [
         task
@@ -101,10 +113,10 @@ def add_up(run: Path) -> list[Trajectory]:
     return trajectories
 
 
-@pytest.mark.parametrize("mode", ["coordinates", "marks"])
-async def test_solutions_succeed_in_both_modes(tmp_path: Path, mode: Any) -> None:
-    file = task_file(tmp_path, 4, most_moves=12)
-    await collect(config(file, agent=AgentConfig(mode=mode)), tmp_path / "run")
+async def test_solutions_succeed_by_marks(tmp_path: Path) -> None:
+    """``test_solvable.py`` has the like by coordinates, in every family."""
+    file = task_file(tmp_path, 4, LARGE, most_moves=12)
+    await collect(config(file, sites=LARGE, agent=AgentConfig(mode="marks")), tmp_path / "run")
     trajectories = add_up(tmp_path / "run")
     assert [each.outcome for each in trajectories] == [Outcome.SUCCESS] * 4
     assert not list(unexpected(RunReader(tmp_path / "run").tasks, trajectories))
@@ -113,8 +125,8 @@ async def test_solutions_succeed_in_both_modes(tmp_path: Path, mode: Any) -> Non
         assert each.verdict.reward == 1
 
 
-async def test_websites_that_misbehave_end_as_they_should(tmp_path: Path, served: Served) -> None:
-    web = OfflineWeb(SITES.seed, per_family=SITES.per_family)
+async def test_websites_that_misbehave_end_as_they_should(tmp_path: Path, served_large: Served) -> None:
+    web = OfflineWeb(LARGE.seed, per_family=LARGE.per_family)
     picked = []
     ends = {
         "blocks": "blocked",
@@ -129,8 +141,8 @@ async def test_websites_that_misbehave_end_as_they_should(tmp_path: Path, served
         picked.append(min(fitting, key=lambda task: len(task.truth.moves) if task.truth else 0))
     write_tasks(tmp_path / "tasks.jsonl", picked)
     kept = BlocklistConfig(file=tmp_path / "blocked.jsonl")
-    settings = config(tmp_path / "tasks.jsonl", retries=0, blocklist=kept)
-    await collect_there(served, settings, tmp_path / "run")
+    settings = config(tmp_path / "tasks.jsonl", sites=LARGE, retries=0, blocklist=kept)
+    await collect_there(served_large, settings, tmp_path / "run")
     trajectories = add_up(tmp_path / "run")
     assert not list(unexpected(RunReader(tmp_path / "run").tasks, trajectories))
     summary = RunReader(tmp_path / "run").summary
@@ -145,9 +157,9 @@ async def test_websites_that_misbehave_end_as_they_should(tmp_path: Path, served
     }
 
 
-async def test_an_error_is_attempted_again_and_both_are_counted(tmp_path: Path, served: Served) -> None:
-    file = task_file(tmp_path, 1, behaviour="down")
-    summary = await collect_there(served, config(file, retries=2), tmp_path / "run")
+async def test_an_error_is_attempted_again_and_both_are_counted(tmp_path: Path, served_large: Served) -> None:
+    file = task_file(tmp_path, 1, LARGE, behaviour="down")
+    summary = await collect_there(served_large, config(file, sites=LARGE, retries=2), tmp_path / "run")
     assert summary["outcomes"]["environment_error"] == summary["attempts"] == 3
     assert summary["success_rate"]["overall"] is None
     assert [each.episode.retry for each in add_up(tmp_path / "run")] == [0, 1, 2]
@@ -204,7 +216,7 @@ async def test_a_browser_that_is_killed_costs_its_attempt_and_nothing_else(tmp_p
 
 
 async def test_a_cancelled_run_records_what_was_in_flight_and_goes_on(tmp_path: Path) -> None:
-    file = task_file(tmp_path, 6)
+    file = task_file(tmp_path, 6, LARGE)
     started = asyncio.Event()
 
     class Watch:
@@ -222,7 +234,7 @@ async def test_a_cancelled_run_records_what_was_in_flight_and_goes_on(tmp_path: 
         async def __aexit__(self, *_: object) -> None:
             await self.task
 
-    run = asyncio.create_task(collect(config(file), tmp_path / "run", show=Watch))
+    run = asyncio.create_task(collect(config(file, sites=LARGE), tmp_path / "run", show=Watch))
     await started.wait()
     run.cancel()
     with pytest.raises(asyncio.CancelledError):
@@ -254,8 +266,8 @@ async def test_the_same_seed_makes_the_same_decisions(tmp_path: Path, served: Se
 
 
 async def test_the_settings_are_all_in_the_run_and_no_secret_is(tmp_path: Path) -> None:
-    file = task_file(tmp_path, 1)
-    settings = config(file, attempt=AttemptConfig(budget_easy=7))
+    file = task_file(tmp_path, 1, LARGE)
+    settings = config(file, sites=LARGE, attempt=AttemptConfig(budget_easy=7))
     await collect(settings, tmp_path / "run")
     held, run_id = read_config(RunReader(tmp_path / "run"))
     agent = AgentConfig(profile="generic", mode="coordinates")  # what the defaults came to
@@ -315,9 +327,9 @@ class HeldPlayer:
 @pytest.mark.slow
 async def test_the_offline_web_away_under_open_pages_costs_attempts_but_no_reward(tmp_path: Path) -> None:
     """Its server is really stopped while every page is open, and comes back."""
-    file, policy, progress = task_file(tmp_path, 3), Held(3), Progress(total=0)
+    file, policy, progress = task_file(tmp_path, 3, LARGE), Held(3), Progress(total=0)
     secrets = Secrets(sites_token=SecretStr("the-token-of-the-offline-web"))
-    served = SITES.model_copy(update={"token": secrets.sites_token})
+    served = LARGE.model_copy(update={"token": secrets.sites_token})
 
     @asynccontextmanager
     async def show(shown: Progress) -> AsyncIterator[None]:
@@ -329,6 +341,7 @@ async def test_the_offline_web_away_under_open_pages_costs_attempts_but_no_rewar
         sites = await away.enter_async_context(serving(served))
         settings = config(
             file,
+            sites=LARGE,
             browser=BrowserConfig().allowing(*sites.allowed_hosts),
             server=ServerChoice(sites_url=sites.url),
             retries=1000,

@@ -38,7 +38,9 @@ class Nodes:
     def __init__(self) -> None:
         from ray.cluster_utils import Cluster
 
-        head = {"num_cpus": 0, "include_dashboard": False, "object_store_memory": 80 * MIB}
+        # Without the processes that look after logs and sizes of clusters.
+        head = {"num_cpus": 0, "include_dashboard": False, "no_monitor": True, "include_log_monitor": False}
+        head |= {"object_store_memory": 80 * MIB}
         self._on_sigterm = signal.getsignal(signal.SIGTERM)  # Ray puts its own in its place
         self._cluster: Any = Cluster(initialize_head=True, head_node_args=head)
         self.address: str = self._cluster.address

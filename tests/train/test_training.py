@@ -157,7 +157,7 @@ def settings(model: Path) -> TrainConfig:
                 "agent": {"prompt_format": "compact", "rounds": 0, "profile": "tiny"},
                 "collector": {"sessions": 3},
             },
-            "loop": {"iterations": 1, "tasks": 12, "evaluate_every": 1},
+            "loop": {"iterations": 1, "tasks": 8, "evaluate_every": 1},
             "evaluation": {"count": 2, "budget": [8, 16, 24]},
         }
     )

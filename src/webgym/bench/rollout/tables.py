@@ -9,7 +9,7 @@ from statistics import median
 from matplotlib.axes import Axes
 
 from webgym.bench.rollout.measure import CellResult, Measured, by_cell, over_async
-from webgym.plotting import CATEGORIES, PAGE, new_figure, save, styled
+from webgym.plotting import CATEGORIES, COLUMN, PAGE, new_figure, save, styled
 from webgym.tables import Table
 
 
@@ -116,8 +116,10 @@ def draw_rollout(measured: Sequence[Measured], path: Path) -> None:
         many = [result for result in results if result.cell.part == "overload"]
         schedules = [result for result in results if result.cell.part == "schedules"]
         if not schedules:
-            figure = new_figure(PAGE, 2.4)
-            _draw_limits(*figure.subplots(1, 2), many, slow)
+            panels = [(draw, own) for draw, own in ((_draw_overload, many), (_draw_capacity, slow)) if own]
+            figure = new_figure(COLUMN * len(panels), 2.4)
+            for number, (draw, own) in enumerate(panels, 1):
+                draw(figure.add_subplot(1, len(panels), number), own)
             save(figure, path)
             return
         figure = new_figure(PAGE, 4.4)
@@ -150,7 +152,9 @@ def draw_rollout(measured: Sequence[Measured], path: Path) -> None:
         policy.set(title="Policy use, fewest CPUs", xlabel="seconds", ylabel="share", ylim=(0, 1.05))
         if columns == 3:
             overload, capacity = panels[:, 2]
-            _draw_limits(overload, capacity, many, slow)
+            for panel, draw, own in ((overload, _draw_overload, many), (capacity, _draw_capacity, slow)):
+                panel.set_visible(bool(own))
+                draw(panel, own)
         save(figure, path)
 
 
@@ -160,24 +164,21 @@ def _smoothed(values: Sequence[float]) -> list[float]:
     return [sum(window) / len(window) for window in around]
 
 
-def _draw_limits(
-    overload: Axes, capacity: Axes, many: Sequence[CellResult], slow: Sequence[CellResult]
-) -> None:
-    """Attempts under overload, and throughput by policy capacity, as far as they were measured."""
-    capacity.set_visible(bool(slow))
-    overload.set_visible(bool(many))
-    if slow:
-        capacity.plot(
-            [result.cell.gpus for result in slow], [median(result.of("per_minute")) for result in slow], "o-"
-        )
-        capacity.set_xticks([result.cell.gpus for result in slow])
-        capacity.set_ylim(0)
-        capacity.set(title="Policy capacity", xlabel="GPUs", ylabel="trajectories per minute")
-    if many:
-        names = [result.cell.queues.replace("_", " ") for result in many]
-        ended = [median(result.of("ended")) for result in many]
-        crashed = [median([once.crashes for once in result.rounds]) for result in many]
-        overload.bar(names, ended, label="finished")
-        overload.bar(names, crashed, bottom=ended, label="crashed", color=CATEGORIES[3])
-        overload.legend(frameon=False)
-        overload.set(title="Overload", ylabel="attempts")
+def _draw_overload(panel: Axes, many: Sequence[CellResult]) -> None:
+    """Attempts that finished and crashed, by queues."""
+    names = [result.cell.queues.replace("_", " ") for result in many]
+    ended = [median(result.of("ended")) for result in many]
+    crashed = [median([once.crashes for once in result.rounds]) for result in many]
+    panel.bar(names, ended, label="finished")
+    panel.bar(names, crashed, bottom=ended, label="crashed", color=CATEGORIES[3])
+    panel.legend(frameon=False)
+    panel.set(title="Overload", ylabel="attempts")
+
+
+def _draw_capacity(panel: Axes, slow: Sequence[CellResult]) -> None:
+    """Throughput by number of GPUs."""
+    gpus = [result.cell.gpus for result in slow]
+    panel.plot(gpus, [median(result.of("per_minute")) for result in slow], "o-", clip_on=False)
+    panel.set_xticks(gpus)
+    panel.set_ylim(0)
+    panel.set(title="Policy capacity", xlabel="GPUs", ylabel="trajectories per minute")

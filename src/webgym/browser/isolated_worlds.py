@@ -45,6 +45,7 @@ _FILES = (
     "settle",
     "geometry",
     "lists",
+    "sliders",
     "typing",
     "roles",
     "reach",

@@ -55,6 +55,7 @@ _FILES = (
     "early",
     "sight",
     "targets",
+    "beside",
     "observe",
     "marks",
     "document",

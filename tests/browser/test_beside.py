@@ -75,8 +75,8 @@ async def test_nothing_beside_what_was_there_before(site: Site, tab: Tab) -> Non
 async def test_nothing_beside_an_open_list(site: Site, tab: Tab) -> None:
     await tab.goto(
         site.page(
-            "<select aria-label=Size style='width:300px'><option>S<option>M<option>L</select><br><button>Send</button>"
-            "<script>document.addEventListener('click', () => {})</script>"
+            "<select aria-label=Size style='width:300px'><option>S<option>M<option>L</select>"
+            "<br><button>Send</button><script>document.addEventListener('click', () => {})</script>"
         )
     )
     await tab.step(LeftClick(tab.at("Size")))

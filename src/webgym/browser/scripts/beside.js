@@ -3,7 +3,7 @@
   const webgym = globalThis.webgym;
   if (webgym.beside) return;
   const { body, documentElement, getBoundingClientRect } = webgym.dom;
-  const { state, isFrame } = webgym;
+  const { isFrame } = webgym;
   const { isShown, isHeardAt } = webgym.targets;
   const { middle, parentOf, contains, hit } = webgym.geometry;
 
@@ -40,7 +40,7 @@
     for (const one of own)
       if (kept.has(one)) numberedAt.set(one.element, getBoundingClientRect(one.element));
       else cover ||= coverOf(one.element);
-    if (!cover || state.ours.has(cover)) return null;
+    if (!cover) return null;
     if (![document, documentElement(document), body(document)].some((node) => node && isHeardAt(node))) return null;
     const isFree = (found) =>
       found && !contains(cover, found) && !isFrame(found) &&

@@ -42,6 +42,8 @@ EPISODE_MILLISECONDS = 2**31 - 1
 Box: TypeAlias = tuple[float, float, float, float]
 Point: TypeAlias = tuple[float, float]
 
+BESIDE = "beside what has opened"
+
 FIND = """(css, text) => [...document.querySelectorAll(css)].filter(one => {
     const style = getComputedStyle(one);
     return one.getClientRects().length && style.visibility !== 'hidden' &&
@@ -235,6 +237,11 @@ class Episode:
             if is_inside(middle(one.box), box) or is_inside(middle(box), one.box)
         ]
         return max(fitting, key=lambda one: overlap(one.box, box), default=None)
+
+    def beside(self) -> Element | None:
+        """The mark beside something that has opened, which a click closes."""
+        assert self.seen is not None
+        return next((one for one in self.seen.elements or () if one.name == BESIDE), None)
 
     async def target(self, where: Where, *, or_point: bool = False) -> Target:
         """The target of an action, in the mode of the episode."""

@@ -91,7 +91,10 @@ async def use_spinner(episode: Episode) -> None:
 
 
 async def _slide(episode: Episode, css: str, number: int) -> None:
-    """Drag the handle near its place, then move it by keys; in the paper's space, click the place first."""
+    """Drag the handle near its place, then move it by keys; in the paper's space, type the value into it."""
+    if episode.space == "paper":
+        await episode.type(f"{css} .ui-slider-handle", str(number))
+        return
     low, high, is_upright = await episode.js(
         f"(s => [s('min'), s('max'), s('orientation') === 'vertical'])"
         f"(name => $('{css}').slider('option', name))"
@@ -101,9 +104,6 @@ async def _slide(episode: Episode, css: str, number: int) -> None:
     point: Point = (
         (x + width / 2, y + height * (1 - share)) if is_upright else (x + width * share, y + height / 2)
     )
-    if episode.space == "paper":
-        await episode.click(point)
-        return
     await episode.drag(At(f"{css} .ui-slider-handle"), point)
     off = number - await episode.js(f"$('{css}').slider('value')")
     if off and not await episode.js(f"document.activeElement.closest('{css}') !== null"):
@@ -153,7 +153,7 @@ async def use_colorwheel(episode: Episode) -> None:
         (name,) = episode.asked(r"Select (\w+) with")
         wish = await episode.js(f"ui_utils.colorNameToHex('{name}')")
     await episode.type("#col", wish.lstrip("#").upper())
-    await episode.click(middle(await episode.box("#query")))  # the picker closes
+    await episode.click(episode.beside() or middle(await episode.box("#query")))  # the picker closes
     await episode.submit()
 
 

@@ -14,6 +14,7 @@ from webgym.browser.keyboard import BACKSPACE, ENTER, PROCESS, Key, key_of, spli
 from webgym.browser.page import BLANK, Page, Returned
 from webgym.browser.pointer import Point, click, drag, holding, press, scroll
 from webgym.browser.settle import settle
+from webgym.browser.sliders import slide
 from webgym.browser.upload import upload
 from webgym.core.action import (
     GRID,
@@ -48,28 +49,34 @@ class _Field(msgspec.Struct, frozen=True):
 
     Attributes:
         kind: ``text``: a field whose content is selected. ``keys``: another element that handles keys.
-            ``frame``: a frame of another origin. ``set``, ``chosen``: the value was set already.
+            ``slider``: a slider that keys move. ``frame``: a frame of another origin. ``set``, ``chosen``:
+            the value was set already.
             ``refused``: the text is not valid for the field. ``none``: nothing accepts text.
         filled: whether it has content to be cleared.
         stands: whether it may be the input of an editor that keeps its content itself.
         frame: the focused frame; ``None`` if it was not entered yet, empty if it cannot be entered.
         wondered: whether the focus may be in a closed shadow root that was not entered yet.
-        why: why the text was refused.
+        why: why the text was refused, or which other value than the requested one was set.
+        wanted, value, share: as in :func:`webgym.browser.sliders.slide`.
     """
 
-    kind: Literal["text", "keys", "frame", "set", "chosen", "refused", "none"]
+    kind: Literal["text", "keys", "slider", "frame", "set", "chosen", "refused", "none"]
     filled: bool = False
     stands: bool = False
     frame: str | None = None
     wondered: bool = False
     why: str = ""
+    wanted: float = 0.0
+    value: float | None = None
+    share: bool = False
 
 
 async def perform(page: Page, action: BrowserAction) -> None:
     """Carry out an action, without waiting for its effects.
 
     Raises:
-        ActionFailed, NavigationFailed: the action is not possible on this page; the page is unchanged.
+        ActionFailed, NavigationFailed: the action is not possible on this page, which is unchanged; or a
+            slider has another value than the requested one.
         BrowserTimeout: the page did not handle an input event in time.
         TargetGone, BrowserCrashed: the page or the browser is gone.
     """
@@ -171,7 +178,7 @@ async def _prepare(page: Page, text: str, enter: bool) -> _Field:
         try:
             field = await page.run("prepareTyping", text, enter, reply=_Field, frame=frame)
             if field.kind != "frame":
-                return field
+                return msgspec.structs.replace(field, frame=frame)
             if field.frame is None:
                 await page.worlds.explore(again=True)
             elif field.frame:
@@ -207,7 +214,7 @@ async def type_at(
         blindly: whether to press the keys even if no element is known to handle them.
 
     Raises:
-        ActionFailed: no element accepts this text.
+        ActionFailed: no element accepts this text, or a slider does not have this value.
     """
     config = page.config
     await click(page, point)
@@ -223,6 +230,11 @@ async def type_at(
             raise ActionFailed(f"nothing was typed: {field.why}")
         case "chosen":
             return
+        case "slider":
+            await slide(page, field.wanted, field.value, share=field.share, frame=field.frame)
+            return
+        case "set" if field.why:
+            raise ActionFailed(field.why)
         case "keys" | "none" | "frame":
             if len(text) > config.typed_keys:
                 raise ActionFailed(

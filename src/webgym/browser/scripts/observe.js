@@ -193,6 +193,7 @@
   };
   webgym.numbers = { elementOf, numberOf };
 
+  const BESIDE = 'beside what has opened';
   const CANDIDATES = 4; // for each element that may be listed
 
   // In the tab's own frame: what is seen is numbered and read. `frames`: what was gathered in frames of
@@ -249,13 +250,19 @@
     }
     finish() {
       this.flush();
-      for (const one of choose(this.candidates, this.most)) {
+      const chosen = choose(this.candidates, this.most);
+      for (const one of chosen) {
         if (this.count >= webgym.limits.elements) {
           webgym.noteShortened('elements');
           break;
         }
         this.addElement(one.key || one.element, one.boxes, one.described || describe(one));
       }
+      this.addBeside(chosen);
+    }
+    addBeside(chosen) {
+      const box = webgym.beside(this.candidates, chosen);
+      if (box) this.addElement(documentElement(document), [box], { role: 'button', name: BESIDE });
     }
     // Counts an element. Values and addresses are left out where there is no room for them.
     fitting({ value, href, ...described }) {
@@ -381,6 +388,7 @@
       if (this.hasText) this.items.push(['flush']);
       this.hasText = false;
     }
+    addBeside() {}
     addElement(element, boxes, described) {
       this.items.push(['element', numberOf(element), boxes, this.fitting(described)]);
     }
@@ -409,6 +417,7 @@
     }
     addWords() {}
     addValue() {}
+    addBeside() {}
     addFrame() {}
   }
 

@@ -541,6 +541,6 @@
 
   webgym.targets = {
     MAX_PARTS, isShown, isOff, isTick, answersItsLabel, startsPointer, visibleParts, standIn, candidateOf, choose,
-    describe, begin,
+    describe, isHeardAt, begin,
   };
 })();

@@ -20,6 +20,7 @@
   };
 
   const VALUE_TYPES = ['date', 'time', 'month', 'week', 'datetime-local', 'color', 'range'];
+  const NEVER_EMPTY = ['color', 'range'];
   const NO_TEXT = ['button', 'submit', 'reset', 'image', 'checkbox', 'radio', 'file', 'hidden'];
   const SHAPES = {
     date: 'YYYY-MM-DD', time: 'HH:MM', month: 'YYYY-MM', week: 'YYYY-Www',
@@ -52,8 +53,21 @@
     return match && isTime(match[2]) ? `${asDay(match[1])}T${asTime(match[2])}` : text;
   };
 
+  // Any CSS colour without transparency as #rrggbb; empty for what is none.
+  const asColour = (text) => {
+    const context = new OffscreenCanvas(1, 1).getContext('2d');
+    const [one, other] = ['#000000', '#ffffff'].map((before) => {
+      context.fillStyle = before; // stays where the text is no colour
+      context.fillStyle = /^[\da-f]{3}([\da-f]{3})?$/i.test(text) ? `#${text}` : text;
+      return context.fillStyle;
+    });
+    return one === other && one.startsWith('#') ? one : '';
+  };
+
   const asValue = (type, text) => {
     const plain = text.trim();
+    if (type === 'range') return String(webgym.numberIn(plain)).replace('NaN', '');
+    if (type === 'color') return asColour(plain);
     if (type === 'time') return asTime(plain);
     if (type === 'date') return asDay(plain);
     if (type === 'datetime-local') return asMoment(plain);
@@ -62,15 +76,17 @@
   };
 
   const setValue = (input, text) => {
-    const before = input.value;
-    input.value = asValue(input.type, text);
-    if (text.trim() && !input.value) {
+    const [before, value] = [input.value, asValue(input.type, text)];
+    const isEmptied = !text.trim() && !NEVER_EMPTY.includes(input.type);
+    input.value = value;
+    if (!isEmptied && !(value && input.value)) {
       input.value = before;
       return { kind: 'refused', why: `a ${input.type} field does not take "${text}"; write ${SHAPES[input.type]}` };
     }
     input.dispatchEvent(new Event('input', { bubbles: true, composed: true }));
     input.dispatchEvent(new Event('change', { bubbles: true }));
-    return { kind: 'set' };
+    const isOff = input.type === 'range' && Number(input.value) !== Number(value);
+    return { kind: 'set', why: isOff ? `the slider is at ${input.value} now, not at ${value}` : '' };
   };
 
   // --- dropdowns and lists ------------------------------------------------------------------------
@@ -146,6 +162,8 @@
   };
   webgym.listen(['beforeinput', onBeforeInput, true], ['keyup', onKeyUp, true]);
 
+  const UNCHANGEABLE = { kind: 'refused', why: 'the field cannot be changed' };
+
   // What takes keys although it is no field: a board, a terminal, a canvas.
   const PRESSED = new Set(['a', 'button', 'input', 'summary', 'video', 'audio', 'area', 'body', 'html']);
   const WIDGETS = /^(button|link|checkbox|radio|switch|tab|option|menuitem.*|treeitem)$/;
@@ -153,20 +171,22 @@
     !PRESSED.has(localName(element)) && !isFrame(element) && hasAttribute(element, 'tabindex') &&
     !WIDGETS.test(getAttribute(element, 'role') || '');
 
-  // Readies the focused field for `text`. {kind}: "text" (its content is selected; `filled` says whether
-  // there is any, and `stands` whether it lies elsewhere than where was clicked, as that of an editor does), "set" and "chosen" (done here), "keys" (no field,
-  // but it listens), "frame" (the focus is in this frame of another origin), "refused" (why), "none".
+  // Readies the focused field for `text`. {kind}: "text" (its content is selected; `filled` says whether there is
+  // any, and `stands` whether it lies elsewhere than where was clicked, as that of an editor does), "slider" (keys
+  // move it from `value` to `wanted`), "set" and "chosen" (done here; `why` says what else came of it), "keys" (no
+  // field, but it listens), "frame" (the focus is in this frame of another origin), "refused" (why), "none".
   // `isEnded`: by Enter.
   webgym.prepareTyping = (text, isEnded) => {
-    const element = focused();
+    const element = webgym.pointedSlider(focused()) || focused();
     if (!element) return { kind: 'none' };
     if (isFrame(element)) return { kind: 'frame', frame: webgym.frameId(element) };
     if (localName(element) === 'select')
       return matches(element, ':disabled') ? { kind: 'none' } : choose(element, text);
+    if (webgym.isSlider(element))
+      return getAttribute(element, 'aria-disabled') === 'true' ? UNCHANGEABLE : webgym.prepareSlider(element, text);
     const isInput = localName(element) === 'input';
     if (isInput && element.type === 'file') return { kind: 'refused', why: 'files cannot be uploaded' };
-    if (ofKind(element, 'disabled') || ofKind(element, 'readOnly'))
-      return { kind: 'refused', why: 'the field cannot be changed' };
+    if (ofKind(element, 'disabled') || ofKind(element, 'readOnly')) return UNCHANGEABLE;
     if (isInput && VALUE_TYPES.includes(element.type)) return setValue(element, text);
     const lines = isContentEditable(element) || localName(element) === 'textarea';
     if (lines || (isInput && !NO_TEXT.includes(element.type))) {

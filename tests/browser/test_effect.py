@@ -10,6 +10,13 @@ from .conftest import Open, Site, Tab
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
+
+@pytest.fixture
+def tab(new_tab: Tab) -> Tab:
+    """A new one: what had an effect is told from what the tab's pages did before."""
+    return new_tab
+
+
 TITLE = "<h1 style='height:60px'>Nothing happens here</h1>"
 HERE = Target(coordinate=(50, 50))
 MOVES = {

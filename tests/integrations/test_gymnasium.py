@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
-from tests.integrations.engine import example
+from tests.integrations.engine import example, stand_in_pool
 
-from webgym.core.action import Answer, Scroll
+from webgym.conformance import StandInBrowsers
+from webgym.core.action import Answer, GoBack, Scroll
+from webgym.core.errors import BrowserCrashed, UsageError
 from webgym.integrations.gymnasium import IDS, WebGymEnv, WebGymVectorEnv
 from webgym.testing import check_environment, stand_in_environment
 
@@ -26,6 +33,94 @@ async def test_it_keeps_the_environments_promises() -> None:
 
 def test_its_ids_are_known() -> None:
     assert set(IDS) <= gymnasium.registry.keys()
+
+
+class FlakyBrowsers(StandInBrowsers):
+    """Stand-ins of which some do not open; a scroll crashes them.
+
+    Attributes:
+        failures: how many of the next calls of :meth:`open` fail.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.fails = True
+        self.failures = 0
+
+    async def open(self, options: Any = None) -> Any:
+        """Open a new session, or fail."""
+        if self.failures:
+            self.failures -= 1
+            raise BrowserCrashed("this browser does not open")
+        return await super().open(options)
+
+
+@contextmanager
+def flaky(folder: Path) -> Iterator[tuple[WebGymVectorEnv, FlakyBrowsers]]:
+    """Three environments on such browsers."""
+    browsers = FlakyBrowsers()
+    given = stand_in_pool(folder) | {"browsers": browsers}
+    del given["size"]
+    envs = WebGymVectorEnv(3, **given)
+    try:
+        yield envs, browsers
+    finally:
+        envs.close()
+
+
+def test_a_fault_in_a_step_ends_its_own_episode_alone(tmp_path: Path) -> None:
+    with flaky(tmp_path) as (envs, _):
+        envs.reset(seed=1)
+        _, rewards, terminations, truncations, infos = envs.step([Scroll("down"), GoBack(), Answer("right")])
+        assert np.array_equal(rewards, [np.nan, 0.0, 1.0], equal_nan=True)
+        assert (terminations.tolist(), truncations.tolist()) == ([False, False, True], [True, False, False])
+        assert (infos["outcome"][0], infos["step"].tolist()) == ("environment_error", [1, 1, 1])
+        _, rewards, _, _, infos = envs.step([GoBack()] * 3)
+        assert (rewards.tolist(), infos["step"].tolist()) == ([0.0, 0.0, 0.0], [0, 2, 0])
+
+
+def test_an_episode_that_does_not_start_is_tried_with_the_next_task(tmp_path: Path) -> None:
+    with flaky(tmp_path) as (envs, browsers):
+        browsers.failures = 2
+        _, infos = envs.reset(seed=1)
+        assert infos["step"].tolist() == [0, 0, 0]
+        envs.step([Answer("wrong"), GoBack(), GoBack()])
+        browsers.failures = 2
+        _, _, terminations, truncations, infos = envs.step([GoBack()] * 3)
+        assert infos["step"].tolist() == [0, 2, 2]
+        assert not np.any(terminations | truncations)
+
+
+def test_if_none_starts_the_others_act_and_the_next_step_tries_again(tmp_path: Path) -> None:
+    with flaky(tmp_path) as (envs, browsers):
+        envs.reset(seed=1)
+        envs.step([Answer("wrong"), GoBack(), GoBack()])
+        browsers.failures = 3
+        with pytest.raises(BrowserCrashed, match="does not open"):
+            envs.step([GoBack(), GoBack(), Answer("right")])
+        assert len(browsers.open_now) == 1, "the third has answered; the second continues"
+        _, _, terminations, truncations, infos = envs.step([GoBack()] * 3)
+        assert infos["step"].tolist() == [0, 3, 0]
+        assert not np.any(terminations | truncations)
+        browsers.failures = 9
+        with pytest.raises(BrowserCrashed, match="does not open"):
+            envs.reset(seed=2)
+        _, _, _, _, infos = envs.step([GoBack()] * 3)
+        assert infos["step"].tolist() == [0, 0, 0]
+
+
+def test_what_is_no_action_is_refused_before_any_environment_acts(tmp_path: Path) -> None:
+    with flaky(tmp_path) as (envs, _):
+        with pytest.raises(UsageError, match="call reset first"):
+            envs.step([GoBack()] * 3)
+        envs.reset(seed=1)
+        with pytest.raises(UsageError, match="int is not an action"):
+            envs.step([GoBack(), GoBack(), 7])
+        with pytest.raises(UsageError, match="2 actions for 3"):
+            envs.step([GoBack()] * 2)
+        assert envs.step([GoBack()] * 3)[4]["step"].tolist() == [1, 1, 1]
+    with pytest.raises(UsageError, match="on_fault"):
+        WebGymVectorEnv(3, on_fault="raise")
 
 
 @pytest.mark.browser

@@ -425,22 +425,13 @@ def test_a_website_that_is_down_does_not_resolve(web: OfflineWeb) -> None:
 
 
 PAGES = """
-import hashlib, html, re, sys
-from urllib.parse import parse_qsl, unquote, urlsplit
+import hashlib
+from tests.offline.golden import pages
 from webgym.offline.web import OfflineWeb
-from webgym.offline.website import Visit
 web, seen = OfflineWeb(5, per_family=1), hashlib.sha256()
-for host, spec in web.specs.items():
-    site, todo = web.website(host), ["/"]
-    for url in todo:
-        parts = urlsplit(url)
-        query = parse_qsl(parts.query)
-        lists = {key: [v for k, v in query if k == key] for key, _ in query}
-        body = site.handle(Visit("GET", unquote(parts.path), dict(query), lists, {}, {})).body
+for host in web.specs:
+    for url, body in pages(web, host):
         seen.update(url.encode() + body)
-        if len(todo) == 1:
-            links = re.findall(r'(?:href|src)="(/[^"#]*)"', body.decode())
-            todo += [html.unescape(link) for link in dict.fromkeys(links) if "/assets/" not in link][:12]
     seen.update(repr(list(web.tasks_of(host))).encode())
 print(seen.hexdigest())
 """
@@ -452,6 +443,7 @@ def test_the_same_seed_gives_the_same_bytes_in_every_process() -> None:
         subprocess.run(
             [sys.executable, "-c", PAGES],
             stdout=subprocess.PIPE,
+            cwd=Path(__file__).parents[2],
             env={**os.environ, "PYTHONHASHSEED": seed},
             check=True,
             timeout=60,
@@ -462,7 +454,7 @@ def test_the_same_seed_gives_the_same_bytes_in_every_process() -> None:
     assert len(first.strip()) == 64
 
 
-def test_a_version_keeps_its_tasks() -> None:
+def test_a_version_keeps_its_websites_pages_and_tasks() -> None:
     """``tests/offline/golden.py`` writes the file, and says when that is right."""
     golden = (Path(__file__).parent / "golden.txt").read_text().splitlines()
     assert list(lines()) == golden

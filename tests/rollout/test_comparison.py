@@ -56,6 +56,48 @@ async def test_pairing_decides_what_two_rates_alone_do_not(tmp_path: Path) -> No
     assert not compare(one, few).rows["overall"].is_decided
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "p", "conclusion"),
+    [
+        ("f" * 60, "s" * 60, 2**-59, "after is better"),
+        ("s" * 60, "f" * 60, 2**-59, "before is better"),
+        ("fff", "sss", 0.25, "the difference may be chance"),
+        ("f" * 5, "s" * 5, 2**-4, "the difference may be chance"),
+        ("f" * 6, "s" * 6, 2**-5, "after is better"),
+        ("fffsss", "fffsss", None, "the difference may be chance"),
+    ],
+)
+async def test_where_all_tasks_differ_alike_a_sign_test_decides(
+    tmp_path: Path, calls: Calls, before: str, after: str, p: float | None, conclusion: str
+) -> None:
+    one, other = await run(tmp_path / "before", before), await run(tmp_path / "after", after)
+    row = compare(one, other).rows["overall"]
+    assert (row.interval, row.sign_test) == (None, p)
+    assert row.is_decided == ("better" in conclusion)
+    assert f"overall: {conclusion}" in calls.run("compare", one, other)[1]
+
+
+async def test_differences_that_are_equal_but_for_rounding_show_no_spread(tmp_path: Path) -> None:
+    for name, letters in (("one", ("sff", "ssf")), ("other", ("ssf", "sss"))):
+        tasks = [task("low", 1), task("high", 1)]
+        async with await RunWriter.create(tmp_path / name, {}, tasks) as writer:
+            for each, outcomes in zip(tasks, letters, strict=True):
+                for letter in outcomes:
+                    await writer.append(attempt(each.id, LETTERS[letter], steps=0))
+    row = compare(tmp_path / "one", tmp_path / "other").rows["overall"]
+    assert row.difference == pytest.approx(1 / 3)
+    assert row.better == 2
+    assert (row.interval, row.sign_test, row.is_decided) == (None, 0.5, False)
+
+
+async def test_levels_that_differ_in_opposite_directions_decide_nothing(tmp_path: Path) -> None:
+    one = await run(tmp_path / "one", "fff", "sss")
+    other = await run(tmp_path / "other", "sss", "fff")
+    row = compare(one, other).rows["overall"]
+    assert (row.better, row.worse, row.interval, row.sign_test) == (3, 3, None, 1.0)
+    assert not row.is_decided
+
+
 async def test_the_command(tmp_path: Path, calls: Calls) -> None:
     one = await run(tmp_path / "one", "s" * 40 + "f" * 40)
     other = await run(tmp_path / "other", "s" * 60 + "f" * 20)

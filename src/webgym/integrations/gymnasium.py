@@ -10,7 +10,7 @@ envs = gymnasium.make_vec("WebGym/Offline-v1", num_envs=8)  # all browsers act c
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Coroutine, Mapping, Sequence
 from contextlib import AsyncExitStack
 from io import BytesIO
 from typing import Any, Final, TypeAlias
@@ -28,7 +28,9 @@ from webgym import (
     LoopThread,
     Reply,
     SyncEnvironment,
+    UsageError,
     View,
+    WebGymError,
     make,
     make_many,
     random_action,
@@ -42,6 +44,9 @@ IDS: Final = {
 """Environments by their Gymnasium ids. The same id always has the same websites and tasks."""
 
 Observation: TypeAlias = dict[str, Any]
+_Taken: TypeAlias = tuple[View, float, bool, bool, dict[str, Any]]
+_RESETS: Final = 3
+"""How many tasks a vector environment tries to start before it raises the last one's error."""
 _LONGEST: Final = 2**20
 _CHARACTERS: Final = "".join(map(chr, (*range(0xD800), *range(0xE000, 0x10000))))
 _REPLACED: Final = "\ufffd"
@@ -151,15 +156,27 @@ class WebGymVectorEnv(gymnasium.vector.VectorEnv[Observation, Sequence[Any], NDA
     """Several environments that act concurrently. Autoreset is *next step*: the step after the end of an
     episode starts the next one and ignores its action.
 
+    An environment's fault does not end the episodes of others. In a step, it ends its own episode as in
+    :class:`WebGymEnv`; if no episode starts, the next task is tried, up to three in all. Only then is the
+    error raised, after the other environments have acted (what they returned is lost); the next step tries
+    again.
+
     Args:
         num_envs: number of browsers.
         name: name of the tasks, as for :func:`webgym.make`.
-        options: further arguments of :func:`webgym.make`.
+        options: further arguments of :func:`webgym.make`, except ``on_fault="raise"``.
+
+    Raises:
+        UsageError: ``on_fault`` is ``raise``.
     """
 
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
     def __init__(self, num_envs: int = 1, name: str = "offline-v1", **options: Any) -> None:
+        if options.get("on_fault") == "raise":
+            raise UsageError(
+                "on_fault='raise' would lose what the other environments return", hint="use on_fault='nan'"
+            )
         self.num_envs = num_envs
         opened = AsyncExitStack()
         self._loop = LoopThread(opened.aclose)
@@ -173,38 +190,68 @@ class WebGymVectorEnv(gymnasium.vector.VectorEnv[Observation, Sequence[Any], NDA
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode in each environment. An integer seed is increased by one for each environment."""
+        """Start an episode in each environment. An integer seed is increased by one for each environment.
+
+        Raises:
+            WebGymError: no episode started in one of them; they did in the others.
+        """
         seeds = [seed + index for index in range(self.num_envs)] if isinstance(seed, int) else seed
         seeds = seeds or [None] * self.num_envs
-        begun = self._loop.run(
-            _all([env.reset(seed=env_seed) for env, env_seed in zip(self._envs, seeds, strict=True)])
-        )
-        self._is_over[:] = False
-        infos: dict[str, Any] = {}
-        for index, (_, info) in enumerate(begun):
-            self._instructions[index] = info["instruction"]
-            infos = self._add_info(infos, info, index)
-        return self._batch([view for view, _ in begun]), infos
+        if len(seeds) != self.num_envs:
+            raise UsageError(f"{len(seeds)} seeds for {self.num_envs} environments")
+        begun = self._loop.run(_all([self._begin(index, seed) for index, seed in enumerate(seeds)]))
+        views, *_, infos = self._results(begun)
+        return views, infos
 
     def step(
         self, actions: Sequence[Any]
     ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        """Carry out one action in each environment, concurrently."""
-        taken = self._loop.run(_all([self._step_one(index, action) for index, action in enumerate(actions)]))
+        """Carry out one action in each environment, concurrently.
+
+        Raises:
+            UsageError: there is no episode, or one of these is no action; none was carried out.
+            WebGymError: no episode started in one of them; the others acted, and the next step tries again.
+        """
+        if len(actions) != self.num_envs:
+            raise UsageError(f"{len(actions)} actions for {self.num_envs} environments")
+        for action, is_over in zip(actions, self._is_over, strict=True):
+            if not is_over and action not in self.single_action_space:
+                raise UsageError(f"{type(action).__name__} is not an action")
+        taken = self._loop.run(_all([self._act(index, action) for index, action in enumerate(actions)]))
+        return self._results(taken)
+
+    async def _begin(self, index: int, seed: int | None = None) -> _Taken:
+        """Start an episode; after a fault, with the next task."""
+        self._is_over[index] = True  # until one has started
+        for left in reversed(range(_RESETS)):
+            try:
+                view, info = await self._envs[index].reset(seed=seed)
+                break
+            except WebGymError as error:
+                if isinstance(error, UsageError) or not left:
+                    raise
+                seed = None  # the order of tasks continues
+        self._is_over[index] = False
+        return view, 0.0, False, False, info
+
+    async def _act(self, index: int, action: Any) -> _Taken:
+        if self._is_over[index]:
+            return await self._begin(index)
+        env = self._envs[index]
+        self._is_over[index] = bool(env.episode_id)  # a step that raises or is cancelled ends the episode
+        taken = await env.step(action)
+        self._is_over[index] = taken[2] or taken[3]
+        return taken
+
+    def _results(
+        self, taken: Sequence[_Taken]
+    ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
         infos: dict[str, Any] = {}
-        for index, (_, _, terminated, truncated, info) in enumerate(taken):
-            self._is_over[index] = terminated or truncated
+        for index, (*_, info) in enumerate(taken):
             self._instructions[index] = info["instruction"]
             infos = self._add_info(infos, info, index)
         views, rewards, terminations, truncations, _ = zip(*taken, strict=True)
         return self._batch(views), np.array(rewards), np.array(terminations), np.array(truncations), infos
-
-    async def _step_one(self, index: int, action: Any) -> tuple[View, float, bool, bool, dict[str, Any]]:
-        env = self._envs[index]
-        if self._is_over[index]:
-            view, info = await env.reset()
-            return view, 0.0, False, False, info
-        return await env.step(action)
 
     def _batch(self, views: Sequence[View]) -> Observation:
         observations = [
@@ -221,10 +268,10 @@ class WebGymVectorEnv(gymnasium.vector.VectorEnv[Observation, Sequence[Any], NDA
         self._loop.close()
 
 
-async def _all(work: Sequence[Any]) -> list[Any]:
-    """Run all coroutines concurrently; if one fails, the others are cancelled."""
-    async with asyncio.TaskGroup() as group:
-        tasks = [group.create_task(coroutine) for coroutine in work]
+async def _all(work: Sequence[Coroutine[Any, Any, _Taken]]) -> list[_Taken]:
+    """Run all coroutines concurrently to their ends; then raise the first error, if there is one."""
+    tasks = [asyncio.create_task(each) for each in work]
+    await asyncio.gather(*tasks, return_exceptions=True)
     return [task.result() for task in tasks]
 
 

@@ -2,11 +2,13 @@
 
 **Paired.** A task counts with the mean over its attempts with a reward, in each run; only tasks that have one
 in both runs are compared, and the number of others is reported. Tasks are resampled with both of their means
-(bootstrap, percentiles), so that the difficulty of tasks does not widen the interval.
+(bootstrap, percentiles), so that the difficulty of tasks does not widen the interval. If all tasks of each
+level differ alike, resampling shows no spread, and an exact sign test over the tasks that differ decides.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
@@ -33,6 +35,9 @@ class Difference(msgspec.Struct, frozen=True):
         difference: second - first; ``None`` if there are no tasks.
         interval: 95 % confidence interval of the difference; ``None`` if resampling shows no spread.
         better, worse: number of tasks with a higher and with a lower mean in the second run.
+        sign_test: two-sided probability of the exact sign test, that chance alone makes at least as many
+            tasks differ in the direction of the difference; ``None`` if there is an interval, or no task
+            differs.
     """
 
     tasks: int
@@ -42,11 +47,14 @@ class Difference(msgspec.Struct, frozen=True):
     interval: Interval | None
     better: int
     worse: int
+    sign_test: float | None = None
 
     @property
     def is_decided(self) -> bool:
-        """Whether the interval excludes 0."""
-        return self.interval is not None and not self.interval[0] <= 0 <= self.interval[1]
+        """Whether the interval excludes 0; without one, whether the sign test is significant at 5 %."""
+        if self.interval is None:
+            return self.sign_test is not None and self.sign_test < 1 - CONFIDENCE
+        return not self.interval[0] <= 0 <= self.interval[1]
 
 
 class Comparison(msgspec.Struct, frozen=True):
@@ -105,7 +113,8 @@ def _resampled(
     """The sum of differences in every resample of a level's tasks."""
     if not pairs:
         return np.zeros(resamples)
-    gains, counts = np.unique([after - before for before, after in pairs], return_counts=True)
+    gains = np.round([after - before for before, after in pairs], 12)  # 2/3 - 1/3 is 1/3
+    gains, counts = np.unique(gains, return_counts=True)
     return np.asarray(generator.multinomial(len(pairs), counts / counts.sum(), size=resamples) @ gains)
 
 
@@ -120,12 +129,22 @@ def _difference(
         return Difference(0, None, None, None, None, 0, 0)
     before, after = (float(np.mean(column)) for column in zip(*of_group, strict=True))
     spread = sum(drawn[level] for level in levels) / len(of_group)
+    interval = percentiles(np.asarray(spread), CONFIDENCE)
+    better, worse = sum(b > a for a, b in of_group), sum(b < a for a, b in of_group)
+    difference = after - before
+    is_exact = interval is None and better + worse > 0
     return Difference(
         tasks=len(of_group),
         first=before,
         second=after,
-        difference=after - before,
-        interval=percentiles(np.asarray(spread), CONFIDENCE),
-        better=sum(b > a for a, b in of_group),
-        worse=sum(b < a for a, b in of_group),
+        difference=difference,
+        interval=interval,
+        better=better,
+        worse=worse,
+        sign_test=_sign_test(better if difference > 0 else worse, better + worse) if is_exact else None,
     )
+
+
+def _sign_test(successes: int, of: int) -> float:
+    """The two-sided probability of at least so many heads among ``of`` tosses of a fair coin."""
+    return min(1.0, sum(math.comb(of, count) for count in range(successes, of + 1)) / (1 << (of - 1)))

@@ -294,3 +294,18 @@ async def test_odd_documents_are_looked_at(site: Site, open_tab: Open, media: st
     assert look.observation.status == 200
     assert look.image.startswith(b"\x89PNG")
     assert tab.notices == []
+
+
+async def test_what_is_drawn_again_in_part_looks_the_same(site: Site, tab: Tab) -> None:
+    place = "position:absolute;left:{0}px;top:{0}px;width:{1}px;height:{1}px"
+    await tab.goto(
+        site.page(
+            f"<div style='{place.format(40, 200)};border-radius:50%;background:#369'></div>"
+            f"<div id=patch hidden style='{place.format(120, 15)};background:#fff'></div>"
+            "<script>onclick = () => { patch.hidden = !patch.hidden }</script>"
+        )
+    )
+    assert tab.last is not None
+    first, click = tab.last.observation.screenshot, LeftClick(Target(coordinate=(900, 900)))
+    patched, again = [(await tab.step(click)).observation.screenshot for _ in range(2)]
+    assert first == again != patched

@@ -297,11 +297,11 @@ async def test_odd_documents_are_looked_at(site: Site, open_tab: Open, media: st
 
 
 async def test_what_is_drawn_again_in_part_looks_the_same(site: Site, tab: Tab) -> None:
-    place = "position:absolute;left:{0}px;top:{0}px;width:{1}px;height:{1}px"
     await tab.goto(
         site.page(
-            f"<div style='{place.format(40, 200)};border-radius:50%;background:#369'></div>"
-            f"<div id=patch hidden style='{place.format(120, 15)};background:#fff'></div>"
+            "<style>div { position: absolute; border-radius: 50%; background: #369 }</style>"
+            "<div style='left:40.5px;top:40px;width:200px;height:160px'></div>"
+            "<div id=patch hidden style='left:30px;top:120px;width:17px;height:13px;border-radius:0'></div>"
             "<script>onclick = () => { patch.hidden = !patch.hidden }</script>"
         )
     )

@@ -294,3 +294,18 @@ async def test_odd_documents_are_looked_at(site: Site, open_tab: Open, media: st
     assert look.observation.status == 200
     assert look.image.startswith(b"\x89PNG")
     assert tab.notices == []
+
+
+async def test_what_is_drawn_again_in_part_looks_the_same(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            "<style>div { position: absolute; border-radius: 50%; background: #369 }</style>"
+            "<div style='left:40.5px;top:40px;width:200px;height:160px'></div>"
+            "<div id=patch hidden style='left:30px;top:120px;width:17px;height:13px;border-radius:0'></div>"
+            "<script>onclick = () => { patch.hidden = !patch.hidden }</script>"
+        )
+    )
+    assert tab.last is not None
+    first, click = tab.last.observation.screenshot, LeftClick(Target(coordinate=(900, 900)))
+    patched, again = [(await tab.step(click)).observation.screenshot for _ in range(2)]
+    assert first == again != patched

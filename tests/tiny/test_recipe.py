@@ -15,7 +15,6 @@ from PIL import Image
 
 pytest.importorskip("torch")
 
-from webgym.browser import process
 from webgym.core.errors import ConfigError
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.config import AttemptConfig
@@ -35,10 +34,8 @@ def pixels(png: bytes) -> Any:
         return np.asarray(picture.convert("RGB")).astype(np.int16)
 
 
-def test_static_browsers_give_what_browsers_give(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_static_browsers_give_what_browsers_give(tmp_path: Path) -> None:
     """Requests, replies, pictures and changes of the same attempts, without and with browsers."""
-    # A busy Chromium draws only what has changed of a picture, and then the edges of round shapes otherwise.
-    monkeypatch.setattr(process, "_FLAGS", (*process._FLAGS, "--disable-partial-raster"))
     config = RunConfig.model_validate(
         {
             "seed": 3,

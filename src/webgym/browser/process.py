@@ -40,6 +40,7 @@ PICTURE_FLAGS = (
     "--disable-smooth-scrolling",
     "--force-prefers-reduced-motion",
     "--disable-lcd-text",
+    "--disable-partial-raster",  # drawn again in part, round edges differ by a shade
     "--lang=en-US",
 )
 """Flags for reproducible screenshots: the same page gives the same picture."""

@@ -9,6 +9,7 @@
     title, scrollingElement, defaultView, children, querySelectorAll, innerText, ofKind,
   } = webgym.dom;
   const { fold, rootOf, frameIn } = webgym;
+  const { labelsOf } = webgym.labels;
   const { roleOf, nameOf } = webgym.roles;
   const { elementOf, numberOf } = webgym.numbers;
   const { isShown, isOff, startsPointer, visibleParts, standIn } = webgym.targets;
@@ -28,6 +29,7 @@
   // What of an element a click reaches; else what of it is in view, where `isRough` is enough.
   const boxOf = (element, isRough) => {
     begin();
+    webgym.labels.begin();
     const place = placeAround(element);
     if (!place) return null;
     const [box] = [...(isShown(element) ? visibleParts(element, place, 1) : []), ...standIn(element, place, 1)];
@@ -134,7 +136,7 @@
     if (!role || isOff(element)) return null;
     if (role === 'listbox' && localName(element) !== 'select') return null; // its options are what one clicks
     const dropdown = dropdownOf(element);
-    const stands = [dropdown || element, ...(ofKind(element, 'labels') || [])];
+    const stands = [dropdown || element, ...labelsOf(element)];
     const boxes = stands.map((one) => (isShown(one) ? boxesOf(one, map) : [])).find((some) => some.length);
     if (!boxes) return null;
     return {

@@ -147,7 +147,7 @@
 
   // The element on top at a point of this frame's viewport, through shadow roots and frames. A frame of
   // another origin stands for all that is in it.
-  const hit = (x, y) => {
+  const findHit = (x, y) => {
     let root = document;
     for (;;) {
       const element = elementFromPoint(root, x, y);
@@ -166,6 +166,13 @@
       [x, y] = apply(mapsOf(element)[1], x, y);
       root = frame;
     }
+  };
+
+  let hits = new Map(); // by point, for one look: the middle of a link is that of its text, too
+  const hit = (x, y) => {
+    const point = `${x} ${y}`;
+    if (!hits.has(point)) hits.set(point, findHit(x, y));
+    return hits.get(point);
   };
 
   // --- clips --------------------------------------------------------------------------------------
@@ -243,6 +250,7 @@
   const begin = (whole = false) => {
     maps = new Map();
     clips = new Map();
+    hits = new Map();
     isScrolled = whole;
   };
 

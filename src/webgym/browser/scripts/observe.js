@@ -9,7 +9,8 @@
   const { fold, rootOf, frameIn, isFrame, shorten } = webgym;
   const { roleOf, valueOf } = webgym.roles;
   const { sight } = webgym;
-  const { MAX_PARTS, isShown, isTick, answersItsLabel, visibleParts, candidateOf, choose, describe } = webgym.targets;
+  const { near, rectOf, isFar } = webgym.boxes;
+  const { MAX_PARTS, isShown, hasLabelIn, answersItsLabel, visibleParts, candidateOf, choose, describe } = webgym.targets;
   const { intersect, middle, moved, placeOf, hit } = webgym.geometry;
 
   // --- text ---------------------------------------------------------------------------------------
@@ -84,12 +85,17 @@
 
   const walkNodes = (nodes, place, sink) => {
     for (const child of nodes)
-      if (nodeType(child) === Node.ELEMENT_NODE) walk(child, place, sink);
+      if (nodeType(child) === Node.ELEMENT_NODE) walkNear(child, place, sink);
       else if (sink.wantsText && nodeType(child) === Node.TEXT_NODE) addText(child, place, sink);
   };
 
   const walkElements = (parent, place, sink) => {
-    for (let child = firstElementChild(parent); child; child = nextElementSibling(child)) walk(child, place, sink);
+    for (let child = firstElementChild(parent); child; child = nextElementSibling(child)) walkNear(child, place, sink);
+  };
+
+  // What is far ends a line, at most.
+  const walkNear = (element, place, sink) => {
+    if (!place.isSurveyed || sink.hasOpenLine || !isFar(element)) walk(element, place, sink);
   };
 
   const walk = (element, place, sink) => {
@@ -107,7 +113,7 @@
     if (SKIPPED.has(name)) return;
     const outer = sink.around;
     if (name === 'area' && sink.wantsElements) sink.consider(element, place, null);
-    const rect = getBoundingClientRect(element);
+    const rect = rectOf(element);
     const hasBox = rect.width > 0 && rect.height > 0;
     const isInView = hasBox && touches(moved(rect, place.map), place.clip);
     let style = null;
@@ -122,7 +128,7 @@
       return;
     }
     const hasStyle = isInView || (!hasBox && styled().display === 'contents');
-    if (sink.wantsElements && (isInView || !hasBox || isTick(element)))
+    if (sink.wantsElements && (isInView || !hasBox || hasLabelIn(element, place)))
       sink.consider(element, place, hasStyle ? styled() : null);
     const isBlock = () => !(styled().display.startsWith('inline') || style.display === 'contents');
     if (sink.hasOpenLine && (name === 'br' || isBlock())) sink.flush();
@@ -140,11 +146,16 @@
       walkNodes(element.assignedNodes(), place, sink);
     } else {
       const root = rootOf(element);
-      if (root) webgym.watch(root);
+      if (root) enter(root, place);
       else if (isInView) webgym.wonderAtSize(element);
       if (hasText) walkNodes(childNodes(root || element), place, sink);
       else walkElements(root || element, place, sink);
     }
+  };
+
+  const enter = (root, place) => {
+    webgym.watch(root);
+    if (place.isSurveyed) near(root);
   };
 
   webgym.isCutOff = () => readyState(document) === 'complete' && !body(document);
@@ -424,11 +435,13 @@
   const EVERYTHING = { left: -Infinity, top: -Infinity, right: Infinity, bottom: Infinity };
 
   const walkAll = (sink, isWhole = false) => {
+    webgym.boxes.begin();
     webgym.geometry.begin(isWhole);
     sight.begin();
     webgym.targets.begin();
     const clip = isWhole ? EVERYTHING : { left: 0, top: 0, right: innerWidth, bottom: innerHeight };
-    if (documentElement(document)) walk(documentElement(document), { map: null, clip }, sink);
+    if (!isWhole) near(document);
+    if (documentElement(document)) walk(documentElement(document), { map: null, clip, isSurveyed: !isWhole }, sink);
     sink.finish();
     return sink;
   };

@@ -4,9 +4,10 @@
   if (webgym.roles) return;
   const {
     nodeType, parentElement, childNodes, getRootNode, localName, getAttribute, hasAttribute, checkVisibility,
-    closest, querySelector, querySelectorAll, getElementById, isContentEditable, tabIndex, ofKind,
+    closest, querySelector, getElementById, isContentEditable, tabIndex, ofKind,
   } = webgym.dom;
   const { fold, rootOf, shorten } = webgym;
+  const { labelsOf, labelsFor } = webgym.labels;
   const SPARE = 20; // characters that are looked at for one of a name: most may be white space
   const first = (text) => (text || '').slice(0, SPARE * webgym.limits.name);
 
@@ -104,22 +105,21 @@
   const nameOfHost = (element) => {
     const { host } = getRootNode(element);
     if (!host) return '';
-    const id = CSS.escape(getAttribute(host, 'id') || '');
-    const labels = [...querySelectorAll(getRootNode(host), `label[for="${id}"]`)];
     const around = closest(host, 'label');
     const named = [
-      getAttribute(host, 'aria-label'), getAttribute(host, 'label'), ...labels.map((label) => contentName(label)),
-      contentName(host), around && contentName(around), getAttribute(host, 'placeholder'), getAttribute(host, 'title'),
+      getAttribute(host, 'aria-label'), getAttribute(host, 'label'),
+      ...labelsFor(host).map((label) => contentName(label)), contentName(host), around && contentName(around),
+      getAttribute(host, 'placeholder'), getAttribute(host, 'title'),
     ];
     return named.find((name) => fold(name || '')) || nameOfHost(host);
   };
 
-  const nameOf = (element, role) => {
+  const findName = (element, role) => {
     const labelled = getAttribute(element, 'aria-labelledby');
     const candidates = [
       () => (labelled ? byIds(element, labelled).map(nameOfLabel).join(' ') : ''),
       () => getAttribute(element, 'aria-label'),
-      () => [...(ofKind(element, 'labels') || [])].map((label) => contentName(label)).join(' '),
+      () => labelsOf(element).map((label) => contentName(label)).join(' '),
       () => (localName(element) === 'input' && role === 'button' ? element.value || element.alt : ''),
       () => (['textbox', 'searchbox', 'combobox', 'listbox', 'spinbutton'].includes(role) ? '' : contentName(element)),
       () => getAttribute(element, 'placeholder'),
@@ -133,6 +133,12 @@
       if (name) return name.slice(0, webgym.limits.name + 1); // one more than is told, so that a cut is seen
     }
     return '';
+  };
+
+  let names = new Map(); // by element and role, for one look: what lies around an element asks for its name, too
+  const nameOf = (element, role) => {
+    if (!names.has(element)) names.set(element, {});
+    return (names.get(element)[role] ??= findName(element, role));
   };
 
   const valueOf = (element, role) => {
@@ -156,5 +162,11 @@
     return null;
   };
 
-  webgym.roles = { isStructure, widgetOf, roleOf, nameOf, valueOf };
+  // A new look: what is called otherwise now.
+  const begin = () => {
+    names = new Map();
+    webgym.labels.begin();
+  };
+
+  webgym.roles = { isStructure, widgetOf, roleOf, nameOf, valueOf, begin };
 })();

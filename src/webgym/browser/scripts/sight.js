@@ -5,9 +5,10 @@
   const {
     ownerDocument, getRootNode, compareDocumentPosition, localName, clientLeft, clientTop, clientWidth, clientHeight,
     scrollWidth, scrollHeight, matches, checkVisibility, getBoundingClientRect, documentElement, defaultView,
-    createRange, querySelectorAll, elementsFromPoint, offsetWidth, ofKind,
+    createRange, elementsFromPoint, offsetWidth, ofKind,
   } = webgym.dom;
   const { fold } = webgym;
+  const { near } = webgym.boxes;
   const { intersect, middle, moved, parentOf, contains, hit, clipWithin, isBox } = webgym.geometry;
 
   const LEAST_ALPHA = 0.1; // of text on a ground whose colour is not known
@@ -246,19 +247,17 @@
   const EDGE = 3; // CSS pixels from the ends of a piece
   const STEP = 24; // CSS pixels between the points that are tried where something may lie over a piece
 
-  // The boxes of a root's elements that may lie over others: [element, rectangle].
+  // The boxes of a root's elements that may lie over others: [element, rectangle]. Those out of view lie over nothing
+  // that is read: of a line that is, a third at most lies there, too.
   let loose = new Map();
   const looseIn = (root) => {
     if (loose.has(root)) return loose.get(root);
-    const found = [];
-    for (const element of querySelectorAll(root, '*')) {
+    const isLoose = ([element]) => {
       const { position, zIndex } = getComputedStyle(element);
-      if (position === 'static' || (position === 'relative' && zIndex === 'auto')) continue;
-      const rect = getBoundingClientRect(element);
-      if (rect.width > 0 && rect.height > 0) found.push([element, rect]);
-    }
-    loose.set(root, found);
-    return found;
+      return position !== 'static' && !(position === 'relative' && zIndex === 'auto');
+    };
+    loose.set(root, near(root).filter(isLoose));
+    return loose.get(root);
   };
 
   // Where a piece is tried: to try a point costs the most, so one will do where nothing else lies.
@@ -347,7 +346,6 @@
   const STRIDE = 500; // characters; some of them have a rectangle
   const windowOf = (node, { top, bottom }) => {
     const { length } = node.data;
-    if (length < LONG) return [0, length];
     const first = (isBeyond) => {
       let [low, high] = [0, Math.ceil(length / STRIDE)];
       while (low < high) {
@@ -367,18 +365,27 @@
   const plain = ({ left, top, right, bottom }) => ({ left, top, right, bottom });
 
   // {text, rects, isSpace, isSeen}, piece by piece: rectangles in this world's viewport.
-  const piecesOf = (node, [start, end], isSeen, map) => {
+  const piecesOf = (node, [start, end], isSeen, map, pattern = PIECES) => {
     const pieces = [];
-    for (const match of node.data.slice(start, end).matchAll(PIECES)) {
+    for (const match of node.data.slice(start, end).matchAll(pattern)) {
       const [text] = match;
-      const isSpace = /^\s/.test(text);
+      const isSpace = !/\S/.test(text);
       const at = start + match.index;
       const own = isSpace ? [] : rectsOf(node, at, at + text.length);
       const rects = own.map((rect) => plain(moved(rect, map)));
-      pieces.push({ text: isSpace ? ' ' : text, isSpace, rects, isSeen: isSpace || isSeen(own, text) });
+      pieces.push({ text: isSpace ? ' ' : text, isSpace, rects, isSeen: isSpace || isSeen(own, text), at });
     }
     return pieces;
   };
+
+  // The same for a very long text, line by line where all of a line is seen, or nothing: each piece that is measured has
+  // the browser go through the whole text.
+  const LINES = /\n|[^\n]+/g;
+  const linesOf = (node, part, isSeen, clip) =>
+    piecesOf(node, part, isSeen, null, LINES).flatMap((line) => {
+      if (line.isSeen || !line.rects.some((rect) => intersect(rect, clip))) return [line];
+      return piecesOf(node, [line.at, line.at + line.text.length], isSeen, null);
+    });
 
   const GAP = ' … ';
   // What is seen of pieces: {text, rects}; null if nothing is. A gap stands for what is not.
@@ -399,23 +406,26 @@
   // {text, rects}: what of a text node can be seen from `place`; null for nothing. As `pieces` for those who
   // have to ask for more.
   const read = (node, element, place, wantsPieces = false) => {
-    range.selectNodeContents(node);
-    const lines = [...range.getClientRects()].filter(({ width, height }) => width > 0 && height > 0);
+    const isLong = !place.map && node.data.length >= LONG && !isTurned(sightOf(element).style);
+    const part = isLong ? windowOf(node, place.clip) : [0, node.data.length];
+    const lines = rectsOf(node, ...part);
     if (!lines.some((line) => intersect(moved(line, place.map), place.clip))) return null;
     const clip = clipWithin(element);
     if (!isReadable(element, lines.find((line) => intersect(line, clip)) || lines[0])) return null;
     const { line, style } = sightOf(element);
     const [ellipsis, isDown] = [ellipsisIn(line), isTurned(style)];
-    const isSeen = (rects, text) =>
-      rects.length > 0 && isLarge(rects, text.length) &&
+    const isUncut = (rects) =>
+      rects.length > 0 &&
       rects.every((rect) =>
-        isWithin(rect, clip, isDown) && isWithin(moved(rect, place.map), place.clip, isDown) &&
-        isKept(rect, ellipsis) && (place.isFlat || isBare(element, rect, place.map)));
-    if (!wantsPieces && isSeen(lines, fold(node.data)))
+        isWithin(rect, clip, isDown) && isWithin(moved(rect, place.map), place.clip, isDown) && isKept(rect, ellipsis));
+    const isSeen = (rects, text) =>
+      isUncut(rects) && isLarge(rects, text.length) &&
+      (place.isFlat || rects.every((rect) => isBare(element, rect, place.map)));
+    const isWhole = part[1] - part[0] === node.data.length;
+    if (isWhole && !wantsPieces && isUncut(lines) && isSeen(lines, fold(node.data)))
       return { text: node.data, rects: lines.map((rect) => moved(rect, place.map)) };
-    const part = place.map || isDown ? [0, node.data.length] : windowOf(node, place.clip);
-    const pieces = piecesOf(node, part, isSeen, place.map);
-    return wantsPieces ? pieces : join(pieces);
+    if (wantsPieces) return piecesOf(node, part, isSeen, place.map);
+    return join(isWhole ? piecesOf(node, part, isSeen, place.map) : linesOf(node, part, isSeen, place.clip));
   };
 
   const begin = () => {

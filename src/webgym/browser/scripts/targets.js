@@ -10,10 +10,13 @@
     offsetWidth, offsetHeight, tabIndex, ofKind, styleSheets, adoptedStyleSheets,
   } = webgym.dom;
   const { rootOf, shorten } = webgym;
+  const { labelsOf, isName } = webgym.labels;
   const { widgetOf, roleOf, nameOf, valueOf, isStructure } = webgym.roles;
   const { intersect, middle, moved, parentOf, contains, hit, clipAround } = webgym.geometry;
 
   const contents = createRange(document);
+
+  const firstOf = (list, most) => Array.prototype.slice.call(list, 0, most);
 
   // --- boxes --------------------------------------------------------------------------------------
 
@@ -91,7 +94,7 @@
     if (isArea(element)) return areaRects(element);
     const rects = [...getClientRects(element)].filter((rect) => areaOf(rect) >= 1);
     if (rects.length || depth > 3) return rects;
-    const within = [...children(rootOf(element) || element)].slice(0, 8).flatMap((child) => rectsOf(child, depth + 1));
+    const within = firstOf(children(rootOf(element) || element), 8).flatMap((child) => rectsOf(child, depth + 1));
     if (within.length || getComputedStyle(element).display !== 'contents') return within;
     contents.selectNodeContents(element);
     return [...contents.getClientRects()].filter((rect) => areaOf(rect) >= 1);
@@ -132,6 +135,12 @@
   const isTick = (element) =>
     localName(element) === 'input' && (element.type === 'checkbox' || element.type === 'radio');
 
+  // Whether a label of one that is out of view is in view.
+  const hasLabelIn = (element, place) => {
+    const isInView = (rect) => intersect(moved(rect, place.map), place.clip);
+    return isTick(element) && labelsOf(element).some((label) => rectsOf(label).some(isInView));
+  };
+
   // Even where they are not displayed at all.
   const answersItsLabel = (element) => isTick(element) || (localName(element) === 'input' && element.type === 'file');
 
@@ -171,7 +180,7 @@
   const standIn = (element, place, most) => {
     if (localName(element) === 'textarea' && getClientRects(element).length) return editorAround(element, place, most);
     if (localName(element) !== 'input' && localName(element) !== 'select') return [];
-    for (const label of element.labels || []) {
+    for (const label of labelsOf(element)) {
       const found = isShown(label) ? visibleParts(label, place, MAX_PARTS).filter(isOfLabelAlone) : [];
       if (found.length) return found.slice(0, most);
     }
@@ -229,7 +238,12 @@
   };
 
   // Is a press of the mouse on this element, or document, heard by it? The page's own world answers (listeners.js).
-  const isHeardAt = (node) => !dispatchEvent(node, new Event(webgym.question, { cancelable: true, composed: true }));
+  const isHeardAt = (node) => {
+    if (!answers.has(node))
+      answers.set(node, !dispatchEvent(node, new Event(webgym.question, { cancelable: true, composed: true })));
+    return answers.get(node);
+  };
+  let answers = new Map(); // by element or document, in this look
   const hears = (element) => {
     if (/\bclick\b/.test(getAttribute(element, 'jsaction') || '')) return true;
     return !UNMARKED.has(localName(element)) && getRootNode(element).mode !== 'closed' && isHeardAt(element);
@@ -261,7 +275,7 @@
   const FILL_DEPTH = 5;
   const fillsOf = (element) => {
     const area = areaOf(getBoundingClientRect(element));
-    const inner = [...children(element)].slice(0, FILL_CHILDREN);
+    const inner = firstOf(children(element), FILL_CHILDREN);
     return inner.filter((child) => areaOf(getBoundingClientRect(child)) >= FILLS * area);
   };
   const FILL_CHILDREN = 3;
@@ -307,9 +321,9 @@
     const [around, kind] = table ? [table, CELLS] : [parentOf(element), localName(element)];
     if (!around) return false;
     if (!pointed.has(around)) pointed.set(around, {});
-    const kin = () => (table ? [...querySelectorAll(table, CELLS)] : [...children(rootOf(around) || around)]);
+    const kin = () => (table ? querySelectorAll(table, CELLS) : children(rootOf(around) || around));
     const isPointed = (one) => (table || localName(one) === kind) && showsPointer(one, getComputedStyle(one));
-    return (pointed.get(around)[kind] ??= kin().slice(0, MOST_KINDRED).some(isPointed));
+    return (pointed.get(around)[kind] ??= firstOf(kin(), MOST_KINDRED).some(isPointed));
   };
 
   // A part of a label does what the field that it labels does, which is numbered itself.
@@ -329,9 +343,13 @@
   const AROUND = 12; // elements
   const isHeardFor = (element, kind) => {
     let around = parentOf(element);
-    for (let n = 0; around && n < AROUND; n++, around = parentOf(around))
-      if (hears(around)) return querySelectorAll(around, kind).length > 1;
+    for (let n = 0; around && n < AROUND; n++, around = parentOf(around)) if (hears(around)) return hasSeveral(around, kind);
     return false;
+  };
+  let several = new Map(); // by element and selector, in this look
+  const hasSeveral = (around, kind) => {
+    if (!several.has(around)) several.set(around, {});
+    return (several.get(around)[kind] ??= querySelectorAll(around, kind).length > 1);
   };
 
   // A heading that says that its column is sorted by it.
@@ -353,12 +371,6 @@
     return isHeardFor(element, `.${CSS.escape(name)}`);
   };
 
-  // What names another element is a label, too.
-  const isName = (element) => {
-    const id = getAttribute(element, 'id');
-    return Boolean(id) && querySelector(getRootNode(element), `[aria-labelledby~="${CSS.escape(id)}"]`) !== null;
-  };
-
   // {element, place, role, isControl, isPointer, isText, isPart, items, kids, boxes}: `isText` if nothing is seen of
   // what listens, `isPart` if something around listens for this part of a row, `kids` are the candidates in it,
   // `items` those of its children that are candidates because of it.
@@ -370,7 +382,7 @@
     const isUsed = () => isItem || isPart || hears(element) || isHeardAround(element) || isCell(element, style);
     if (!role && !isPointer && !(style && isUsed())) return null;
     if (isOff(element) || (!isControl && isOfLabel(element))) return null;
-    if (!role && !isPointer && isName(element)) return null;
+    if (!role && !isPointer && isName(element)) return null; // it is a label, too
     const isText = !role && !isPointer && isPlainText(element, style);
     if (isText && hasPointedKin(element)) return null;
     if (role === 'listbox' && localName(element) !== 'select') return null; // its options are what one clicks
@@ -534,13 +546,16 @@
 
   // A new look: style sheets may have come and gone.
   const begin = () => {
+    webgym.roles.begin();
     hovers = new Map();
     pointed = new Map();
     sheets = new Map();
+    answers = new Map();
+    several = new Map();
   };
 
   webgym.targets = {
-    MAX_PARTS, isShown, isOff, isTick, answersItsLabel, startsPointer, visibleParts, standIn, candidateOf, choose,
+    MAX_PARTS, isShown, isOff, hasLabelIn, answersItsLabel, startsPointer, visibleParts, standIn, candidateOf, choose,
     describe, isHeardAt, begin,
   };
 })();

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import types
 import warnings
+from collections import Counter
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -24,9 +25,11 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of its imports
     import hydra
     from omegaconf import OmegaConf
-    from verl.experimental.agent_loop.agent_loop import AgentLoopOutput, DictConfigWrap
+    from verl.experimental.agent_loop.agent_loop import AgentLoopOutput, DictConfigWrap, ToolListWrap
+    from verl.utils.dataset.rl_dataset import RLHFDataset
     from verl.workers.rollout.replica import TokenOutput
 
+    from webgym.integrations import verl
     from webgym.integrations.verl import WebGymAgentLoop, write_dataset
 
 RENDERER = tiny_renderer()
@@ -48,16 +51,22 @@ class Server:
         return TokenOutput(token_ids=ids, log_probs=logprobs, num_preempted=0, extra_fields=versions)
 
 
-def loop(server: Server, pool: webgym.EnvironmentPool) -> WebGymAgentLoop:
+def loop(server: Server, pool: webgym.EnvironmentPool | None = None, **entry: Any) -> WebGymAgentLoop:
+    """As verl makes it of an entry in the file of agent loops, for every episode."""
     rollout = {"prompt_length": 8192, "response_length": 2048}
     config = OmegaConf.create({"actor_rollout_ref": {"rollout": rollout}, "data": {}})
-    made = WebGymAgentLoop.__new__(WebGymAgentLoop)
-    # verl's own constructor builds what joins turns of one conversation, which a window has none of.
-    made.config, made.rollout_config = config, config.actor_rollout_ref.rollout
-    made.server_manager, made.tokenizer = server, RENDERER.tokenizer
-    made.processor = types.SimpleNamespace(image_processor=RENDERER.image_processor)
-    made._pool, made._renderer = pool, RENDERER
-    assert DictConfigWrap(config).config is config
+    made: WebGymAgentLoop = hydra.utils.instantiate(
+        {"_target_": "webgym.integrations.verl.WebGymAgentLoop", **entry},
+        trainer_config=DictConfigWrap(config),
+        server_manager=server,
+        tokenizer=RENDERER.tokenizer,
+        processor=types.SimpleNamespace(image_processor=RENDERER.image_processor),
+        hf_model_type="qwen3_vl",
+        dataset_cls=RLHFDataset,
+        data_config=DictConfigWrap(config.data),
+        tools=ToolListWrap([]),
+        **({} if pool is None else {"pool": pool}),
+    )
     return made
 
 
@@ -111,9 +120,36 @@ async def test_an_episode_is_outputs_of_what_was_sampled(tmp_path: Path) -> None
     assert len({request["id"] for request in server.requests}) == 1
 
 
+async def test_steps_that_do_not_hold_together_are_dropped_and_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(verl, "dropped", Counter())
+    wrong = tuple(f"<|image_pad|>{text}" for text in RIGHT)  # an image token without a picture
+    batch = await played(tmp_path, Server((wrong[0], RIGHT[1])))
+    batch += await played(tmp_path, server := Server())
+    infos = [output.extra_fields["reward_extra_info"] for output in batch]
+    assert [info["dropped"] for info in infos] == [1, 0, 0]
+    sampled = [server._engine.sample(text)[0] for text in (RIGHT[1], *RIGHT)]
+    assert [output.response_ids for output in batch] == sampled
+    assert {tuple(info) for info in infos} == {("outcome", "task_id", "dropped")}  # verl reads all by one's
+    assert await played(tmp_path, Server(wrong)) == []
+    assert verl.dropped == {"image_in_reply": 3}
+
+
 @pytest.mark.parametrize("fault", [{"fails": True}, {"fault": "judge"}, {"fault": "blocked"}])
 async def test_an_episode_without_a_reward_gives_nothing(tmp_path: Path, fault: dict[str, Any]) -> None:
+    counted = verl.dropped["no_reward"]
     assert await played(tmp_path, Server(), **fault) == []
+    assert verl.dropped["no_reward"] > counted
+
+
+async def test_episodes_of_the_same_entry_share_their_browsers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verl, "_pools", {})
+    entry: dict[str, Any] = {"tasks": "offline-small-v1", "size": 3}
+    one, other = (loop(Server(), **entry) for _ in range(2))
+    assert one._pool is other._pool
+    assert list(verl._pools) == [("offline-small-v1", 3, "train")]
+    assert loop(Server(), **entry, split="test")._pool is not one._pool
 
 
 def test_the_dataset_holds_nothing_that_judges_see(tmp_path: Path) -> None:

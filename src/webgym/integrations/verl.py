@@ -8,11 +8,14 @@ that ``actor_rollout_ref.rollout.agent.agent_loop_config_path`` names::
 
 and use a dataset written by :func:`write_dataset`. An episode gives one output per step, all with the
 episode's reward: the prompt has a window of the history, so no two steps share a prompt. An episode without a
-reward gives no output, and verl leaves its session out of the group.
+reward, or without a usable step, gives no output, and verl leaves its session out of the group. Steps without
+an output are counted in :data:`dropped`, and logged.
 """
 
 from __future__ import annotations
 
+import logging
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -21,6 +24,11 @@ from verl.experimental.agent_loop.agent_loop import AgentLoopBase, AgentLoopMetr
 from verl.workers.rollout.replica import TokenOutput
 
 from webgym import EnvironmentPool, Renderer, Sampled, TokenRequest, TokenRollout, roll_out, task_rows
+
+log = logging.getLogger(__name__)
+
+dropped: Counter[str] = Counter()
+"""Number of steps without an output in this worker process so far, by reason."""
 
 _pools: dict[tuple[object, ...], EnvironmentPool] = {}
 """Pools of this worker process, shared because verl creates an agent loop for every episode."""
@@ -64,7 +72,8 @@ class WebGymAgentLoop(AgentLoopBase):
             kwargs: fields of the dataset's row, with ``task_id`` directly or in ``extra_info``.
 
         Returns:
-            An output for each step; empty for an episode without a reward.
+            An output for each step that can be trained on; none for an episode without a reward. The
+            ``reward_extra_info`` of each has the number of the episode's other steps as ``dropped``.
         """
         replies: list[TokenOutput] = []
 
@@ -96,14 +105,20 @@ class WebGymAgentLoop(AgentLoopBase):
                 cutoff_tokens=self.rollout_config.prompt_length + self.rollout_config.response_length,
                 needs_logprobs=bool(sampling_params.get("logprobs")),
             )
+        if rollout.dropped:
+            dropped.update(rollout.dropped)
+            log.warning("%s: steps without an output: %s", rollout.task_id, dict(rollout.dropped))
         return self._outputs(rollout, replies)
 
     def _has_ended(self, ids: Sequence[int]) -> bool:
         return bool(ids) and ids[-1] in self._renderer.end_ids
 
     def _outputs(self, rollout: TokenRollout, replies: Sequence[TokenOutput]) -> list[AgentLoopOutput]:
-        reward_info: dict[str, Any] = {"outcome": str(rollout.outcome), "task_id": rollout.task_id}
-        reward_info |= {f"dropped/{reason}": count for reason, count in rollout.dropped.items()}
+        reward_info = {  # verl requires the same keys of all outputs
+            "outcome": str(rollout.outcome),
+            "task_id": rollout.task_id,
+            "dropped": rollout.dropped.total(),
+        }
         return [
             AgentLoopOutput(
                 prompt_ids=row.prompt_ids,

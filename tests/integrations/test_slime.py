@@ -105,9 +105,9 @@ async def process(given: dict[str, Any]) -> AsyncIterator[None]:
             yield
 
 
-async def played(folder: Path, **more: Any) -> tuple[SGLang, list[Sample]]:
+async def played(folder: Path, texts: Sequence[str] = RIGHT, **more: Any) -> tuple[SGLang, list[Sample]]:
     async with process(stand_in_pool(folder, **more)):
-        return await generated(RIGHT, "check-3")
+        return await generated(texts, "check-3")
 
 
 @asynccontextmanager
@@ -148,6 +148,17 @@ async def test_an_episode_is_samples_of_what_was_sampled(tmp_path: Path) -> None
         assert (sample.reward, sample.weight_versions) == (1.0, ["12"])
         assert (sample.rollout_id, sample.status) == (5, Sample.Status.COMPLETED)
     assert slime.has_rewards(None, [samples, samples])
+
+
+async def test_steps_that_do_not_hold_together_are_dropped_and_counted(tmp_path: Path) -> None:
+    wrong = tuple(f"<|image_pad|>{text}" for text in RIGHT)  # an image token without a picture
+    server, [sample] = await played(tmp_path, (wrong[0], RIGHT[1]))
+    ids, _ = server.engine.sample(RIGHT[1])
+    assert (sample.reward, sample.tokens[-len(ids) :], sample.metadata["step"]) == (1.0, ids, 1)
+    assert sample.metadata["dropped"] == {"image_in_reply": 1}
+    _, [sample] = await played(tmp_path, wrong)
+    assert (sample.reward, sample.remove_sample, sample.status) == (None, True, Sample.Status.ABORTED)
+    assert sample.metadata["dropped"] == {"image_in_reply": 2}
 
 
 @pytest.mark.parametrize("fault", [{"fails": True}, {"fault": "judge"}, {"fault": "blocked"}])

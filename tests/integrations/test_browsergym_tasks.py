@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import warnings
 from typing import Any
+from unittest.mock import AsyncMock
 from urllib.parse import urlsplit
 
 import pytest
+from tests.integrations.engine import example
 from tests.integrations.installed_browser import use_installed_browser
 
 import webgym.testing
 from webgym import Action, Answer, Scroll
+from webgym.core.errors import JudgeError
+from webgym.core.verdict import Judgement, Verdict
 from webgym.offline.web import OfflineWeb
 
 pytest.importorskip("browsergym.core", reason="browsergym-core is not installed")
@@ -87,6 +91,22 @@ def test_episodes_do_not_see_each_others_state() -> None:
     assert played(STATEFUL, [solution(STATEFUL)[-1]]) == ([0.0], True, False)
 
 
+@pytest.mark.parametrize(
+    ("judged", "says"),
+    [
+        (JudgeError("the judge of the test fails"), "the judge of the test fails"),
+        (Verdict("test/1", None, (), Judgement(True, "a test")), "blocked the agent"),
+    ],
+    ids=["judge", "blocked"],
+)
+def test_an_episode_that_is_not_judged_is_no_reward(
+    monkeypatch: pytest.MonkeyPatch, judged: object, says: str
+) -> None:
+    monkeypatch.setattr(webgym.OfflineJudge, "judge", AsyncMock(side_effect=[judged]))
+    with pytest.raises(NoReward, match=says):
+        played(TASK, [Answer("no idea")])
+
+
 @pytest.mark.parametrize("last", [False, True])
 def test_a_website_that_is_gone_is_no_reward(last: bool) -> None:
     actions = solution(STATEFUL)
@@ -103,3 +123,12 @@ def test_a_website_that_is_gone_is_no_reward(last: bool) -> None:
             play()
     finally:
         browsergym_tasks._sites.clear()
+
+
+def test_the_example(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(browsergym_tasks, "_sites", {})
+    assert example("webgym_in_browsergym").main("test", pre_observation_delay=0.1) == 0.0
+    first, last = capsys.readouterr().out.splitlines()
+    task = next(iter(OfflineWeb(collection="small").tasks("test")))
+    assert first == task.instruction
+    assert last == f"{task.website}: reward 0, terminated True"

@@ -5,7 +5,7 @@
         model="Qwen/Qwen3-VL-4B-Instruct",
         train_dataset=datasets.Dataset.from_list(browsers.rows(count=200)),
         environment_factory=browsers,
-        args=GRPOConfig(max_completion_length=16384, max_tool_calling_iterations=30, ...),
+        args=GRPOConfig(max_completion_length=32768, max_tool_calling_iterations=30, ...),
     )
 
 The seven actions are tools, and each returns the next screenshot. TRL keeps one growing conversation per

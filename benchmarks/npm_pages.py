@@ -4,7 +4,8 @@ The packages are not part of this repository: they are installed at the first ru
 bundled with its imports. The pages in `half_a` and `half_b` were written before the first measurement, and
 divided at random: the rules of marks and text were corrected by the results on `half_a`, those of marks later
 by `half_b`. The pages in `unseen` were written after that and measured once before rules were corrected by
-them; those in `unseen_2` and `unseen_3` were written after that, and each measured once before, too.
+them; those in `unseen_2` were written after that, and measured once before, too. Those in
+`unseen_3` were written last: no rule was corrected by them.
 """
 
 from __future__ import annotations

@@ -4,7 +4,8 @@ The packages are not part of this repository: they are installed at the first ru
 bundled with its imports. The pages in `half_a` and `half_b` were written before the first measurement, and
 divided at random: the rules of marks and text were corrected by the results on `half_a`, those of marks later
 by `half_b`. The pages in `unseen` were written after that and measured once before rules were corrected by
-them; those in `unseen_2` were written last, and measured once before, too.
+them; those in `unseen_2` were written after that, and measured once before, too. Those in
+`unseen_3` were written last: no rule was corrected by them.
 """
 
 from __future__ import annotations
@@ -40,7 +41,11 @@ PACKAGES = (
     "primereact@10 rsuite@5 @blueprintjs/core@5 quasar@2 ace-builds@1 tui-grid@4 slickgrid@5 sortablejs@1 "
     "litepicker@2 @event-calendar/build@4 intl-tel-input@25 @yaireo/tagify@4 jsoneditor@10 "
     "@spectrum-web-components/bundle@1 dockview-core@4 @melloware/coloris@0.25 wunderbaum@0.13 "
-    "bootstrap-icons@1"
+    "bootstrap-icons@1 "
+    # of the third set of unseen pages
+    "mdui@2 cally@0.9 emoji-picker-element@1 emoji-picker-element-data@1 media-chrome@4 @revolist/revogrid@4 "
+    "vanilla-calendar-pro@3 @daypilot/daypilot-lite-javascript@5 jkanban@1 summernote@0.9 uppy@6 "
+    "apexcharts@7 ol@10 @chakra-ui/react@3 @glidejs/glide@3 smartmenus@1 jqtree@1"
 ).split()
 
 FOLDER = Path(__file__).with_name("npm_pages")
@@ -54,6 +59,7 @@ PAGES = {
     "half_b": [name for name, file in FILES.items() if file.parent.name == "half_b"],
     "unseen": [name for name, file in FILES.items() if file.parent.name == "unseen"],
     "unseen_2": [name for name, file in FILES.items() if file.parent.name == "unseen_2"],
+    "unseen_3": [name for name, file in FILES.items() if file.parent.name == "unseen_3"],
 }
 """Names of pages by set."""
 CACHE = Path.home() / ".cache/webgym/npm_pages"

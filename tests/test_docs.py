@@ -7,7 +7,7 @@ import inspect
 import json
 import re
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -178,28 +178,57 @@ def public_callables() -> Iterator[tuple[str, Any, str]]:
         elif inspect.isclass(held):
             for member, found in vars(held).items():
                 method = getattr(found, "__func__", found)
-                if inspect.isfunction(method) and (member == "__init__" or member[0] != "_"):
-                    about = held if member == "__init__" else method
+                makes = member in ("__init__", "__post_init__")
+                if inspect.isfunction(method) and (makes or member[0] != "_"):
+                    about = held if makes else method
                     if method.__module__.startswith("webgym"):  # not what typing and msgspec make
                         yield f"{name}.{member}", method, about.__doc__ or ""
 
 
 def untold(method: Any, text: str) -> list[str]:
-    """Arguments and errors of ours that a docstring does not tell; one that says ``See :meth:`` need not."""
+    """Arguments and errors that a docstring does not tell; one that says ``See :meth:`` need not."""
     if re.match(r"See :meth:", text):
         return []
     method = inspect.unwrap(method)
     names = [name.lstrip("_") for name in inspect.signature(method).parameters if name not in ("self", "cls")]
-    told = re.search(r"^ *(?:Args|Attributes):\n(.*)", text, re.DOTALL | re.MULTILINE)
     written = method.__code__.co_filename != "<string>"  # and not made by dataclasses
     source = inspect.getsource(method) if written else ""
-    raised = set(re.findall(r"raise (\w+)\(", source)) & set(vars(errors))
+    raised = set(re.findall(r"raise (\w+)\(", source)) & {"ValueError", *vars(errors)}
+    for name in method.__code__.co_names:  # what it calls raises, by the docstring
+        called = method.__globals__.get(name)
+        if inspect.isfunction(called) and called.__module__.startswith("webgym"):
+            told_there = (called.__doc__ or "").partition("Raises:")[2]
+            raised |= set(re.findall(r"^ +(\w+): ", told_there, re.MULTILINE)) & set(vars(errors))
+    return untold_names(names, text) + [
+        name for name in sorted(raised) if name not in text.partition("Raises:")[2]
+    ]
+
+
+def untold_names(names: Iterable[str], text: str) -> list[str]:
+    """Arguments or fields without a line in a docstring."""
+    told = re.search(r"^ *(?:Args|Attributes):\n(.*)", text, re.DOTALL | re.MULTILINE)
     return [
         name for name in names if not told or not re.search(rf"^ +[\w, ]*\b{name}\b[\w, ]*: ", told[1], re.M)
-    ] + [name for name in sorted(raised) if name not in text.partition("Raises:")[2]]
+    ]
+
+
+def untold_fields(held: Any) -> list[str]:
+    """Fields of a struct that its docstring does not tell, and settings without a docstring of their own."""
+    settings = getattr(held, "model_fields", {})
+    structs = getattr(held, "__struct_fields__", ())
+    return [name for name, field in settings.items() if not field.description] + untold_names(
+        structs, held.__doc__ or ""
+    )
 
 
 def test_public_docstrings_tell_arguments_and_errors() -> None:
     found = {name: untold(method, text) for name, method, text in public_callables()}
     assert len(found) > 60
+    assert {name: missing for name, missing in found.items() if missing} == {}
+
+
+def test_public_docstrings_tell_fields() -> None:
+    found = {
+        name: untold_fields(held) for name in webgym.__all__ if inspect.isclass(held := getattr(webgym, name))
+    }
     assert {name: missing for name, missing in found.items() if missing} == {}

@@ -1,7 +1,7 @@
 """The blocks of Python in README and docs run, a page after the other, each page's in one namespace.
 
 What a block takes for given (a model, a trainer's tokenizer, tasks) is a stand-in, said below page by page. A
-block that cannot run here has a line before it, ``<!-- not run: why -->``.
+block that cannot run here has a line before it, ``<!-- not run: why; the test that has it -->``.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import msgspec
 import pytest
 from tests.integrations.engine import Engine, reply_text, stand_in_pool
 from tests.llm.endpoint import serve
-from tests.test_docs import PAGES
+from tests.test_docs import PAGES, ROOT
 
 import webgym
 from webgym.core.action import Answer
@@ -33,6 +33,8 @@ ELSEWHERE = {
     "task-files.md": "tests/tasks/test_task_readers.py",
 }
 """Pages whose blocks run in a test of their own."""
+PASTED = {"README.md", "tutorial.md"}
+"""Pages whose first block is given no name: it can be pasted as it is."""
 BLOCK = re.compile(r"(<!-- not run: .+? -->\n\n?)?^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 SMALL = {"sites": {"collection": "small", "per_family": 3}, "server": {"static": True}}
 """A run without browsers."""
@@ -54,7 +56,7 @@ async def readme(patch: pytest.MonkeyPatch) -> AsyncIterator[Names]:
     given = webgym.RunConfig.model_validate({"tasks": {"count": 2}, **SMALL})
     patch.setattr("webgym.run_config.RunConfig", lambda: given)
     patch.setattr("webgym.environment.make", lambda *_, **__: stand_in_environment())
-    yield {"webgym": webgym, "my_model": answers}
+    yield {"my_model": answers}
 
 
 @asynccontextmanager
@@ -191,13 +193,17 @@ async def test_blocks_run(page: Path, tmp_path: Path, monkeypatch: pytest.Monkey
     text = page.read_text()
     async with GIVEN.get(page.name, nothing)(monkeypatch) as names:
         given = names | {"__name__": page.stem}
+        if page.name in PASTED:
+            names.clear()
+        else:
+            names.update(given)
         for block in BLOCK.finditer(text):
             if block[1] is None:
                 lines = "\n" * text.count("\n", 0, block.start(2))  # so that a traceback has the page's
-                names.update(given)  # what an earlier block called the same is over
                 await execute(
                     compile(lines + block[2], str(page), "exec", ast.PyCF_ALLOW_TOP_LEVEL_AWAIT), names
                 )
+                names.update(given)  # what the block called the same is over
 
 
 async def execute(code: Any, names: Names) -> None:
@@ -208,7 +214,49 @@ async def execute(code: Any, names: Names) -> None:
         await asyncio.to_thread(exec, code, names)
 
 
+def test_the_readme_begins_with_an_episode_in_ten_lines() -> None:
+    code = next(block[2] for block in BLOCK.finditer((ROOT / "README.md").read_text()))
+    assert code.startswith("import webgym\n")
+    assert len(code.splitlines()) <= 10
+    assert re.search(r"\.reset\(.*\.step\(.*print\(reward", code, re.DOTALL)
+
+
+def used_by(test: Path) -> set[str]:
+    """The names that a test imports or uses, itself or in an example that it plays."""
+    text = test.read_text()
+    examples = (ROOT / "examples").rglob("*.py")
+    names = set[str]()
+    for path in [test, *(each for each in examples if f'"{each.stem}"' in text)]:
+        for node in ast.walk(ast.parse(path.read_text())):
+            match node:
+                case ast.alias(name=name) | ast.Attribute(attr=name) | ast.Name(id=name):
+                    names.add(name)
+    return names
+
+
+def not_run() -> list[Any]:
+    """Blocks that do not run, with what is said of them."""
+    return [
+        pytest.param(block[1], block[2], id=f"{page.name}:{text.count(chr(10), 0, block.start()) + 1}")
+        for page in PAGES
+        for text in [page.read_text()]
+        for block in BLOCK.finditer(text)
+        if block[1]
+    ]
+
+
+@pytest.mark.parametrize(("told", "code"), not_run())
+def test_a_block_that_does_not_run_names_a_test_that_uses_its_names(told: str, code: str) -> None:
+    [name] = re.findall(r"tests/[\w/]+\.py", told)
+    ours = {
+        each.name
+        for node in ast.walk(ast.parse(code))
+        if isinstance(node, ast.ImportFrom) and str(node.module).split(".")[0] == "webgym"
+        for each in node.names
+    }
+    assert ours - used_by(ROOT / name) == set()
+
+
 def test_pages_that_run_elsewhere_are_named_there() -> None:
-    root = Path(__file__).parent.parent
     for page, test in ELSEWHERE.items():
-        assert f"docs/{page}" in (root / test).read_text()
+        assert f"docs/{page}" in (ROOT / test).read_text()

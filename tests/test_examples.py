@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import re
 import runpy
 import sys
 from functools import partial
@@ -34,6 +36,28 @@ def test_an_example_runs(
     monkeypatch.setattr(sys, "argv", [str(example), str(tmp_path / "run")])
     runpy.run_path(str(example), run_name="__main__")
     assert "attempts" in capsys.readouterr().out
+
+
+DOCUMENTED = re.findall(r"\.\. auto\w+:: (webgym\.\S+)", (ROOT / "docs" / "own-website.md").read_text())
+
+
+@pytest.mark.parametrize("example", sorted((ROOT / "examples").rglob("*.py")), ids=lambda path: path.stem)
+def test_an_example_imports_what_may_be_relied_on(example: Path) -> None:
+    imported = set[str]()
+    for node in ast.walk(ast.parse(example.read_text())):
+        match node:
+            case ast.ImportFrom(module=str(module), names=names):
+                imported |= {f"{module}.{each.name}" for each in names}
+            case ast.Import(names=names):
+                imported |= {each.name for each in names}
+    public = {"webgym", *(f"webgym.{name}" for name in webgym.__all__), *DOCUMENTED}
+    assert [
+        name
+        for name in sorted(imported)
+        if re.match(r"webgym\b", name)
+        and name not in public
+        and not re.match(r"webgym\.(integrations|testing)\.", name)
+    ] == []
 
 
 TASK_SET = ROOT / "configs" / "task-set.yaml"

@@ -17,6 +17,7 @@ from typing import Any
 
 import pytest
 import typer.main
+import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from tests.conftest import Calls
@@ -297,6 +298,24 @@ def test_the_lock_holds_what_the_project_asks_for(lock: str, groups: list[str]) 
         version = pins.get(canonicalize_name(requirement.name))
         assert version is not None, f"{requirement.name} is not locked: run `make lock`"
         assert requirement.specifier.contains(version), f"{requirement} excludes {version}: run `make lock`"
+
+
+def test_an_extra_allows_the_release_that_was_tested_and_not_the_next() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    page = (ROOT / "docs" / "integrations.md").read_text()
+    rows = re.findall(r"^\| \[[^|]+\| (?:[\w-]+ )?([\d.]+) \| `([\w-]+)` \|", page, re.MULTILINE)
+    assert {extra for _, extra in rows} >= {"gymnasium", "skyrl", "trl"}
+    for tested, extra in rows:
+        allowed = Requirement(extras[extra][0]).specifier
+        major, minor = tested.split(".")[:2]
+        assert allowed.contains(tested), extra
+        assert not allowed.contains(f"{major}.{int(minor) + 1}"), extra
+
+
+def test_versions_agree() -> None:
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"]
+    assert (webgym.__version__, cited) == (declared, declared)
 
 
 def test_the_locks_agree() -> None:

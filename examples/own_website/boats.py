@@ -6,8 +6,8 @@ Run it to have a few of them checked: every task is played in Chromium, and must
 import asyncio
 import random
 
-from webgym.offline import names
 from webgym.offline.engine.specified import SpecifiedWebsite
+from webgym.offline.names import GIVEN, towns
 from webgym.testing import check_family
 
 
@@ -18,7 +18,7 @@ class Boats(SpecifiedWebsite):
 
     def names(self, rng: random.Random, count: int) -> list[str]:
         """Names of boats: each once."""
-        return [f"{rng.choice(names.GIVEN)} of {town}" for town in names.towns(rng, count)]
+        return [f"{rng.choice(GIVEN)} of {town}" for town in towns(rng, count)]
 
 
 if __name__ == "__main__":

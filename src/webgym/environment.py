@@ -505,7 +505,7 @@ def random_action(seed: int) -> Action:
 def make(
     name: str = "offline-v1",
     *,
-    split: Literal["train", "test", "all"] = "train",
+    split: SplitName = "train",
     config: RunConfig | None = None,
     **given: Any,
 ) -> Environment:
@@ -515,20 +515,25 @@ def make(
         name: ``offline-v1`` (655 websites as on the real web), ``offline-small-v1`` (360 websites of a few
             large signs), ``offline-cross-v1`` (tasks over two of the large collection's websites), or a task
             file's path.
-        split: which tasks; ``train`` excludes all test tasks.
+        split: ``train`` (excludes all test tasks), ``test``, ``all``, or ``unsplit`` for tasks of a file that
+            have no split.
         config: other settings; its task set and split are replaced.
         given: further arguments of :class:`Environment`.
 
     Raises:
-        ConfigError: there are no tasks of this name.
+        ConfigError: there are no tasks of this name, or there is no such split.
     """
     return Environment(config=config_of(name, split, config), **given)
 
 
 def config_of(
-    name: str, split: Literal["train", "test", "all"], config: RunConfig | None = None
+    name: str, split: SplitName, config: RunConfig | None = None
 ) -> RunConfig:
-    """A config whose task set and split are those given; see :func:`make`."""
+    """A config whose task set and split are those given; see :func:`make`.
+
+    Raises:
+        ConfigError: there are no tasks of this name, or there is no such split.
+    """
     if split not in get_args(SplitName):
         raise ConfigError(f"the split is one of {', '.join(get_args(SplitName))}, not {split!r}")
     config = config or RunConfig()
@@ -570,6 +575,9 @@ async def make_many(count: int, name: str = "offline-v1", **given: Any) -> Async
         count: number of environments, and so of browsers.
         name: see :func:`make`.
         given: further arguments of :func:`make`.
+
+    Raises:
+        ConfigError: ``count`` is less than 1, there are no tasks of this name, or there is no such split.
     """
     config = with_browsers(given.pop("config", None) or RunConfig(), count)
     seed = given.pop("seed", 0)

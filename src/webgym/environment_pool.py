@@ -15,6 +15,7 @@ from webgym.core.errors import ConfigError, UsageError
 from webgym.environment import Environment, config_of, with_browsers
 from webgym.run_config import RunConfig
 from webgym.task_choice import choose_tasks
+from webgym.tasks.selection import SplitName
 
 
 class EnvironmentPool:
@@ -31,9 +32,12 @@ class EnvironmentPool:
     Args:
         name: of the tasks, as for :func:`webgym.make`.
         size: number of browsers, and so of concurrent episodes; further episodes wait.
-        split: of the tasks.
+        split: of the tasks, as for :func:`webgym.make`.
         config: other settings of the environments.
         given: further arguments of :class:`~webgym.Environment`.
+
+    Raises:
+        ConfigError: ``size`` is less than 1, there are no tasks of this name, or there is no such split.
     """
 
     def __init__(
@@ -41,7 +45,7 @@ class EnvironmentPool:
         name: str = "offline-v1",
         *,
         size: int = 8,
-        split: Literal["train", "test", "all"] = "train",
+        split: SplitName = "train",
         config: RunConfig | None = None,
         **given: Any,
     ) -> None:
@@ -95,7 +99,7 @@ class EnvironmentPool:
 def task_rows(
     name: str = "offline-v1",
     *,
-    split: Literal["train", "test", "all"] = "train",
+    split: SplitName = "train",
     count: int | Literal["all"] = 20,
     config: RunConfig | None = None,
 ) -> list[dict[str, str]]:
@@ -103,12 +107,13 @@ def task_rows(
 
     Args:
         name: as for :func:`webgym.make`.
-        split: of the tasks.
+        split: of the tasks, as for :func:`webgym.make`.
         count: number of tasks, drawn as for a run.
         config: settings of the draw: ``tasks``, ``seed``.
 
     Raises:
-        ConfigError: there are no such tasks.
+        ConfigError: there are no such tasks, or ``count`` is less than 1.
+        TaskFileError: the task file cannot be read or holds no task.
     """
     if count != "all" and count < 1:
         raise ConfigError(f"count is at least 1, or 'all', not {count}")

@@ -132,16 +132,37 @@ class RunConfig(Settings):
     """How often a sample is attempted again after an error of the environment or the policy."""
 
     tasks: TaskChoice = TaskChoice()
+    """Which tasks, and how many."""
+
     policy: PolicyChoice = PolicyChoice()
+    """Who acts."""
+
     agent: AgentConfig = AgentConfig()
+    """How observations become requests and replies become actions."""
+
     judge: JudgeChoice = JudgeChoice()
+    """Who decides about success."""
+
     server: ServerChoice = ServerChoice()
+    """Which browsers, here or elsewhere."""
+
     browser: BrowserConfig = BrowserConfig()
+    """How browsers that are started here behave."""
+
     sites: SitesConfig = SitesConfig()
+    """The offline web: collection, seed, latency."""
+
     attempt: AttemptConfig = AttemptConfig()
+    """Limits of an attempt."""
+
     collector: CollectorConfig = CollectorConfig()
+    """How many attempts at once, and when the run gives up."""
+
     blocklist: BlocklistConfig = BlocklistConfig()
+    """For how long websites that blocked the agent are left alone."""
+
     limits: ClientLimits = ClientLimits()
+    """Limits of the client of the browser server."""
 
     trackers: tuple[TrackerName, ...] = ()
     """Trackers that get the figures of ``metrics.jsonl`` during the run: ``tensorboard``, ``wandb``."""

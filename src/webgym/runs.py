@@ -96,6 +96,8 @@ async def collect(
         finishing: once set, no new attempt starts, and the run ends when those in progress have ended.
 
     Raises:
+        ConfigError: there is no task to attempt, the judge cannot judge these tasks, or a tracker is missing.
+        RunFolderError: the folder already holds a run or other files.
         WebGymError: the run could not start or continue; what was collected is on disk.
     """
     out = Path(out)
@@ -172,6 +174,7 @@ async def resume(
 
     Raises:
         RunFolderError: the folder is not a run folder.
+        ConfigError: the judge cannot judge these tasks.
         StoreCorrupt: a record is damaged.
         WebGymError: as in :func:`collect`.
     """

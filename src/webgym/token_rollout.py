@@ -163,6 +163,7 @@ async def roll_out(
 
     Raises:
         ConfigError: there is no such task.
+        UsageError: the environment is not open.
     """
     started = time.monotonic()
     try:

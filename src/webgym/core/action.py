@@ -36,6 +36,9 @@ class Target(msgspec.Struct, frozen=True, omit_defaults=True):
     Attributes:
         coordinate: ``(x, y)`` on the 0-1000 grid.
         element: the number of a marked element in the observation that the agent saw.
+
+    Raises:
+        ValueError: neither or both are given, or the point is off the grid.
     """
 
     coordinate: tuple[float, float] | None = None
@@ -62,6 +65,7 @@ class LeftClick(_Action, frozen=True, tag="left_click"):
     """Press and release the left mouse button on the target.
 
     Attributes:
+        target: where to click.
         modifiers: keys that are held down during the click.
     """
 
@@ -73,6 +77,8 @@ class Type(_Action, frozen=True, tag="type"):
     """Click the target, clear it, type the text, press Enter.
 
     Attributes:
+        target: the field to type into.
+        text: what to type; it replaces what the field holds.
         enter: whether Enter is pressed afterwards.
     """
 
@@ -82,14 +88,24 @@ class Type(_Action, frozen=True, tag="type"):
 
 
 class Scroll(_Action, frozen=True, tag="scroll"):
-    """Turn the mouse wheel over the target, by default over the middle of the viewport."""
+    """Turn the mouse wheel.
+
+    Attributes:
+        direction: where the view moves: ``down`` shows what is below. ``left`` and ``right`` belong to the
+            extended space.
+        target: where the mouse is meanwhile; by default in the middle of the viewport.
+    """
 
     direction: Side
     target: Target | None = None
 
 
 class Wait(_Action, frozen=True, tag="wait"):
-    """Wait for ``time`` seconds."""
+    """Let the page go on for a while.
+
+    Attributes:
+        time: seconds; longer than :data:`MAX_WAIT_SECONDS` counts as that.
+    """
 
     time: float
 
@@ -99,13 +115,21 @@ class GoBack(_Action, frozen=True, tag="go_back"):
 
 
 class Navigate(_Action, frozen=True, tag="navigate"):
-    """Open a URL in the tab."""
+    """Open a URL in the tab.
+
+    Attributes:
+        url: absolute, http or https.
+    """
 
     url: str
 
 
 class Answer(_Action, frozen=True, tag="answer"):
-    """End the attempt with this text. Never sent to a browser."""
+    """End the attempt. Never sent to a browser.
+
+    Attributes:
+        text: the answer, which the judge reads; empty where the task asks for none.
+    """
 
     text: str
 

@@ -35,6 +35,11 @@ def level_of(difficulty: int) -> Level:
 class FactGroup(msgspec.Struct, frozen=True, gc=False):
     """Facts that belong together. An OR stays inside one fact, in capitals.
 
+    Attributes:
+        id: its number, unique in the rubric.
+        description: what the facts have in common.
+        facts: each a sentence that a trajectory must show to be true.
+
     Raises:
         ValueError: the group has no fact, or one that is empty.
     """
@@ -55,6 +60,9 @@ class FactGroup(msgspec.Struct, frozen=True, gc=False):
 
 class Rubric(msgspec.Struct, frozen=True, gc=False):
     """Fact groups, all of whose facts must hold (AND).
+
+    Attributes:
+        groups: in the order in which a judge reads them.
 
     Raises:
         ValueError: there is no group, or two groups have the same id.

@@ -21,11 +21,13 @@ GIVEN = (
     "Samir Tess Ulla Viktor Wanda Ximena Yusuf Zoe Anton Beatriz Chidi Dalia Emre Freya Gita Henrik Ines "
     "Jamal Katya Leon Maren Noor"
 ).split()
+"""Given names of people."""
 FAMILY = (
     "Abbott Brandt Castell Dorsey Eklund Farrow Galloway Hartmann Ishida Jansen Kovacs Lindqvist Moreau "
     "Novak Okafor Petrov Quiroga Rossi Sandoval Tanaka Urbano Varga Whitlock Xenakis Yilmaz Zeller Amari "
     "Bergman Calloway Dunne Ekwueme Ferrant Grau Hollis Ibarra Jelinek Kimura Lachance Mbeki Nilsen"
 ).split()
+"""Family names of people."""
 TOWN_FIRST = (
     "Ash Brook Clay Dun East Fair Glen High Iron King Lake Mill New Oak Pine Red Salt Stan Thorn West Wind "
     "Wolf Black Cold Deep Elm Fox Gold Hart Long"
@@ -43,12 +45,21 @@ def stems(*names: object) -> list[str]:
 
 
 def person(rng: random.Random) -> str:
-    """A full name."""
+    """A full name.
+
+    Args:
+        rng: draws it.
+    """
     return f"{rng.choice(GIVEN)} {rng.choice(FAMILY)}"
 
 
 def people(rng: random.Random, count: int) -> list[str]:
-    """``count`` different full names."""
+    """Different full names.
+
+    Args:
+        rng: draws them.
+        count: number of names.
+    """
     drawn: dict[str, None] = {}
     while len(drawn) < count:
         drawn[person(rng)] = None
@@ -56,6 +67,14 @@ def people(rng: random.Random, count: int) -> list[str]:
 
 
 def towns(rng: random.Random, count: int) -> list[str]:
-    """``count`` different names of towns."""
+    """Different names of towns.
+
+    Args:
+        rng: draws them.
+        count: number of names.
+
+    Raises:
+        ValueError: there are not that many.
+    """
     combined = [first + second for first in TOWN_FIRST for second in TOWN_SECOND]
     return rng.sample(combined, count)

@@ -545,6 +545,7 @@ class RunReader:
 
         Raises:
             StoreCorrupt: the run does not hold the picture.
+            StoreError: the name is not a SHA-256 in hex.
         """
         try:
             return self.image_path(name).read_bytes()

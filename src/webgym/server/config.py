@@ -152,7 +152,10 @@ class ServerConfig(Settings):
     """Time for calls in flight to end when the server is stopped."""
 
     admission: Admission = Field(default_factory=Admission)
+    """How many slots run at once, and in which order calls get to run."""
+
     browser: BrowserConfig = Field(default_factory=BrowserConfig)
+    """How browsers are started and pages observed."""
 
 
 class GatewayConfig(Settings):

@@ -76,6 +76,7 @@ class View(msgspec.Struct, frozen=True):
     """An observation together with its screenshot.
 
     Attributes:
+        observation: the state of the page.
         image: PNG (or JPEG); its SHA-256 is ``observation.screenshot``.
     """
 

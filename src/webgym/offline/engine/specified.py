@@ -84,7 +84,12 @@ class SpecifiedWebsite(Extras):
         return brand, slug(brand)
 
     def names(self, rng: random.Random, count: int) -> list[str]:
-        """``count`` different names of items."""
+        """Different names of items; by default as ``naming`` in the specification says.
+
+        Args:
+            rng: draws them.
+            count: number of names.
+        """
         assert self.spec.naming is not None, f"{type(self).__name__} has neither naming nor names()"
         return draw_names(self.spec.naming, rng, count)
 

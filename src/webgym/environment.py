@@ -526,9 +526,7 @@ def make(
     return Environment(config=config_of(name, split, config), **given)
 
 
-def config_of(
-    name: str, split: SplitName, config: RunConfig | None = None
-) -> RunConfig:
+def config_of(name: str, split: SplitName, config: RunConfig | None = None) -> RunConfig:
     """A config whose task set and split are those given; see :func:`make`.
 
     Raises:

@@ -312,6 +312,26 @@ def test_an_extra_allows_the_release_that_was_tested_and_not_the_next() -> None:
         assert not allowed.contains(f"{major}.{int(minor) + 1}"), extra
 
 
+def test_the_wheel_holds_the_package_and_of_benchmarks_what_the_commands_use() -> None:
+    from hatchling.builders.wheel import WheelBuilder
+
+    held = {file.distribution_path for file in WheelBuilder(str(ROOT)).recurse_included_files()}
+    assert "webgym/py.typed" in held
+    assert [name for name in held if not name.startswith("webgym/")] == []
+    benchmarks = {name for name in held if re.fullmatch(r"webgym/bench/.+\.py", name)}
+    assert len(benchmarks) > 20
+    used, unread = set[str](), ["webgym/cli/bench.py", "webgym/cli/simulate.py"]
+    while unread:
+        source = (SOURCE / unread.pop()).read_text()
+        for module in re.findall(r"^ *from (webgym\.bench[\w.]*) import", source, re.MULTILINE):
+            parts = module.split(".")
+            packages = {f"{'/'.join(parts[:end])}/__init__.py" for end in range(2, len(parts) + 1)}
+            new = {name for name in {f"{'/'.join(parts)}.py", *packages} if (SOURCE / name).is_file()} - used
+            used |= new
+            unread += new
+    assert benchmarks == used
+
+
 def test_versions_agree() -> None:
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"]

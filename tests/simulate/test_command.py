@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,12 @@ def test_one_table_one_figure_and_the_figures_behind_them(tmp_path: Path) -> Non
     assert large["rates"]["async"] > small["rates"]["async"]
     assert "| 4 / 2 / 16 |" in ran.output
     assert drawn.read_bytes().startswith(b"<?xml")
+
+
+def test_without_simpy_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "simpy", None)
+    with pytest.raises(ConfigError, match=r"simulating needs simpy \(pip install 'webgym-rl\[simulate\]'\)"):
+        CliRunner().invoke(build("simulate"), ["simulate"], catch_exceptions=False)
 
 
 def test_a_setting_that_is_not_there_is_refused(tmp_path: Path) -> None:

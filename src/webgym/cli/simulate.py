@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-from webgym.core.errors import UsageError
+from webgym.core.errors import ConfigError, UsageError
 
 
 def command(
@@ -56,6 +56,10 @@ def command(
     from rich.console import Console
     from rich.progress import track
 
+    try:
+        import simpy  # noqa: F401
+    except ImportError as error:
+        raise ConfigError("simulating needs simpy", hint="pip install 'webgym-rl[simulate]'") from error
     from webgym.cli._simulation_tables import paper_table, sizes_table
     from webgym.simulate.figures import draw_paper, draw_sizes
     from webgym.simulate.paper import reproduce

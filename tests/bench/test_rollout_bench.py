@@ -20,7 +20,7 @@ from webgym.bench.rollout.measure import Load, Measured, begin, file_of, measure
 from webgym.bench.rollout.plan import MODES, PARTS, Cell, RolloutPlan, scripts_of
 from webgym.bench.rollout.tables import draw_rollout, rollout_tables
 from webgym.cli import main
-from webgym.core.errors import ConfigError, RunFolderError
+from webgym.core.errors import ConfigError, RunFolderError, UsageError
 from webgym.offline.web import OfflineWeb
 from webgym.simulate.config import Costs
 from webgym.simulate.resources import Inference, Process
@@ -249,6 +249,29 @@ def test_figures_become_shares_tables_and_a_drawing(tmp_path: Path) -> None:
     assert len(tables) == 4
     draw_rollout(found, tmp_path / "found.svg")
     assert (tmp_path / "found.svg").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("parts", "drawn"),
+    [
+        (["capacity"], {"Policy capacity"}),
+        (["overload"], {"Overload"}),
+        (["capacity", "overload"], {"Policy capacity", "Overload"}),
+    ],
+)
+def test_a_drawing_has_the_panels_that_were_measured(
+    tmp_path: Path, parts: list[str], drawn: set[str]
+) -> None:
+    draw_rollout([measured(cell, 30.0) for cell in PLAN.cells(parts)], tmp_path / "found.svg")
+    shown = (tmp_path / "found.svg").read_text()
+    titles = ("Policy capacity", "Overload", "Wall time", "CPU use")
+    assert {title for title in titles if f"<!-- {title} -->" in shown or f">{title}<" in shown} == drawn
+
+
+def test_nothing_to_draw_is_told(tmp_path: Path) -> None:
+    found = [measured(cell, 30.0) for cell in PLAN.cells(["calibration"])]
+    with pytest.raises(UsageError, match="nothing to draw"):
+        draw_rollout(found, tmp_path / "found.svg")
 
 
 def test_rounds_become_a_median_and_a_range_of_ratios_within_a_round() -> None:

@@ -9,6 +9,7 @@ from statistics import median
 from matplotlib.axes import Axes
 
 from webgym.bench.rollout.measure import CellResult, Measured, by_cell, over_async
+from webgym.core.errors import UsageError
 from webgym.plotting import CATEGORIES, COLUMN, PAGE, new_figure, save, styled
 from webgym.tables import Table
 
@@ -108,7 +109,8 @@ def draw_rollout(measured: Sequence[Measured], path: Path) -> None:
     processors, throughput by policy capacity, and outcomes under overload.
 
     Raises:
-        UsageError: the file cannot be written, or has an unknown suffix.
+        UsageError: the file cannot be written, or has an unknown suffix, or there are no results but those of
+            the calibration.
     """
     results = by_cell(measured)
     with styled():
@@ -117,6 +119,10 @@ def draw_rollout(measured: Sequence[Measured], path: Path) -> None:
         schedules = [result for result in results if result.cell.part == "schedules"]
         if not schedules:
             panels = [(draw, own) for draw, own in ((_draw_overload, many), (_draw_capacity, slow)) if own]
+            if not panels:
+                raise UsageError(
+                    "there is nothing to draw", hint="measure the part schedules, capacity or overload"
+                )
             figure = new_figure(COLUMN * len(panels), 2.4)
             for number, (draw, own) in enumerate(panels, 1):
                 draw(figure.add_subplot(1, len(panels), number), own)

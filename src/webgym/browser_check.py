@@ -30,7 +30,7 @@ from webgym.agent.solver import Solver
 from webgym.browser.config import BrowserConfig
 from webgym.browser.find import find_browser
 from webgym.browser.slot import Slot
-from webgym.core.action import Action, Answer, BrowserAction, LeftClick, Mode
+from webgym.core.action import Action, Answer, BrowserAction, LeftClick, Mode, Scroll
 from webgym.core.errors import BrowserError, StoreCorrupt, StoreLocked, WebGymError
 from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, Outcome
@@ -290,8 +290,9 @@ class _Tab:
         self._slot = slot
         self.tasks: Sequence[Task] = ()
         self._effects = 0
-        """Number of clicks that had an effect. It may be one that only a picture would show, such as the
-        focus, or one out of view: the solver must not take the click for one without effect."""
+        """Number of clicks and scrolls that had an effect. It may be one that only a picture would show, such
+        as the focus or a box that scrolled a little, or one out of view: the solver must not take the action
+        for one without effect."""
 
     async def open(self, options: SessionOptions, *, is_plain: bool) -> None:
         """Begin, in a fresh tab that is drawn in full if it is plain."""
@@ -307,7 +308,7 @@ class _Tab:
         assert action is not None
         await self._slot.act(action)
         observation = await self._slot.observe_without_picture()
-        if isinstance(action, LeftClick):
+        if isinstance(action, LeftClick | Scroll):
             self._effects += all(notice.kind != "no_effect" for notice in observation.notices)
         cuts = observation.cuts
         if any(task.truth and may_be_cut_off(task.truth, observation) for task in self.tasks):

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any, cast
 
 import msgspec
 import pytest
 
-from webgym.browser_check import Result, ResultFile, check_in_browsers, content_of
+from webgym.browser.slot import Slot
+from webgym.browser_check import Result, ResultFile, _Tab, check_in_browsers, content_of
+from webgym.core.action import BrowserAction, LeftClick, Scroll, Target
 from webgym.core.errors import StoreCorrupt, StoreLocked
+from webgym.core.observation import Notice, Observation
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.truth import Click, Give
@@ -129,6 +133,29 @@ async def test_a_solution_that_another_begins_with_is_not_played_again(
     assert {fault.partition(":")[0] for fault in faults} == {"wrong"}
     with ResultFile(tmp_path / "results.jsonl") as file:
         assert [file.results[name].begins for name in (first.id, "twin", "wrong")] == ["", first.id, ""]
+
+
+class UnchangedText:
+    """A slot whose page shows the same words and elements after every action."""
+
+    def __init__(self, *notices: Notice) -> None:
+        self._notices = notices
+
+    async def act(self, action: Any) -> None:
+        pass
+
+    async def observe_without_picture(self, *, cuts: bool = False) -> Observation:
+        return Observation("name", "http://check.test/", "", (64, 48), notices=self._notices)
+
+
+@pytest.mark.parametrize("action", [Scroll("down"), LeftClick(Target((1.0, 1.0)))])
+async def test_an_effect_that_only_a_picture_would_show_is_seen(action: BrowserAction) -> None:
+    async def names(*notices: Notice) -> set[str]:
+        tab = _Tab(cast("Slot", UnchangedText(*notices)))
+        return {(await tab.step(action)).observation.screenshot for _ in range(2)}
+
+    assert len(await names()) == 2
+    assert len(await names(Notice("no_effect", "nothing scrolled down"))) == 1
 
 
 def test_websites_keep_nothing_but_cookies_in_a_browser() -> None:

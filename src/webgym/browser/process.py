@@ -84,7 +84,9 @@ _FLAGS = (
     "IsolateOrigins,site-per-process,BackForwardCache,Prerender2,SpareRendererForSitePerProcess,"
     "Translate,OptimizationHints,MediaRouter,DialMediaRouteProvider,AcceptCHFrame,"
     "AutofillServerCommunication,CertificateTransparencyComponentUpdater,HttpsUpgrades,"
-    "PaintHolding,InterestFeedContentSuggestions,GlobalMediaControls",
+    "PaintHolding,InterestFeedContentSuggestions,GlobalMediaControls,"
+    # A new frame for every document of the same website: a tenth of the CPU of a step, for nothing here.
+    "RenderDocument",
     "--disable-gpu",
     "--disable-dev-shm-usage",
     # Saves a process and 9 MB per slot. On Linux it would have no sandbox of its own anyway.

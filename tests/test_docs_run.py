@@ -18,13 +18,13 @@ from typing import Any, TypeAlias
 
 import msgspec
 import pytest
-from tests.integrations.engine import Engine, reply_text, stand_in_pool
+from tests.integrations.engine import Engine, reply_text
 from tests.llm.endpoint import serve
 from tests.test_docs import PAGES, ROOT
 
 import webgym
 from webgym.core.action import Answer
-from webgym.testing import stand_in_environment
+from webgym.testing import stand_in_environment, stand_in_pool
 
 Names: TypeAlias = dict[str, Any]
 
@@ -66,7 +66,11 @@ async def environment(patch: pytest.MonkeyPatch) -> AsyncIterator[Names]:
 
     patch.setattr("webgym.environment.make", lambda *_, **__: stand_in_environment())
     pool = webgym.EnvironmentPool(**stand_in_pool(Path(), 1))
-    patch.setattr("webgym.environment_pool.EnvironmentPool", lambda *_, **__: pool)
+    real = webgym.EnvironmentPool
+    patch.setattr(
+        "webgym.environment_pool.EnvironmentPool",
+        lambda *_, **given: real(**given) if "browsers" in given else pool,
+    )
     sampled, logprobs = Engine(tiny_renderer(), ["-"]).sample(await answers())
     made = SimpleNamespace(ids=sampled, logprobs=logprobs, version="1")
 

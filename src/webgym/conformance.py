@@ -27,9 +27,9 @@ from webgym.run_config import PolicyChoice, RunConfig
 from webgym.server.messages import SessionOptions, View
 
 _SIZE: Final = (64, 48)
-_BUDGET: Final = 4
+BUDGET: Final = 4
 _RIGHT: Final = "right"
-_FAULTS: Final = ("browser", "judge", "no_reward", "blocked", "unreadable")
+FAULTS: Final = ("browser", "judge", "no_reward", "blocked", "unreadable")
 """What can keep an episode from a reward."""
 
 
@@ -107,7 +107,7 @@ STAND_IN_TASKS: Final = tuple(
 
 
 def _environment(browsers: StandInBrowsers, judge: StandInJudge, on_fault: OnFault = "nan") -> Environment:
-    attempt = AttemptConfig(viewport=_SIZE, budget_easy=_BUDGET)
+    attempt = AttemptConfig(viewport=_SIZE, budget_easy=BUDGET)
     config = RunConfig(attempt=attempt, policy=PolicyChoice(check=False))
     return Environment(STAND_IN_TASKS, browsers=browsers, judge=judge, config=config, on_fault=on_fault)
 
@@ -150,10 +150,10 @@ class _Check:
             async with self._opened() as (env, _, _):
                 await _call(env.reset, seed=1)
                 last = Scroll("down") if answer is None else Answer(answer)
-                actions = [Scroll("down")] * (_BUDGET - 1) + [last]
+                actions = [Scroll("down")] * (BUDGET - 1) + [last]
                 results = [await _call(env.step, action) for action in actions]
                 rewards = [each[1] for each in results]
-                self.expect(rewards[:-1] == [0.0] * (_BUDGET - 1), f"a reward before the end: {rewards}")
+                self.expect(rewards[:-1] == [0.0] * (BUDGET - 1), f"a reward before the end: {rewards}")
                 self.expect(rewards[-1] == wanted, f"the reward for the answer {answer!r} is {rewards[-1]}")
                 ends = [(bool(each[2]), bool(each[3])) for each in results]
                 self.expect(not any(map(any, ends[:-1])), "an episode is over before its end")
@@ -163,7 +163,7 @@ class _Check:
 
     async def faults_are_no_rewards(self) -> None:
         """A fault never gives the reward 0."""
-        for fault in _FAULTS:
+        for fault in FAULTS:
             async with self._opened() as (env, browsers, judge):
                 await _call(env.reset, seed=1)
                 judge.fault, browsers.fails = fault, fault == "browser"
@@ -171,7 +171,7 @@ class _Check:
                 if fault in ("judge", "no_reward", "blocked"):
                     actions = [Answer(_RIGHT)]
                 elif fault == "unreadable":
-                    actions = ["I would click there."] * _BUDGET
+                    actions = ["I would click there."] * BUDGET
                 reward, terminated, truncated, info = 0.0, False, False, {}
                 for action in actions:
                     _, reward, terminated, truncated, info = await _call(env.step, action)
@@ -245,13 +245,13 @@ class _Check:
         ):
             await _call(first.reset, seed=1)
             await _call(second.reset, seed=1)
-            for _ in range(_BUDGET - 1):
+            for _ in range(BUDGET - 1):
                 info = (await _call(first.step, Scroll("down")))[4]
             second_steps = max(second_browsers.steps.values(), default=-1)
             first_steps = max(first_browsers.steps.values(), default=-1)
             steps = (first_steps, second_steps)
-            self.expect(steps == (_BUDGET - 1, 0), "a step in one environment reaches another")
-            self.expect(info["step"] == _BUDGET - 1, "an environment does not count its own steps")
+            self.expect(steps == (BUDGET - 1, 0), "a step in one environment reaches another")
+            self.expect(info["step"] == BUDGET - 1, "an environment does not count its own steps")
 
 
 async def check_environment(adapt: EnvironmentAdapter = lambda env: env) -> list[str]:

@@ -4,7 +4,7 @@
 must pass; a wrong answer, an answer without evidence, a premature answer and an empty trajectory must not.
 Small websites are played without a browser, others in Chromium.
 :func:`check_environment` plays a few episodes on stand-ins: faults must not become rewards, and every browser
-must be closed.
+must be closed. :func:`check_adapter` does the same for an adapter that is no environment.
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+from webgym.adapter_conformance import Adapt, Play, Rows, Told, check_adapter, stand_in_pool
 from webgym.agent.solver import Solver
 from webgym.browser_check import check_in_browsers
-from webgym.conformance import check_environment, stand_in_environment
+from webgym.conformance import FAULTS, check_environment, stand_in_environment
 from webgym.core.action import Answer
 from webgym.core.outcome import Ending, Outcome
 from webgym.core.task import StepBudget, Task
@@ -29,7 +30,20 @@ from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Website
 from webgym.validation import judged
 
-__all__ = ["check_environment", "check_family", "check_tasks", "play", "stand_in_environment"]
+__all__ = [
+    "FAULTS",
+    "Adapt",
+    "Play",
+    "Rows",
+    "Told",
+    "check_adapter",
+    "check_environment",
+    "check_family",
+    "check_tasks",
+    "play",
+    "stand_in_environment",
+    "stand_in_pool",
+]
 
 
 def play(site: Website, task: Task, viewport: tuple[int, int]) -> Episode:

@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import webgym
 from webgym.agent.prompts import render_reply
-from webgym.conformance import STAND_IN_TASKS, StandInBrowsers, StandInJudge
 from webgym.core.action import Action
-from webgym.testing import stand_in_environment
 
 if TYPE_CHECKING:  # torch, which only some frameworks bring
     from webgym import Renderer, Sampled, TokenRequest
@@ -63,25 +61,3 @@ def example(name: str) -> Any:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
-
-
-def stand_in_pool(folder: Path, size: int = 4, *, fails: bool = False, fault: str = "") -> dict[str, Any]:
-    """Arguments of an :class:`~webgym.EnvironmentPool` without browsers. It is to be given a path as name.
-
-    Args:
-        folder: for the task file.
-        size: of the pool.
-        fails: whether browsers crash at the first scroll.
-        fault: of the judge.
-    """
-    webgym.write_tasks(folder / "tasks.jsonl", STAND_IN_TASKS)
-    browsers, judge = StandInBrowsers(), StandInJudge()
-    browsers.fails, judge.fault = fails, fault
-    return {
-        "name": str(folder / "tasks.jsonl"),
-        "size": size,
-        "split": "all",
-        "config": stand_in_environment().config,
-        "browsers": browsers,
-        "judge": judge,
-    }

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 from tests.inference.tiny import tiny_renderer
-from tests.integrations.conformance import Play, Told, check_adapter, check_in_browsers
-from tests.integrations.engine import Engine, example, reply_text, stand_in_pool, texts_of
+from tests.integrations.conformance import check_in_browsers
+from tests.integrations.engine import Engine, example, reply_text, texts_of
 
 from webgym import Action, Answer, Scroll
 
@@ -21,6 +21,7 @@ from areal.api.cli_args import GenerationHyperparameters
 from areal.api.io_struct import ModelRequest, ModelResponse
 
 from webgym.integrations.areal import WebGymWorkflow
+from webgym.testing import Play, Told, check_adapter, stand_in_pool
 
 RENDERER = tiny_renderer()
 RIGHT = (reply_text(Scroll("down")), reply_text(Answer("right")))
@@ -63,8 +64,8 @@ async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
         yield play
 
 
-async def test_it_keeps_the_environments_promises(tmp_path: Path) -> None:
-    assert await check_adapter(adapter, tmp_path) == []
+async def test_it_keeps_the_environments_promises() -> None:
+    assert await check_adapter(adapter) == []
 
 
 @pytest.mark.browser

@@ -6,14 +6,13 @@ import asyncio
 import math
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
-from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.integrations.conformance import Play, Told, check_adapter
 
 import webgym
 from webgym import Action, RunConfig
+from webgym.testing import Play, Told, check_adapter
 
 
 async def played(env: webgym.Environment, task_id: str, actions: Sequence[Action | str]) -> list[float]:
@@ -81,8 +80,8 @@ def rows(name: str, config: RunConfig) -> list[str]:
     return [row["task_id"] for row in webgym.task_rows(name, split="all", count=6, config=config)]
 
 
-async def test_a_right_one_passes(tmp_path: Path) -> None:
-    assert await check_adapter(adapter(right), tmp_path, rows=rows) == []
+async def test_a_right_one_passes() -> None:
+    assert await check_adapter(adapter(right), rows=rows) == []
 
 
 @pytest.mark.parametrize(
@@ -96,14 +95,12 @@ async def test_a_right_one_passes(tmp_path: Path) -> None:
         (all_share_one, "two episodes of one and three steps have taken [1, 1]"),
     ],
 )
-async def test_one_that_breaks_a_promise_is_found(
-    tmp_path: Path, wrong: Callable[..., Any], told: str
-) -> None:
+async def test_one_that_breaks_a_promise_is_found(wrong: Callable[..., Any], told: str) -> None:
     KEPT.clear()
-    found = await check_adapter(adapter(wrong), tmp_path)
+    found = await check_adapter(adapter(wrong))
     assert any(told in line for line in found), found
 
 
-async def test_rows_that_know_no_seed_are_found(tmp_path: Path) -> None:
-    found = await check_adapter(adapter(right), tmp_path, rows=lambda name, config: ["a", "b"])
+async def test_rows_that_know_no_seed_are_found() -> None:
+    found = await check_adapter(adapter(right), rows=lambda name, config: ["a", "b"])
     assert found == ["another seed gives the same tasks"]

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.integrations.conformance import Play, Told, check_adapter
-from tests.integrations.engine import example, reply_text, stand_in_pool, texts_of
+from tests.integrations.engine import example, reply_text, texts_of
 
 import webgym
 from webgym import Action, Answer, RunConfig, Scroll
+from webgym.testing import Play, Told, check_adapter, stand_in_pool
 
 pytest.importorskip("inspect_ai", reason="inspect_ai is not installed")
 
@@ -93,13 +93,13 @@ async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
         yield play
 
 
-async def test_it_keeps_the_environments_promises(tmp_path: Path) -> None:
+async def test_it_keeps_the_environments_promises() -> None:
     def rows(name: str, config: RunConfig) -> list[str]:
         task = webgym_task(name, split="all", count=6, config=config)
         inspect_ai._pools.clear()
         return [str(sample.id) for sample in task.dataset]
 
-    assert await check_adapter(adapter, tmp_path, rows=rows, cancels=False) == []
+    assert await check_adapter(adapter, rows=rows, cancels=False) == []
 
 
 def test_samples_are_scored_by_our_judge(tmp_path: Path) -> None:

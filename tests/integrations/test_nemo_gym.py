@@ -12,11 +12,11 @@ from unittest.mock import MagicMock
 
 import httpx
 import pytest
-from tests.integrations.conformance import Play, Told, check_adapter
-from tests.integrations.engine import example, stand_in_pool, texts_of
+from tests.integrations.engine import example, texts_of
 
 import webgym
 from webgym import Action, Answer, RunConfig, Scroll
+from webgym.testing import Play, Told, check_adapter, stand_in_pool
 
 pytest.importorskip("nemo_gym", reason="nemo-gym is not installed")
 
@@ -110,11 +110,11 @@ async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
         yield play
 
 
-async def test_it_keeps_the_environments_promises(tmp_path: Path) -> None:
+async def test_it_keeps_the_environments_promises() -> None:
     def rows(name: str, config: RunConfig) -> list[str]:
         return [row["task_id"] for row in nemo_gym_rows(name, split="all", count=6, config=config)]
 
-    assert await check_adapter(adapter, tmp_path, rows=rows) == []
+    assert await check_adapter(adapter, rows=rows) == []
 
 
 async def test_an_episode(tmp_path: Path) -> None:

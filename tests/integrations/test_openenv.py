@@ -14,12 +14,12 @@ from typing import Any
 import pytest
 from PIL import Image
 from tests.conftest import wait_until
-from tests.integrations.conformance import Play, Told, check_adapter
-from tests.integrations.engine import example, reply_text, stand_in_pool, texts_of
+from tests.integrations.engine import example, reply_text, texts_of
 from tests.serving import serving_sockets
 
 import webgym
 from webgym import Action, Answer
+from webgym.testing import Play, Told, check_adapter, stand_in_pool
 
 pytest.importorskip("openenv", reason="openenv is not installed")
 
@@ -64,8 +64,8 @@ async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
         yield play
 
 
-async def test_it_keeps_the_environments_promises(tmp_path: Path) -> None:
-    assert await check_adapter(adapter, tmp_path, cancels=False) == []
+async def test_it_keeps_the_environments_promises() -> None:
+    assert await check_adapter(adapter, cancels=False) == []
 
 
 async def test_an_episode_over_the_network(tmp_path: Path) -> None:

@@ -12,8 +12,7 @@ from typing import Any
 
 import pytest
 from PIL import Image
-from tests.integrations.conformance import Play, Told, check_adapter
-from tests.integrations.engine import example, reply_text, stand_in_pool, texts_of
+from tests.integrations.engine import example, reply_text, texts_of
 from tests.llm import endpoint
 
 from webgym import Action, Answer, RunConfig, Scroll, UsageError
@@ -22,6 +21,7 @@ skyrl_gym = pytest.importorskip("skyrl_gym", reason="skyrl-gym is not installed"
 
 from webgym.integrations import skyrl_gym as integration  # noqa: E402
 from webgym.integrations.skyrl_gym import ENV_CLASS, Browsers, NoReward, skyrl_rows  # noqa: E402
+from webgym.testing import Play, Told, check_adapter, stand_in_pool  # noqa: E402
 
 ENTRY = "webgym.integrations.skyrl_gym:WebGymEnv"
 
@@ -68,11 +68,11 @@ async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
         await asyncio.to_thread(browsers.close)
 
 
-async def test_it_keeps_the_environments_promises(tmp_path: Path) -> None:
+async def test_it_keeps_the_environments_promises() -> None:
     def rows(name: str, config: RunConfig) -> list[str]:
         return [row["task_id"] for row in skyrl_rows(name, split="all", count=6, config=config)]
 
-    assert await check_adapter(adapter, tmp_path, rows=rows, cancels=False) == []
+    assert await check_adapter(adapter, rows=rows, cancels=False) == []
 
 
 def picture_of(message: dict[str, Any]) -> Image.Image:

@@ -20,13 +20,14 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.types import Receive, Scope, Send
 from tests.inference.tiny import tiny_renderer
-from tests.integrations.conformance import Play, Told, check_adapter, check_in_browsers
-from tests.integrations.engine import Engine, example, reply_text, stand_in_pool, texts_of
+from tests.integrations.conformance import check_in_browsers
+from tests.integrations.engine import Engine, example, reply_text, texts_of
 from tests.serving import serving
 
 import webgym
 from webgym import Action, Answer, Scroll
 from webgym.integrations import slime
+from webgym.testing import Play, Told, check_adapter, stand_in_pool
 
 RENDERER = tiny_renderer()
 RIGHT = (reply_text(Scroll("down")), reply_text(Answer("right")))
@@ -121,8 +122,8 @@ async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
         yield play
 
 
-async def test_it_keeps_the_environments_promises(tmp_path: Path) -> None:
-    assert await check_adapter(adapter, tmp_path) == []
+async def test_it_keeps_the_environments_promises() -> None:
+    assert await check_adapter(adapter) == []
 
 
 @pytest.mark.browser

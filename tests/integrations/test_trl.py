@@ -13,13 +13,13 @@ from typing import Any
 import pytest
 import torch
 from tests.inference.tiny import tiny_image_processor, tiny_model, tiny_tokenizer
-from tests.integrations.conformance import FAULTS, Play, Told, check_adapter
-from tests.integrations.engine import example, stand_in_pool
+from tests.integrations.engine import example
 
 from webgym import Action, Answer, RunConfig, Scroll
 from webgym.conformance import StandInJudge
 from webgym.core.errors import JudgeError
 from webgym.core.verdict import Verdict
+from webgym.testing import FAULTS, Play, Told, check_adapter, stand_in_pool
 
 pytest.importorskip("trl", reason="trl is not installed")
 
@@ -84,7 +84,7 @@ async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
         await asyncio.to_thread(browsers.close)
 
 
-async def test_it_keeps_the_environments_promises(tmp_path: Path) -> None:
+async def test_it_keeps_the_environments_promises() -> None:
     def rows(name: str, config: RunConfig) -> list[str]:
         browsers = Browsers(name, size=1, split="all")
         drawn = [row["task_id"] for row in browsers.rows(split="all", count=6, config=config)]
@@ -92,7 +92,7 @@ async def test_it_keeps_the_environments_promises(tmp_path: Path) -> None:
         return drawn
 
     faults = set(FAULTS) - {"unreadable"}  # TRL itself reads what the model says
-    assert await check_adapter(adapter, tmp_path, rows=rows, faults=faults, cancels=False) == []
+    assert await check_adapter(adapter, rows=rows, faults=faults, cancels=False) == []
 
 
 def test_a_reward_is_the_judges_and_a_fault_is_none(browsers: Browsers) -> None:

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.integrations.conformance import Play, Told, check_adapter
-from tests.integrations.engine import reply_text, stand_in_pool, texts_of
+from tests.integrations.engine import reply_text, texts_of
 from tests.llm import endpoint
 
 import webgym
 from webgym import Action, Answer, Scroll
 from webgym.conformance import STAND_IN_TASKS
+from webgym.testing import Play, Told, check_adapter, stand_in_pool
 
 pytest.importorskip("verifiers.v1", reason="verifiers is not installed")
 
@@ -93,8 +93,8 @@ async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
         yield play
 
 
-async def test_it_keeps_the_environments_promises(tmp_path: Path) -> None:
-    assert await check_adapter(adapter, tmp_path, cancels=False) == []
+async def test_it_keeps_the_environments_promises() -> None:
+    assert await check_adapter(adapter, cancels=False) == []
 
 
 async def test_an_evaluation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

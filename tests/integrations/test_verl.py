@@ -13,11 +13,12 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 from tests.inference.tiny import tiny_renderer
-from tests.integrations.conformance import Play, Told, check_adapter, check_in_browsers
-from tests.integrations.engine import Engine, example, reply_text, stand_in_pool, texts_of
+from tests.integrations.conformance import check_in_browsers
+from tests.integrations.engine import Engine, example, reply_text, texts_of
 
 import webgym
 from webgym import Action, Answer, RunConfig, Scroll
+from webgym.testing import Play, Told, check_adapter, stand_in_pool
 
 pytest.importorskip("verl", reason="verl is not installed")
 
@@ -92,7 +93,7 @@ async def test_it_keeps_the_environments_promises(tmp_path: Path) -> None:
         read = pq.read_table(tmp_path / "drawn.parquet").to_pylist()
         return [row["extra_info"]["task_id"] for row in read]
 
-    assert await check_adapter(adapter, tmp_path, rows=rows) == []
+    assert await check_adapter(adapter, rows=rows) == []
 
 
 @pytest.mark.browser

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from itertools import product
+from operator import mul
 from pathlib import Path
 
 import pytest
@@ -11,7 +13,7 @@ from tests.rollout.test_summary import attempt, task
 
 from webgym.core.errors import UsageError
 from webgym.core.outcome import Outcome
-from webgym.rollout.comparison import compare
+from webgym.rollout.comparison import _permutation_test, compare
 from webgym.rollout.store import RunWriter
 
 LETTERS = {"s": Outcome.SUCCESS, "f": Outcome.FAILURE, "b": Outcome.BLOCKED, "j": Outcome.JUDGE_ERROR}
@@ -61,18 +63,22 @@ async def test_pairing_decides_what_two_rates_alone_do_not(tmp_path: Path) -> No
     [
         ("f" * 60, "s" * 60, 2**-59, "after is better"),
         ("s" * 60, "f" * 60, 2**-59, "before is better"),
+        ("ffff", "sssf", 0.25, "the difference may be chance"),
         ("fff", "sss", 0.25, "the difference may be chance"),
         ("f" * 5, "s" * 5, 2**-4, "the difference may be chance"),
         ("f" * 6, "s" * 6, 2**-5, "after is better"),
         ("fffsss", "fffsss", None, "the difference may be chance"),
     ],
 )
-async def test_where_all_tasks_differ_alike_a_sign_test_decides(
+async def test_without_an_exact_test_that_agrees_no_run_is_better(
     tmp_path: Path, calls: Calls, before: str, after: str, p: float | None, conclusion: str
 ) -> None:
     one, other = await run(tmp_path / "before", before), await run(tmp_path / "after", after)
     row = compare(one, other).rows["overall"]
-    assert (row.interval, row.sign_test) == (None, p)
+    assert row.p_value == p
+    assert (row.interval is None) == (len(before) != 4), (
+        "all tasks differ alike, and resampling shows no spread"
+    )
     assert row.is_decided == ("better" in conclusion)
     assert f"overall: {conclusion}" in calls.run("compare", one, other)[1]
 
@@ -87,14 +93,26 @@ async def test_differences_that_are_equal_but_for_rounding_show_no_spread(tmp_pa
     row = compare(tmp_path / "one", tmp_path / "other").rows["overall"]
     assert row.difference == pytest.approx(1 / 3)
     assert row.better == 2
-    assert (row.interval, row.sign_test, row.is_decided) == (None, 0.5, False)
+    assert (row.interval, row.p_value, row.is_decided) == (None, 0.5, False)
+
+
+def test_the_permutation_test_tells_what_counting_all_signs_tells() -> None:
+    for gains in (
+        [0.5, 0.25, 1.0, -0.25],
+        [1 / 3, 2 / 3, -1.0, 0.2, 0.0],
+        [0.125] * 7 + [-1.0],
+        [1.0, -1.0, 1.0],
+    ):
+        sums = [sum(map(mul, signs, gains)) for signs in product((1, -1), repeat=len(gains))]
+        p = sum(abs(each) > abs(sum(gains)) - 1e-9 for each in sums) / len(sums)
+        assert _permutation_test(gains) == pytest.approx(p)
 
 
 async def test_levels_that_differ_in_opposite_directions_decide_nothing(tmp_path: Path) -> None:
     one = await run(tmp_path / "one", "fff", "sss")
     other = await run(tmp_path / "other", "sss", "fff")
     row = compare(one, other).rows["overall"]
-    assert (row.better, row.worse, row.interval, row.sign_test) == (3, 3, None, 1.0)
+    assert (row.better, row.worse, row.interval, row.p_value) == (3, 3, None, 1.0)
     assert not row.is_decided
 
 

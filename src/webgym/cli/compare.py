@@ -23,8 +23,8 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print the results as JSON.")] = False,
     as_markdown: Annotated[bool, typer.Option("--markdown", help="Print the table as Markdown.")] = False,
 ) -> None:
-    """Compare the success of two runs, task by task, with a 95 % interval (paired bootstrap); if all
-    tasks differ alike, by an exact sign test.
+    """Compare the success of two runs, task by task, with a 95 % interval (paired bootstrap) and
+    an exact permutation test over the tasks; a run is better only if both say so.
 
     Only tasks with a reward in both runs are compared; the number of others is printed.
     """
@@ -57,7 +57,7 @@ def _conclusions(result: Comparison) -> list[str]:
     overall = result.rows["overall"]
     better = result.second if (overall.difference or 0) > 0 else result.first
     conclusion = f"{better} is better" if overall.is_decided else "the difference may be chance"
-    exact = "" if overall.sign_test is None else f" (exact sign test: p = {overall.sign_test:.2g})"
+    exact = "" if overall.p_value is None else f" (exact permutation test: p = {overall.p_value:.2g})"
     lines = [f"overall: {conclusion}{exact}"]
     if left_out := [
         f"{count:,} tasks with a reward in {name} only"

@@ -2,13 +2,13 @@
 
 **Paired.** A task counts with the mean over its attempts with a reward, in each run; only tasks that have one
 in both runs are compared, and the number of others is reported. Tasks are resampled with both of their means
-(bootstrap, percentiles), so that the difficulty of tasks does not widen the interval. If all tasks of each
-level differ alike, resampling shows no spread, and an exact sign test over the tasks that differ decides.
+(bootstrap, percentiles), so that the difficulty of tasks does not widen the interval. With few tasks this
+interval is too narrow, and if all tasks of each level differ alike, there is none: a difference is
+significant only if an exact permutation test over the tasks agrees.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
@@ -24,6 +24,8 @@ from webgym.rollout.rejudge import RECORDED
 from webgym.stats import percentiles
 
 CONFIDENCE: Final = 0.95
+_GRID: Final = 840
+"""Parts of 1 that the permutation test counts in: exact for tasks with up to eight attempts."""
 
 
 class Difference(msgspec.Struct, frozen=True):
@@ -35,9 +37,9 @@ class Difference(msgspec.Struct, frozen=True):
         difference: second - first; ``None`` if there are no tasks.
         interval: 95 % confidence interval of the difference; ``None`` if resampling shows no spread.
         better, worse: number of tasks with a higher and with a lower mean in the second run.
-        sign_test: two-sided probability of the exact sign test, that chance alone makes at least as many
-            tasks differ in the direction of the difference; ``None`` if there is an interval, or no task
-            differs.
+        p_value: two-sided probability of the exact permutation test, that a difference is at least as large
+            if chance alone decides which run is better at each task; ``None`` if no task differs. Where all
+            tasks differ by the same amount this is the sign test.
     """
 
     tasks: int
@@ -47,14 +49,14 @@ class Difference(msgspec.Struct, frozen=True):
     interval: Interval | None
     better: int
     worse: int
-    sign_test: float | None = None
+    p_value: float | None = None
 
     @property
     def is_decided(self) -> bool:
-        """Whether the interval excludes 0; without one, whether the sign test is significant at 5 %."""
-        if self.interval is None:
-            return self.sign_test is not None and self.sign_test < 1 - CONFIDENCE
-        return not self.interval[0] <= 0 <= self.interval[1]
+        """Whether the permutation test is significant at 5 %, and an interval, if any, excludes 0."""
+        if self.p_value is None or self.p_value >= 1 - CONFIDENCE:
+            return False
+        return self.interval is None or not self.interval[0] <= 0 <= self.interval[1]
 
 
 class Comparison(msgspec.Struct, frozen=True):
@@ -131,20 +133,27 @@ def _difference(
     spread = sum(drawn[level] for level in levels) / len(of_group)
     interval = percentiles(np.asarray(spread), CONFIDENCE)
     better, worse = sum(b > a for a, b in of_group), sum(b < a for a, b in of_group)
-    difference = after - before
-    is_exact = interval is None and better + worse > 0
     return Difference(
         tasks=len(of_group),
         first=before,
         second=after,
-        difference=difference,
+        difference=after - before,
         interval=interval,
         better=better,
         worse=worse,
-        sign_test=_sign_test(better if difference > 0 else worse, better + worse) if is_exact else None,
+        p_value=_permutation_test([b - a for a, b in of_group]) if better + worse else None,
     )
 
 
-def _sign_test(successes: int, of: int) -> float:
-    """The two-sided probability of at least so many heads among ``of`` tosses of a fair coin."""
-    return min(1.0, sum(math.comb(of, count) for count in range(successes, of + 1)) / (1 << (of - 1)))
+def _permutation_test(gains: list[float]) -> float:
+    """The two-sided probability that the sum of gains is at least as far from 0 if each has a random sign."""
+    steps = np.rint(np.array(gains) * _GRID).astype(np.int64)
+    steps = steps[steps != 0]
+    steps //= max(1, int(np.gcd.reduce(steps)))
+    sizes, observed = np.abs(steps), abs(int(steps.sum()))
+    chances = np.ones(1)  # of each sum of sizes[:n], from -sum to sum
+    for size in sizes:
+        chances = (np.pad(chances, (2 * size, 0)) + np.pad(chances, (0, 2 * size))) / 2
+    middle = int(sizes.sum())
+    tail = chances[middle + observed :].sum()
+    return min(1.0, float(2 * tail))

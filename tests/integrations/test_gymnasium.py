@@ -91,13 +91,20 @@ def test_an_episode_that_does_not_start_is_tried_with_the_next_task(tmp_path: Pa
         assert not np.any(terminations | truncations)
 
 
-def test_if_none_starts_the_others_act_and_the_next_step_tries_again(tmp_path: Path) -> None:
+def test_if_none_starts_the_others_return_and_the_next_step_tries_again(tmp_path: Path) -> None:
     with flaky(tmp_path) as (envs, browsers):
         envs.reset(seed=1)
-        envs.step([Answer("wrong"), GoBack(), GoBack()])
+        last = envs.step([Answer("wrong"), GoBack(), GoBack()])[0]
         browsers.failures = 3
-        with pytest.raises(BrowserCrashed, match="does not open"):
-            envs.step([GoBack(), GoBack(), Answer("right")])
+        seen, rewards, terminations, truncations, infos = envs.step([GoBack(), GoBack(), Answer("right")])
+        assert np.array_equal(rewards, [np.nan, 0.0, 1.0], equal_nan=True)
+        assert (terminations.tolist(), truncations.tolist()) == ([False, False, True], [True, False, False])
+        assert infos["outcome"].tolist() == ["environment_error", None, "success"]
+        assert infos["failure"]["code"][0] == "browser_crashed"
+        assert "does not open" in infos["failure"]["message"][0]
+        assert np.array_equal(seen["screenshot"][0], last["screenshot"][0])
+        assert not np.array_equal(seen["screenshot"][1], last["screenshot"][1])
+        assert seen in envs.observation_space
         assert len(browsers.open_now) == 1, "the third has answered; the second continues"
         _, _, terminations, truncations, infos = envs.step([GoBack()] * 3)
         assert infos["step"].tolist() == [0, 3, 0]
@@ -105,6 +112,8 @@ def test_if_none_starts_the_others_act_and_the_next_step_tries_again(tmp_path: P
         browsers.failures = 9
         with pytest.raises(BrowserCrashed, match="does not open"):
             envs.reset(seed=2)
+        browsers.failures = 9
+        assert np.isnan(envs.step([GoBack()] * 3)[1]).all()
         _, _, _, _, infos = envs.step([GoBack()] * 3)
         assert infos["step"].tolist() == [0, 0, 0]
 

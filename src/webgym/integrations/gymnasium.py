@@ -10,6 +10,7 @@ envs = gymnasium.make_vec("WebGym/Offline-v1", num_envs=8)  # all browsers act c
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Coroutine, Mapping, Sequence
 from contextlib import AsyncExitStack
 from io import BytesIO
@@ -44,9 +45,9 @@ IDS: Final = {
 """Environments by their Gymnasium ids. The same id always has the same websites and tasks."""
 
 Observation: TypeAlias = dict[str, Any]
-_Taken: TypeAlias = tuple[View, float, bool, bool, dict[str, Any]]
+_Taken: TypeAlias = tuple[View | None, float, bool, bool, dict[str, Any]]
 _RESETS: Final = 3
-"""How many tasks a vector environment tries to start before it raises the last one's error."""
+"""How many tasks a vector environment tries to start in a call."""
 _LONGEST: Final = 2**20
 _CHARACTERS: Final = "".join(map(chr, (*range(0xD800), *range(0xE000, 0x10000))))
 _REPLACED: Final = "\ufffd"
@@ -157,8 +158,9 @@ class WebGymVectorEnv(gymnasium.vector.VectorEnv[Observation, Sequence[Any], NDA
     episode starts the next one and ignores its action.
 
     An environment's fault does not end the episodes of others. In a step, it ends its own episode as in
-    :class:`WebGymEnv`; if no episode starts, the next task is tried, up to three in all. Only then is the
-    error raised, after the other environments have acted (what they returned is lost); the next step tries
+    :class:`WebGymEnv`; if no episode starts, the next task is tried, up to three in all. If none of them
+    starts in a step, that is an episode without a reward that is over at once: NaN, ``truncated``, the last
+    observation (black if there is none), ``info["outcome"]`` and ``info["failure"]``. The next step tries
     again.
 
     Args:
@@ -184,7 +186,12 @@ class WebGymVectorEnv(gymnasium.vector.VectorEnv[Observation, Sequence[Any], NDA
         self.single_observation_space, self.single_action_space = _spaces(self._envs[0])
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._instructions = [""] * num_envs
+        blank: Observation = {
+            "screenshot": np.zeros(self.single_observation_space["screenshot"].shape or (), np.uint8),
+            "instruction": "",
+            "text": "",
+        }
+        self._seen = [blank] * num_envs
         self._is_over = np.zeros(num_envs, bool)
 
     def reset(
@@ -200,8 +207,8 @@ class WebGymVectorEnv(gymnasium.vector.VectorEnv[Observation, Sequence[Any], NDA
         if len(seeds) != self.num_envs:
             raise UsageError(f"{len(seeds)} seeds for {self.num_envs} environments")
         begun = self._loop.run(_all([self._begin(index, seed) for index, seed in enumerate(seeds)]))
-        views, *_, infos = self._results(begun)
-        return views, infos
+        observations, *_, infos = self._results(begun)
+        return observations, infos
 
     def step(
         self, actions: Sequence[Any]
@@ -210,7 +217,6 @@ class WebGymVectorEnv(gymnasium.vector.VectorEnv[Observation, Sequence[Any], NDA
 
         Raises:
             UsageError: there is no episode, or one of these is no action; none was carried out.
-            WebGymError: no episode started in one of them; the others acted, and the next step tries again.
         """
         if len(actions) != self.num_envs:
             raise UsageError(f"{len(actions)} actions for {self.num_envs} environments")
@@ -236,7 +242,13 @@ class WebGymVectorEnv(gymnasium.vector.VectorEnv[Observation, Sequence[Any], NDA
 
     async def _act(self, index: int, action: Any) -> _Taken:
         if self._is_over[index]:
-            return await self._begin(index)
+            try:
+                return await self._begin(index)
+            except UsageError:
+                raise
+            except WebGymError as error:  # raised, it would lose what the others return
+                failure = {"code": error.code, "message": str(error)}
+                return None, math.nan, False, True, {"outcome": "environment_error", "failure": failure}
         env = self._envs[index]
         self._is_over[index] = bool(env.episode_id)  # a step that raises or is cancelled ends the episode
         taken = await env.step(action)
@@ -247,20 +259,18 @@ class WebGymVectorEnv(gymnasium.vector.VectorEnv[Observation, Sequence[Any], NDA
         self, taken: Sequence[_Taken]
     ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
         infos: dict[str, Any] = {}
-        for index, (*_, info) in enumerate(taken):
-            self._instructions[index] = info["instruction"]
+        for index, (view, *_, info) in enumerate(taken):
+            if view is not None:
+                self._seen[index] = _observation(view, info["instruction"])
             infos = self._add_info(infos, info, index)
-        views, rewards, terminations, truncations, _ = zip(*taken, strict=True)
-        return self._batch(views), np.array(rewards), np.array(terminations), np.array(truncations), infos
+        _, rewards, terminations, truncations, _ = zip(*taken, strict=True)
+        return self._batch(), np.array(rewards), np.array(terminations), np.array(truncations), infos
 
-    def _batch(self, views: Sequence[View]) -> Observation:
-        observations = [
-            _observation(view, text) for view, text in zip(views, self._instructions, strict=True)
-        ]
+    def _batch(self) -> Observation:
         return {
-            "screenshot": np.stack([observation["screenshot"] for observation in observations]),
-            "instruction": tuple(observation["instruction"] for observation in observations),
-            "text": tuple(observation["text"] for observation in observations),
+            "screenshot": np.stack([seen["screenshot"] for seen in self._seen]),
+            "instruction": tuple(seen["instruction"] for seen in self._seen),
+            "text": tuple(seen["text"] for seen in self._seen),
         }
 
     def close_extras(self, **kwargs: Any) -> None:

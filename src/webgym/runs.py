@@ -233,15 +233,18 @@ async def _run_services(
         site_state, client = await stack.enter_async_context(
             open_services(config, secrets, tasks, tell, calls)
         )
-        yield _RunServices(await _software(client), site_state, client, agent, judge, calls, problem, tell)
+        software = await _software(client, is_ours=config.server.url is None)
+        yield _RunServices(software, site_state, client, agent, judge, calls, problem, tell)
 
 
-async def _software(client: Browsers) -> dict[str, Any]:
-    """The versions of a run's software, for its record."""
+async def _software(client: Browsers, *, is_ours: bool) -> dict[str, Any]:
+    """The versions of a run's software, and how a server elsewhere is set up, for its record."""
     versions: dict[str, Any] = {"webgym": version("webgym-rl")}
     if isinstance(client, BrowserClient):
         info = await client.info()
         versions |= {"browser": info.browser, "sandboxed": info.sandboxed}
+        if not is_ours and info.egress is not None:
+            versions["egress"] = msgspec.to_builtins(info.egress)
     return versions
 
 

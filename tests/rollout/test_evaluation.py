@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.conftest import Calls
 from tests.report.conftest import build_run
+from tests.rollout.test_summary import attempt, task
 
 from webgym.core.errors import RunFolderError
 from webgym.core.outcome import Outcome
@@ -20,8 +21,11 @@ from webgym.core.task import LEVELS, Level
 from webgym.core.verdict import Judgement, Verdict
 from webgym.rollout.evaluation import GROUPS, EvaluationConfig, Sample, evaluate, rows_of
 from webgym.rollout.rates import wilson
-from webgym.rollout.store import RunReader
+from webgym.rollout.store import RunReader, RunWriter
 from webgym.rollout.verdicts import Judged, VerdictLog
+from webgym.runs import _software
+from webgym.server.client import BrowserClient
+from webgym.server.messages import EgressInfo, ServerInfo
 
 QUICK = EvaluationConfig(resamples=500)
 GOOD, BAD = Outcome.SUCCESS, Outcome.FAILURE
@@ -199,6 +203,25 @@ def test_an_evaluation_from_end_to_end(tmp_path: Path, calls: Calls) -> None:
     assert [len(digest) for digest in manifest["prompts"]] == [64]
     assert manifest["planned"] == 3
     assert manifest["began"] <= manifest["ended"]
+
+
+class ClientElsewhere(BrowserClient):
+    """Of a server that tells what pages may connect to."""
+
+    async def info(self) -> ServerInfo:
+        egress = EgressInfo(("intranet.example",), (443,), 5.0)
+        return ServerInfo("0.1", 1, "Chrome/1", "", sandboxed=True, sandbox_reason="", egress=egress)
+
+
+async def test_a_server_elsewhere_tells_what_pages_could_connect_to(tmp_path: Path) -> None:
+    software = await _software(ClientElsewhere("http://browsers.example", token="x" * 20), is_ours=False)
+    browser = {"egress": {"allow": [], "ports": [80], "rate": 20.0}}  # of servers that the run starts itself
+    config = {"software": software, "browser": browser, "server": {"url": "http://browsers.example"}}
+    async with await RunWriter.create(tmp_path / "run", config, [task("e0", 1)]) as writer:
+        await writer.append(attempt("e0", Outcome.SUCCESS, steps=0))
+    manifest = evaluate(tmp_path / "run", config=QUICK).manifest
+    assert manifest.server == "elsewhere"
+    assert manifest.egress == {"allow": ["intranet.example"], "ports": [443], "rate": 5.0}
 
 
 def test_what_a_run_does_not_record_is_not_made_up(run: Path) -> None:

@@ -18,6 +18,7 @@ import pytest
 import pytest_asyncio
 from prometheus_client.parser import text_string_to_metric_families
 
+from webgym.browser.egress.config import EgressConfig
 from webgym.core.action import LeftClick, Navigate, Target
 from webgym.core.errors import (
     BrowserNotFound,
@@ -36,6 +37,7 @@ from webgym.server.gateway import RunningGateway, running_gateway
 from webgym.server.messages import (
     GENERATION_HEADER,
     SECRET_HEADER,
+    EgressInfo,
     Pressure,
     SessionOptions,
     StepReply,
@@ -232,6 +234,10 @@ async def test_what_is_published(gateway: RunningGateway, client: BrowserClient)
     assert info.slots == WORKERS
     assert "Chrom" in info.browser
     assert len({worker.url for worker in info.workers}) == WORKERS
+    default = EgressConfig()
+    assert info.egress == EgressInfo(LOCAL.egress.allow, default.ports, default.rate), (
+        "of all workers together"
+    )
     session = await client.open()
     await session.metadata()
     pressure = await client.pressure()

@@ -55,8 +55,8 @@ class Manifest(msgspec.Struct, frozen=True):
         sandboxed: whether Chromium's sandbox was on.
         viewport: width and height, CSS pixels.
         server: ``here``, ``elsewhere``, or ``static`` for small websites without browsers.
-        egress: what pages could connect to: rules, ports, connections per second; ``None`` for a server
-            elsewhere, which does not report it.
+        egress: what pages could connect to: rules, ports, connections per second. A server elsewhere
+            reports them when the run begins; ``None`` if it is too old to.
         attempts: number of all attempts, including repeated ones.
         planned: number of samples of all tasks.
         judged: samples that ended with a reward.
@@ -199,7 +199,7 @@ def manifest_of(
         sandboxed=software.get("sandboxed"),
         viewport=tuple(attempt["viewport"]) if attempt.get("viewport") else None,
         server=server_location,
-        egress=_egress(config) if server_location == "here" else None,
+        egress=_egress(config, server_location),
         attempts=len(reader.attempts),
         invalid={name: dict(codes.most_common()) for name, codes in records.invalid.items()},
         blocked_websites=dict(records.blocked.most_common()),
@@ -234,6 +234,7 @@ def _offline_web(reader: RunReader, config: Mapping[str, Any]) -> dict[str, Any]
     return {name: sites.get(name) for name in ("collection", "seed", "per_family", "latency")}
 
 
-def _egress(config: Mapping[str, Any]) -> dict[str, Any] | None:
-    egress = _part(_part(config, "browser"), "egress")
+def _egress(config: Mapping[str, Any], server_location: str | None) -> dict[str, Any] | None:
+    places = {"here": "browser", "elsewhere": "software"}
+    egress = _part(_part(config, places.get(server_location or "", "")), "egress")
     return {name: egress.get(name) for name in ("allow", "ports", "rate")} if egress else None

@@ -226,8 +226,13 @@ class Gateway:
                 version("webgym-rl"), 0, "", "", sandboxed=False, sandbox_reason="no worker is running"
             )
         reported = next((worker.info for worker in workers if not worker.info.sandboxed), workers[0].info)
+        egress = reported.egress
+        if egress is not None:
+            rates = [worker.info.egress.rate for worker in workers if worker.info.egress is not None]
+            egress = msgspec.structs.replace(egress, rate=round(sum(rates), 6))
         return msgspec.structs.replace(
             reported,
+            egress=egress,
             slots=sum(worker.info.slots for worker in workers),
             workers=tuple(WorkerInfo(worker.name, worker.url, worker.info.slots) for worker in workers),
         )

@@ -215,6 +215,14 @@ class WorkerInfo(msgspec.Struct, frozen=True):
     slots: int
 
 
+class EgressInfo(msgspec.Struct, frozen=True):
+    """What pages may connect to: see :class:`webgym.browser.egress.config.EgressConfig`."""
+
+    allow: tuple[str, ...]
+    ports: tuple[int, ...]
+    rate: float
+
+
 class ServerInfo(msgspec.Struct, frozen=True):
     """Information about a server.
 
@@ -227,6 +235,8 @@ class ServerInfo(msgspec.Struct, frozen=True):
         sandbox_reason: why it is off or incomplete.
         viewport: default viewport, CSS pixels.
         workers: a gateway's workers.
+        egress: what pages may connect to; ``None`` from servers of older versions. The rate is of all workers
+            together.
     """
 
     version: str
@@ -237,6 +247,7 @@ class ServerInfo(msgspec.Struct, frozen=True):
     sandbox_reason: str
     viewport: tuple[int, int] = (1280, 768)
     workers: tuple[WorkerInfo, ...] = ()
+    egress: EgressInfo | None = None
 
 
 class ErrorBody(msgspec.Struct, frozen=True):

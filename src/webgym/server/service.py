@@ -25,6 +25,7 @@ from webgym.server.leases import Lease, Leases
 from webgym.server.messages import (
     HEALTHY,
     Closed,
+    EgressInfo,
     ExecuteRequest,
     Health,
     NavigateRequest,
@@ -260,6 +261,7 @@ class Service:
 
     async def info(self) -> ServerInfo:
         """Information about this server."""
+        egress = self.config.browser.egress
         return ServerInfo(
             version=version("webgym-rl"),
             slots=self.config.slots,
@@ -267,6 +269,7 @@ class Service:
             executable=str(self.pool.executable),
             sandboxed=self.pool.sandbox.on,
             sandbox_reason=self.pool.sandbox.reason,
+            egress=EgressInfo(egress.allow, egress.ports, egress.rate),
         )
 
     async def pressure(self) -> Pressure:

@@ -101,7 +101,7 @@ def test_if_none_starts_the_others_return_and_the_next_step_tries_again(tmp_path
         assert (terminations.tolist(), truncations.tolist()) == ([False, False, True], [True, False, False])
         assert infos["outcome"].tolist() == ["environment_error", None, "success"]
         assert infos["failure"]["code"][0] == "browser_crashed"
-        assert "does not open" in infos["failure"]["message"][0]
+        assert infos["failure"]["message"][0] == "this browser does not open"
         assert np.array_equal(seen["screenshot"][0], last["screenshot"][0])
         assert not np.array_equal(seen["screenshot"][1], last["screenshot"][1])
         assert seen in envs.observation_space

@@ -247,7 +247,7 @@ class WebGymVectorEnv(gymnasium.vector.VectorEnv[Observation, Sequence[Any], NDA
             except UsageError:
                 raise
             except WebGymError as error:  # raised, it would lose what the others return
-                failure = {"code": error.code, "message": str(error)}
+                failure = {"code": error.code, "message": error.message}
                 return None, math.nan, False, True, {"outcome": "environment_error", "failure": failure}
         env = self._envs[index]
         self._is_over[index] = bool(env.episode_id)  # a step that raises or is cancelled ends the episode

@@ -23,12 +23,12 @@ from webgym.tasks.sampling import draw
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(240)]
 
-TASKS = 9
+TASKS = 7
 
 
 @pytest.fixture
 def settings(tmp_path: Path) -> Path:
-    """A small run: short tasks of small websites that take their time, three browsers, retries."""
+    """A small run: short tasks of small websites that take their time, two browsers, retries."""
     web = OfflineWeb(per_family=3, collection="small")
     tasks = [task for task in web.tasks() if task.truth and len(task.truth.moves) <= 6]
     write_tasks(tmp_path / "tasks.jsonl", draw(tasks, TASKS, seed=5))
@@ -36,7 +36,7 @@ def settings(tmp_path: Path) -> Path:
         "retries": 3,
         "tasks": {"file": str(tmp_path / "tasks.jsonl"), "split": "all"},
         "sites": {"collection": "small", "per_family": 3},
-        "collector": {"sessions": 3},
+        "collector": {"sessions": 2},
     }
     path = tmp_path / "run.yaml"
     path.write_text(yaml.safe_dump(held))
@@ -111,7 +111,7 @@ def test_a_killed_server_costs_attempts_and_no_trajectory(
 
     def serve() -> subprocess.Popen[str]:
         rule = f"*.webgym.test={found[1]}"
-        server = commands.start("serve", "--port", port, "--slots", 3, "--allow-host", rule, **tokens)
+        server = commands.start("serve", "--port", port, "--slots", 2, "--allow-host", rule, **tokens)
         wait_until(lambda: "slots " in commands.output(server), 30)
         return server
 

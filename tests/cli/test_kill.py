@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from tests.conftest import Commands, wait_until
+from tests.conftest import Calls, Commands, wait_until
 
 from webgym.core.errors import RunFolderError
 from webgym.core.outcome import Outcome
@@ -67,7 +67,7 @@ def check_books(run: Path) -> Counter[Outcome]:
 
 
 def test_a_killed_collector_loses_only_what_was_in_flight(
-    tmp_path: Path, settings: Path, commands: Commands
+    tmp_path: Path, settings: Path, commands: Commands, calls: Calls
 ) -> None:
     run = tmp_path / "run"
     first = commands.start("rollout", "--config", settings, "--out", run)
@@ -78,13 +78,15 @@ def test_a_killed_collector_loses_only_what_was_in_flight(
     before = {entry.attempt_id: entry for entry in RunReader(run).attempts.values()}
     assert 2 <= len(before) < TASKS, commands.output(first)
 
-    code, said = commands.run("rollout", "--resume", run, "--no-report")
+    code, said = calls.run("rollout", "--resume", run, "--no-report", WEBGYM_TEST_MARK=commands.mark)
     assert code == 0, said
     after = RunReader(run).attempts
     assert {name: after[name] for name in before} == before
     assert check_books(run).total() == TASKS
 
-    code, said = commands.run("rollout", "--resume", run, "--no-report")  # nothing is left to do
+    code, said = calls.run(
+        "rollout", "--resume", run, "--no-report", WEBGYM_TEST_MARK=commands.mark
+    )  # nothing is left to do
     assert code == 0, said
     assert len(RunReader(run).attempts) == TASKS
     assert not commands.left_over()

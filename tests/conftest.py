@@ -24,6 +24,8 @@ settings.load_profile("webgym")
 
 # Nothing here comes from the hub: one that does not answer is asked for most of a minute.
 os.environ.setdefault("HF_HUB_OFFLINE", "1")
+# Threads that wait for a busy processor make tiny work a hundred times slower, also in what we start.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
 @pytest.hookimpl(wrapper=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
+import functools
 from pathlib import Path
 
 import msgspec
@@ -18,45 +19,45 @@ from webgym.core.errors import ConfigError, NoCapacity, UsageError
 from webgym.core.outcome import Outcome
 from webgym.testing import stand_in_environment
 
-RENDERER = tiny_renderer()
+renderer = functools.cache(tiny_renderer)  # by the first test that needs it
 RIGHT = (reply_text(Scroll("down")), reply_text(Answer("right")))
 
 
 async def test_rows_hold_what_was_read_and_sampled() -> None:
-    engine = Engine(RENDERER, RIGHT)
+    engine = Engine(renderer(), RIGHT)
     async with stand_in_environment() as env:
-        rollout = await webgym.roll_out(env, engine, RENDERER, task_id="check-3", needs_logprobs=True)
+        rollout = await webgym.roll_out(env, engine, renderer(), task_id="check-3", needs_logprobs=True)
     assert (rollout.task_id, rollout.reward, rollout.outcome) == ("check-3", 1.0, Outcome.SUCCESS)
     assert not rollout.dropped
     assert [row.step for row in rollout.rows] == [0, 1]
     for row, request, text in zip(rollout.rows, engine.requests, RIGHT, strict=True):
         ids, logprobs = engine.sample(text)
-        assert row.prompt_ids == request.prompt_ids == RENDERER.prompt_ids(request.messages)
+        assert row.prompt_ids == request.prompt_ids == renderer().prompt_ids(request.messages)
         assert row.reply_ids == ids
         assert row.logprobs == pytest.approx(logprobs)
         assert row.weight_version == "7"
         assert row.images == request.images
-        pixels = row.pixels(RENDERER)
+        pixels = row.pixels(renderer())
         assert pixels is not None
-        assert int(pixels.grid.prod(1).sum()) // 4 == row.prompt_ids.count(RENDERER.image_id)
-        assert request.short_prompt_ids.count(RENDERER.image_id) == len(request.images)
+        assert int(pixels.grid.prod(1).sum()) // 4 == row.prompt_ids.count(renderer().image_id)
+        assert request.short_prompt_ids.count(renderer().image_id) == len(request.images)
         assert len(request.pil_images()) == len(request.images)
     assert len({request.id for request in engine.requests}) == 1
 
 
 async def test_a_row_that_does_not_hold_together_is_dropped_and_counted() -> None:
-    engine = Engine(RENDERER, RIGHT)
+    engine = Engine(renderer(), RIGHT)
     async with stand_in_environment() as env:
         engine.change = lambda sampled: dataclasses.replace(sampled, prompt_ids=[1, 2, 3])
-        rollout = await webgym.roll_out(env, engine, RENDERER)
+        rollout = await webgym.roll_out(env, engine, renderer())
         assert (rollout.rows, rollout.dropped) == ([], {"image_tokens": 2})
         assert rollout.reward == 1.0
-        engine = Engine(RENDERER, RIGHT)
+        engine = Engine(renderer(), RIGHT)
         engine.change = lambda sampled: dataclasses.replace(sampled, logprobs=None)
-        rollout = await webgym.roll_out(env, engine, RENDERER, needs_logprobs=True)
+        rollout = await webgym.roll_out(env, engine, renderer(), needs_logprobs=True)
         assert (rollout.rows, rollout.dropped) == ([], {"no_logprobs": 2})
-        engine = Engine(RENDERER, RIGHT)
-        rollout = await webgym.roll_out(env, engine, RENDERER, cutoff_tokens=50)
+        engine = Engine(renderer(), RIGHT)
+        rollout = await webgym.roll_out(env, engine, renderer(), cutoff_tokens=50)
         assert (rollout.rows, rollout.dropped) == ([], {"too_long": 2})
 
 
@@ -67,12 +68,12 @@ async def test_an_episode_without_a_reward_has_no_rows() -> None:
         STAND_IN_TASKS, browsers=browsers, judge=judge, config=stand_in_environment().config
     )
     async with env:
-        rollout = await webgym.roll_out(env, Engine(RENDERER, RIGHT), RENDERER)
+        rollout = await webgym.roll_out(env, Engine(renderer(), RIGHT), renderer())
         assert (rollout.reward, rollout.rows, rollout.outcome) == (None, [], Outcome.JUDGE_ERROR)
         assert rollout.dropped == {"no_reward": 2}
         assert rollout.failure is not None
         judge.fault, browsers.fails = "", True
-        rollout = await webgym.roll_out(env, Engine(RENDERER, RIGHT), RENDERER)
+        rollout = await webgym.roll_out(env, Engine(renderer(), RIGHT), renderer())
         assert (rollout.reward, rollout.rows, rollout.outcome) == (None, [], Outcome.ENVIRONMENT_ERROR)
     assert not browsers.open_now
 
@@ -85,10 +86,10 @@ async def test_no_browser_is_no_reward_and_no_exception() -> None:
     config = stand_in_environment().config
     env = webgym.Environment(STAND_IN_TASKS, browsers=_None(), judge=StandInJudge(), config=config)  # type: ignore[arg-type]
     async with env:
-        rollout = await webgym.roll_out(env, Engine(RENDERER, RIGHT), RENDERER, task_id="check-1")
+        rollout = await webgym.roll_out(env, Engine(renderer(), RIGHT), renderer(), task_id="check-1")
         assert (rollout.reward, rollout.outcome) == (None, Outcome.ENVIRONMENT_ERROR)
         with pytest.raises(ConfigError, match="no task"):
-            await webgym.roll_out(env, Engine(RENDERER, RIGHT), RENDERER, task_id="nothing")
+            await webgym.roll_out(env, Engine(renderer(), RIGHT), renderer(), task_id="nothing")
 
 
 async def test_an_engine_that_fails_gives_the_browser_back() -> None:
@@ -101,7 +102,7 @@ async def test_an_engine_that_fails_gives_the_browser_back() -> None:
 
     async with env:
         with pytest.raises(RuntimeError, match="out of memory"):
-            await webgym.roll_out(env, broken, RENDERER)
+            await webgym.roll_out(env, broken, renderer())
         assert not browsers.open_now
 
 
@@ -122,7 +123,7 @@ async def test_a_pool_has_as_many_episodes_at_once_as_browsers(tmp_path: Path) -
     async def episode() -> webgym.TokenRollout:
         nonlocal most
         async with pool.environment() as env:
-            rollout = await webgym.roll_out(env, Engine(RENDERER, RIGHT), RENDERER)
+            rollout = await webgym.roll_out(env, Engine(renderer(), RIGHT), renderer())
             most = max(most, len(browsers.open_now))
             return rollout
 

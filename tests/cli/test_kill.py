@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from tests.conftest import Commands, wait_until
+from tests.conftest import Calls, Commands, wait_until
 
 from webgym.core.errors import RunFolderError
 from webgym.core.outcome import Outcome
@@ -23,12 +23,12 @@ from webgym.tasks.sampling import draw
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(240)]
 
-TASKS = 9
+TASKS = 7
 
 
 @pytest.fixture
 def settings(tmp_path: Path) -> Path:
-    """A small run: short tasks of small websites that take their time, three browsers, retries."""
+    """A small run: short tasks of small websites that take their time, two browsers, retries."""
     web = OfflineWeb(per_family=3, collection="small")
     tasks = [task for task in web.tasks() if task.truth and len(task.truth.moves) <= 6]
     write_tasks(tmp_path / "tasks.jsonl", draw(tasks, TASKS, seed=5))
@@ -36,7 +36,7 @@ def settings(tmp_path: Path) -> Path:
         "retries": 3,
         "tasks": {"file": str(tmp_path / "tasks.jsonl"), "split": "all"},
         "sites": {"collection": "small", "per_family": 3},
-        "collector": {"sessions": 3},
+        "collector": {"sessions": 2},
     }
     path = tmp_path / "run.yaml"
     path.write_text(yaml.safe_dump(held))
@@ -67,7 +67,7 @@ def check_books(run: Path) -> Counter[Outcome]:
 
 
 def test_a_killed_collector_loses_only_what_was_in_flight(
-    tmp_path: Path, settings: Path, commands: Commands
+    tmp_path: Path, settings: Path, commands: Commands, calls: Calls
 ) -> None:
     run = tmp_path / "run"
     first = commands.start("rollout", "--config", settings, "--out", run)
@@ -78,13 +78,15 @@ def test_a_killed_collector_loses_only_what_was_in_flight(
     before = {entry.attempt_id: entry for entry in RunReader(run).attempts.values()}
     assert 2 <= len(before) < TASKS, commands.output(first)
 
-    code, said = commands.run("rollout", "--resume", run, "--no-report")
+    code, said = calls.run("rollout", "--resume", run, "--no-report", WEBGYM_TEST_MARK=commands.mark)
     assert code == 0, said
     after = RunReader(run).attempts
     assert {name: after[name] for name in before} == before
     assert check_books(run).total() == TASKS
 
-    code, said = commands.run("rollout", "--resume", run, "--no-report")  # nothing is left to do
+    code, said = calls.run(
+        "rollout", "--resume", run, "--no-report", WEBGYM_TEST_MARK=commands.mark
+    )  # nothing is left to do
     assert code == 0, said
     assert len(RunReader(run).attempts) == TASKS
     assert not commands.left_over()
@@ -111,7 +113,7 @@ def test_a_killed_server_costs_attempts_and_no_trajectory(
 
     def serve() -> subprocess.Popen[str]:
         rule = f"*.webgym.test={found[1]}"
-        server = commands.start("serve", "--port", port, "--slots", 3, "--allow-host", rule, **tokens)
+        server = commands.start("serve", "--port", port, "--slots", 2, "--allow-host", rule, **tokens)
         wait_until(lambda: "slots " in commands.output(server), 30)
         return server
 

@@ -9,9 +9,14 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from transformers import Qwen3VLVisionConfig, Qwen3VLVisionModel  # noqa: E402
+from webgym.inference.model import fast_backward_attention  # noqa: E402
 
-from webgym.inference.model import fast_backward_attention, speed_up_vision  # noqa: E402
+
+def speed_up(model: Any) -> None:
+    from webgym.inference.vision import speed_up_vision  # imports transformers' models
+
+    speed_up_vision(model)
+
 
 EQUAL, UNEQUAL = [[1, 4, 6], [1, 4, 6]], [[1, 4, 6], [1, 2, 4]]
 
@@ -22,7 +27,7 @@ def test_a_patch_embedding_gives_the_same_as_product_and_as_convolution() -> Non
     plain = torch.nn.Sequential(torch.nn.Conv3d(3, 8, kernel_size=size, stride=size))
     quick = torch.nn.Sequential(torch.nn.Conv3d(3, 8, kernel_size=size, stride=size))
     quick.load_state_dict(plain.state_dict())
-    speed_up_vision(quick)
+    speed_up(quick)
     assert list(quick.state_dict()) == list(plain.state_dict())
     patches = torch.randn(5, 3, *size)
     made = [model(patches) for model in (plain, quick)]
@@ -37,6 +42,8 @@ def test_a_patch_embedding_gives_the_same_as_product_and_as_convolution() -> Non
 
 @pytest.mark.parametrize("pictures", [EQUAL, UNEQUAL])
 def test_pictures_are_attended_to_together(pictures: list[list[int]]) -> None:
+    from transformers import Qwen3VLVisionConfig, Qwen3VLVisionModel
+
     def made() -> Iterator[Any]:
         for _ in range(2):
             torch.manual_seed(0)
@@ -54,7 +61,7 @@ def test_pictures_are_attended_to_together(pictures: list[list[int]]) -> None:
             )
 
     plain, quick = made()
-    speed_up_vision(quick)
+    speed_up(quick)
     layers = [type(module).__name__ for module in quick.modules()]
     assert "_BatchedVisionAttention" in layers
     assert "Qwen3VLVisionAttention" not in layers

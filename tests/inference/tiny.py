@@ -1,4 +1,7 @@
-"""A tiny Qwen3-VL with a tokenizer and chat templates of the real one's structure, made in a second."""
+"""A tiny Qwen3-VL with a tokenizer and chat templates of the real one's structure, made in a second.
+
+transformers is imported by those who make one: every worker of the tests collects all tests, and few need it.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +12,6 @@ from typing import Any
 import torch
 from PIL import Image
 from tokenizers import AddedToken, Tokenizer, decoders, models, pre_tokenizers
-from transformers import (
-    GenerationConfig,
-    PreTrainedTokenizerFast,
-    Qwen3VLConfig,
-    Qwen3VLForConditionalGeneration,
-)
-from transformers.models.qwen2_vl.image_processing_pil_qwen2_vl import Qwen2VLImageProcessorPil
 
 from webgym.inference.rendering import Renderer
 
@@ -53,6 +49,8 @@ MERGES = [("Ċ", "Ċ"), ("h", "e"), ("t", "he"), ("o", "n"), ("Ġ", "the"), ("i"
 
 def tiny_tokenizer(template: str = INSTRUCT) -> Any:
     """Bytes and a few merges, such as two line ends in one token."""
+    from transformers import PreTrainedTokenizerFast
+
     alphabet = sorted(pre_tokenizers.ByteLevel.alphabet())
     vocabulary = {piece: number for number, piece in enumerate(alphabet)}
     for left, right in MERGES:
@@ -72,6 +70,8 @@ def tiny_tokenizer(template: str = INSTRUCT) -> Any:
 
 def tiny_image_processor() -> Any:
     """A token for every 32 x 32 pixels."""
+    from transformers.models.qwen2_vl.image_processing_pil_qwen2_vl import Qwen2VLImageProcessorPil
+
     return Qwen2VLImageProcessorPil(
         patch_size=16, merge_size=2, size={"shortest_edge": 32 * 32, "longest_edge": 512 * 512}
     )
@@ -84,6 +84,8 @@ def tiny_renderer(template: str = INSTRUCT) -> Renderer:
 
 def tiny_model(seed: int = 0, width: int = 32) -> Any:
     """A Qwen3-VL of two layers from random weights, float32."""
+    from transformers import GenerationConfig, Qwen3VLConfig, Qwen3VLForConditionalGeneration
+
     tokenizer = tiny_tokenizer()
     ids = {name: tokenizer.convert_tokens_to_ids(name) for name in SPECIAL}
     heads = width // 16

@@ -93,7 +93,13 @@ class Reader:
 async def make_run(path: Path) -> Path:
     web = OfflineWeb(SITES.seed, per_family=SITES.per_family)
     hosts = [host for host, spec in web.specs.items() if spec.behaviour == "good"]
-    write_tasks(path / "tasks.jsonl", draw((task for host in hosts for task in web.tasks_of(host)), 6, 9))
+    short = [
+        task
+        for host in hosts
+        for task in web.tasks_of(host)
+        if task.truth is not None and len(task.truth.moves) <= 6
+    ]
+    write_tasks(path / "tasks.jsonl", draw(short, 6, 1))
     config = RunConfig(
         sites=SITES,
         tasks=TaskChoice(file=path / "tasks.jsonl", split="all"),

@@ -34,7 +34,7 @@ from webgym.rollout.store import RunReader
 from webgym.rollout.summary import Summary
 from webgym.run_config import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice, read_config
 from webgym.run_services import services
-from webgym.runs import collect, resume
+from webgym.runs import Show, collect, resume
 from webgym.tasks.formats import write_tasks
 from webgym.tasks.sampling import draw
 from webgym.validation import unexpected
@@ -73,9 +73,11 @@ async def served_large() -> AsyncIterator[Served]:
         yield reached
 
 
-async def collect_there(served: Served, settings: RunConfig, out: Path) -> Summary:
+async def collect_there(
+    served: Served, settings: RunConfig, out: Path, *, show: Show | None = None
+) -> Summary:
     where, secrets = served
-    return await collect(settings.model_copy(update={"server": where}), out, secrets=secrets)
+    return await collect(settings.model_copy(update={"server": where}), out, secrets=secrets, show=show)
 
 
 def task_file(
@@ -113,10 +115,12 @@ def add_up(run: Path) -> list[Trajectory]:
     return trajectories
 
 
-async def test_solutions_succeed_by_marks(tmp_path: Path) -> None:
+async def test_solutions_succeed_by_marks(tmp_path: Path, served_large: Served) -> None:
     """``test_solvable.py`` has the like by coordinates, in every family."""
     file = task_file(tmp_path, 4, LARGE, most_moves=12)
-    await collect(config(file, sites=LARGE, agent=AgentConfig(mode="marks")), tmp_path / "run")
+    await collect_there(
+        served_large, config(file, sites=LARGE, agent=AgentConfig(mode="marks")), tmp_path / "run"
+    )
     trajectories = add_up(tmp_path / "run")
     assert [each.outcome for each in trajectories] == [Outcome.SUCCESS] * 4
     assert not list(unexpected(RunReader(tmp_path / "run").tasks, trajectories))
@@ -215,8 +219,8 @@ async def test_a_browser_that_is_killed_costs_its_attempt_and_nothing_else(tmp_p
     assert all(each.episode.failure and "browser" in each.episode.failure.code for each in lost)
 
 
-async def test_a_cancelled_run_records_what_was_in_flight_and_goes_on(tmp_path: Path) -> None:
-    file = task_file(tmp_path, 6, LARGE)
+async def test_a_cancelled_run_records_what_was_in_flight_and_goes_on(tmp_path: Path, served: Served) -> None:
+    file = task_file(tmp_path, 6)
     started = asyncio.Event()
 
     class Watch:
@@ -234,7 +238,7 @@ async def test_a_cancelled_run_records_what_was_in_flight_and_goes_on(tmp_path: 
         async def __aexit__(self, *_: object) -> None:
             await self.task
 
-    run = asyncio.create_task(collect(config(file, sites=LARGE), tmp_path / "run", show=Watch))
+    run = asyncio.create_task(collect_there(served, config(file), tmp_path / "run", show=Watch))
     await started.wait()
     run.cancel()
     with pytest.raises(asyncio.CancelledError):
@@ -243,7 +247,7 @@ async def test_a_cancelled_run_records_what_was_in_flight_and_goes_on(tmp_path: 
     assert reader.summary is not None
     before = dict(reader.summary["outcomes"])
     assert before["cancelled"] >= 1
-    await resume(tmp_path / "run")
+    await resume(tmp_path / "run", secrets=served[1])
     trajectories = add_up(tmp_path / "run")
     outcomes = Counter(each.outcome for each in trajectories)
     assert outcomes[Outcome.SUCCESS] == 6
@@ -267,7 +271,8 @@ async def test_the_same_seed_makes_the_same_decisions(tmp_path: Path, served: Se
 
 async def test_the_settings_are_all_in_the_run_and_no_secret_is(tmp_path: Path) -> None:
     file = task_file(tmp_path, 1, LARGE)
-    settings = config(file, sites=LARGE, attempt=AttemptConfig(budget_easy=7))
+    alone = CollectorConfig(sessions=1)
+    settings = config(file, sites=LARGE, attempt=AttemptConfig(budget_easy=7), collector=alone)
     await collect(settings, tmp_path / "run")
     held, run_id = read_config(RunReader(tmp_path / "run"))
     agent = AgentConfig(profile="generic", mode="coordinates")  # what the defaults came to

@@ -7,9 +7,7 @@ import io
 import json
 from pathlib import Path
 
-import duckdb
 import msgspec
-import pandas
 import pyarrow.parquet as pq
 import pytest
 from PIL import Image
@@ -48,6 +46,9 @@ def test_parquet_holds_every_step_with_its_pictures(run: Path, tmp_path: Path) -
 
 
 def test_pandas_and_duckdb_read_it_back(run: Path, tmp_path: Path) -> None:
+    import duckdb
+    import pandas
+
     done = export(run, tmp_path / "out", "jsonl", split="all")
     file = tmp_path / "out/steps.jsonl"
     frame = pandas.read_json(file, lines=True)

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +10,8 @@ import pytest
 import torch
 from safetensors.torch import load_file
 from tests.inference.tiny import write_tiny_model
+from tests.train.forking import process
+from tests.train.trains_until_killed import main
 
 from webgym.offline.small.wording import small_vocabulary
 from webgym.rollout.store import RunReader
@@ -21,7 +20,6 @@ from webgym.train.folder import TrainingFolder
 from webgym.train.weights import read_optimizer
 
 SLOW = [pytest.mark.slow, pytest.mark.browser, pytest.mark.timeout(1800)]
-SCRIPT = Path(__file__).with_name("trains_until_killed.py")
 
 
 def left(path: Path) -> dict[str, Any]:
@@ -45,33 +43,27 @@ def left(path: Path) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("kills", "options"),
+    ("kills", "browsers"),
     [
-        pytest.param(3, (), id="made-up"),
-        pytest.param(10, ("--browsers",), id="browsers", marks=SLOW),
+        pytest.param(3, False, id="made-up"),
+        pytest.param(10, True, id="browsers", marks=SLOW),
     ],
 )
 def test_a_training_that_is_killed_at_random_ends_like_one_that_was_not(
-    tmp_path: Path, kills: int, options: tuple[str, ...]
+    tmp_path: Path, kills: int, browsers: bool
 ) -> None:
     model = tmp_path / "model"
-    if options:
+    if browsers:
         save_model(
             make_model(small_vocabulary(), TinyConfig(width=64, text_layers=1, vision_layers=2)), model
         )
     else:
         write_tiny_model(model)
-    root = SCRIPT.parents[2]
-    done = subprocess.run(
-        [sys.executable, str(SCRIPT), str(tmp_path), str(model), str(kills), "7", *options],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=root,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(root), os.environ.get("PYTHONPATH", "")])},
-    )
-    assert done.returncode == 0, done.stderr[-2000:]
-    assert int(done.stdout.split()[-1]) == kills, "killed as often as it was to be"
+    lives = process(main, tmp_path, model, kills, 7, browsers)
+    lives.start()
+    lives.join()
+    assert lives.exitcode == 0
+    assert int((tmp_path / "kills").read_text()) == kills, "killed as often as it was to be"
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     assert left(killed) == left(whole)
     assert not list(killed.rglob("*.tmp")), "nothing torn is left"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import socket
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +13,7 @@ import torch
 from accelerate.utils.deepspeed import HfDeepSpeedConfig
 from safetensors.torch import load_file
 from tests.inference.tiny import tiny_renderer, write_tiny_model
+from tests.train.forking import process
 from tests.train.making import Made, sample, stored, trajectory
 from tests.train.updating import learn_first, learning, run_case, run_cases_together, samples, updater
 
@@ -124,16 +124,14 @@ def test_two_processes_give_the_update_of_one(model: Path, tmp_path: Path) -> No
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     cases = ["one_odd_batch", "adapters", "groups"]
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["tests.train.updating"])  # torch is imported once for both
     given = (port, model, tmp_path / "two", cases)
-    processes = [context.Process(target=run_cases_together, args=(rank, *given)) for rank in range(2)]
-    for process in processes:
-        process.start()
-    for process in processes:
-        process.join(100)
-        process.kill()
-    assert [process.exitcode for process in processes] == [0, 0]
+    processes = [process(run_cases_together, rank, *given) for rank in range(2)]
+    for each in processes:
+        each.start()
+    for each in processes:
+        each.join(100)
+        each.kill()
+    assert [each.exitcode for each in processes] == [0, 0]
     for case in cases:
         run_case(case, model, tmp_path / "one" / case)
         assert_same(model, tmp_path / "one" / case, tmp_path / "two" / case)

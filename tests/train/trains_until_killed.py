@@ -1,10 +1,8 @@
-"""Trains to the end, then again while it is killed time after time, and prints how often that was.
+"""Trains to the end, then again while it is killed time after time.
 
-    python trains_until_killed.py FOLDER MODEL KILLS SEED [--browsers]
-
-Makes FOLDER/whole and FOLDER/killed. Every life is a child of this process, which has imported everything
-already; its end is SIGKILL, at a random moment. With ``--browsers`` demonstrators attempt real tasks in real
-browsers, else attempts are made up; loop, store, replay, model and update are the real ones either way.
+Every life is a child of this process, which has imported everything already; its end is SIGKILL, at a random
+moment. With ``browsers`` demonstrators attempt real tasks in real browsers, else attempts are made up; loop,
+store, replay, model and update are the real ones either way.
 """
 
 from __future__ import annotations
@@ -93,6 +91,7 @@ def live(path: Path, model: Path, browsers: bool, seconds: float | None) -> bool
 
 
 def main(folder: Path, model: Path, kills: int, seed: int, browsers: bool) -> None:
+    """Make ``folder/whole`` and ``folder/killed``, and write to ``folder/kills`` how often it was killed."""
     torch.set_num_threads(1)
     rng, started = random.Random(seed), time.monotonic()
     live(folder / "whole", model, browsers, None)
@@ -104,8 +103,4 @@ def main(folder: Path, model: Path, kills: int, seed: int, browsers: bool) -> No
     ):
         killed += 1
     live(folder / "killed", model, browsers, None)
-    print(killed)
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]), "--browsers" in sys.argv)
+    (folder / "kills").write_text(str(killed))

@@ -1,4 +1,8 @@
-"""Loading a vision-language model: weights, tokenizer and image processor, for inference and for training."""
+"""Loading a vision-language model: weights, tokenizer and image processor, for inference and for training.
+
+transformers is imported by what loads: its models take twice torch's time, and a training is checked and set
+up without them.
+"""
 
 from __future__ import annotations
 
@@ -16,18 +20,9 @@ import torch
 from huggingface_hub import constants, snapshot_download
 from huggingface_hub.errors import LocalEntryNotFoundError
 from torch.nn.attention import SDPBackend, sdpa_kernel
-from torch.nn.functional import scaled_dot_product_attention
-from transformers import AutoImageProcessor, AutoModelForImageTextToText, AutoTokenizer
-from transformers.models.qwen3_vl.modeling_qwen3_vl import (
-    Qwen3VLVisionAttention,
-    apply_rotary_pos_emb_vision,
-)
-from transformers.utils.logging import disable_progress_bar
 
 from webgym.core.errors import ConfigError
 from webgym.inference.rendering import Renderer
-
-disable_progress_bar()  # weights are loaded and saved while other output is shown
 
 Dtype: TypeAlias = Literal["float32", "bfloat16"]
 
@@ -72,6 +67,8 @@ def load_model(path: str | Path, *, dtype: Dtype = "float32", device: str = "cpu
     Raises:
         ConfigError: there is no such model, or it is incomplete.
     """
+    from webgym.inference.vision import speed_up_vision
+
     if torch.device(device).type == "cpu":
         keep_freed_memory()
     renderer = load_renderer(path)
@@ -96,46 +93,6 @@ def keep_freed_memory() -> None:
         libc.mallopt(_TRIM_THRESHOLD, 2**31 - 1)
 
 
-class _PatchConvolution(torch.nn.Conv3d):
-    """A convolution whose inputs are single patches, computed as a matrix product."""
-
-    def forward(self, input: torch.Tensor) -> torch.Tensor:
-        if input.shape[2:] != self.weight.shape[2:]:
-            return super().forward(input)
-        product = torch.nn.functional.linear(input.flatten(1), self.weight.flatten(1), self.bias)
-        return product[..., None, None, None]
-
-
-class _BatchedVisionAttention(Qwen3VLVisionAttention):
-    """Attention within each picture, computed in one batch for pictures of equal size."""
-
-    def forward(self, hidden_states: Any, cu_seqlens: Any, position_embeddings: Any, **others: Any) -> Any:
-        lengths = cu_seqlens.diff()
-        if (lengths != lengths[0]).any() or "flash" in self.config._attn_implementation:
-            return super().forward(hidden_states, cu_seqlens, position_embeddings, **others)
-        parts = self.qkv(hidden_states).unflatten(-1, (3, self.num_heads, -1))
-        query, key, value = parts.unbind(1)
-        query, key = apply_rotary_pos_emb_vision(query, key, *position_embeddings)
-        pictures = (part.unflatten(0, (len(lengths), -1)).transpose(1, 2) for part in (query, key, value))
-        attended = scaled_dot_product_attention(*pictures)
-        return self.proj(attended.transpose(1, 2).flatten(0, 1).flatten(1))
-
-
-def speed_up_vision(model: Any) -> Any:
-    """Make a vision tower compute the same values faster; weights and their names do not change.
-
-    Patches are embedded by a matrix product: Qwen-VL splits the picture first and convolves every patch on
-    its own, and torch's convolution over many tiny volumes is several times slower, especially backward. And
-    Qwen3-VL's attention is called once for all pictures if they have equal size.
-    """
-    for module in model.modules():
-        if type(module) is torch.nn.Conv3d and module.kernel_size == module.stride and module.groups == 1:
-            module.__class__ = _PatchConvolution
-        if type(module) is Qwen3VLVisionAttention:
-            module.__class__ = _BatchedVisionAttention
-    return model
-
-
 def fast_backward_attention(device: torch.device | str) -> AbstractContextManager[None]:
     """Context for a forward pass in training: on the CPU, selects the attention with the faster backward
     pass.
@@ -157,6 +114,8 @@ def load_renderer(path: str | Path) -> Renderer:
     Raises:
         ConfigError: there is no such model, or it is incomplete.
     """
+    from transformers import AutoImageProcessor, AutoTokenizer
+
     with loading(path) as source:
         tokenizer = AutoTokenizer.from_pretrained(source)
         image_processor = AutoImageProcessor.from_pretrained(source, backend="pil")
@@ -166,6 +125,8 @@ def load_renderer(path: str | Path) -> Renderer:
 
 
 def _weights(path: str, dtype: torch.dtype) -> Any:
+    from transformers import AutoModelForImageTextToText
+
     if not (Path(path) / "adapter_config.json").is_file():
         return AutoModelForImageTextToText.from_pretrained(path, dtype=dtype)
     import peft  # only where there are adapters

@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import Field
 
-from webgym.inference.model import Loaded, speed_up_vision
+from webgym.inference.model import Loaded
 from webgym.inference.rendering import Renderer
 from webgym.settings import Settings
 from webgym.tiny.tokenizer import CELL, make_tokenizer
@@ -45,6 +45,8 @@ def make_model(words: Iterable[str], config: TinyConfig | None = None, *, seed: 
     import torch
     from transformers import Qwen3VLForConditionalGeneration
     from transformers.models.qwen2_vl.image_processing_pil_qwen2_vl import Qwen2VLImageProcessorPil
+
+    from webgym.inference.vision import speed_up_vision
 
     config = config or TinyConfig()
     tokenizer = make_tokenizer(words, config.viewport)

@@ -30,7 +30,6 @@ from typing import Any, Final
 
 import torch
 from pydantic import Field
-from transformers import AutoConfig, AutoModelForImageTextToText, Qwen3VLConfig
 
 from webgym.core.errors import ConfigError
 from webgym.inference.model import loading
@@ -193,6 +192,8 @@ def shapes_of(model: str | Path) -> Shapes:
     Raises:
         ConfigError: there is no such model, or it is not a Qwen3-VL model.
     """
+    from transformers import AutoConfig, Qwen3VLConfig
+
     if "qwen3-vl-8b" in str(model).lower() and not Path(model).exists():
         config: Any = Qwen3VLConfig(**QWEN3_VL_8B)
     else:
@@ -205,6 +206,8 @@ def shapes_of(model: str | Path) -> Shapes:
 
 def shapes_from(config: Any) -> Shapes:
     """The shapes of a Qwen3-VL model, by its transformers configuration."""
+    from transformers import AutoModelForImageTextToText
+
     with torch.device("meta"):
         empty: Any = AutoModelForImageTextToText.from_config(config)
     text, vision = config.text_config, config.vision_config

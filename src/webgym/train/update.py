@@ -29,11 +29,6 @@ import msgspec
 import torch
 from accelerate import Accelerator
 from accelerate.utils import DistributedType, gather_object, reduce, set_seed
-from torch.distributed.checkpoint.state_dict import (
-    StateDictOptions,
-    get_optimizer_state_dict,
-    set_optimizer_state_dict,
-)
 
 from webgym.core.errors import TrainingError
 from webgym.inference.model import Loaded
@@ -45,7 +40,7 @@ from webgym.train.samples import Sample
 from webgym.train.selftest import NEAR_TIE, REPLY_TOKENS, Greedy, SelfTest, known_messages, known_picture
 from webgym.train.weights import UpdateState, load_trainable, read_optimizer, read_state, save
 
-WHOLE = StateDictOptions(full_state_dict=True, cpu_offload=True)
+WHOLE = {"full_state_dict": True, "cpu_offload": True}
 
 
 class UpdateReport(msgspec.Struct, frozen=True):
@@ -292,13 +287,19 @@ class Updater:
         """The full optimizer state by names of parameters, even if it is sharded."""
         if self._is_zero:
             return zero.optimizer_state(self.model, self._groups, self.step)
-        return get_optimizer_state_dict(self.model, self.optimizer.optimizer, options=WHOLE)
+        from torch.distributed.checkpoint import state_dict  # imports for more than a second
+
+        options = state_dict.StateDictOptions(**WHOLE)
+        return state_dict.get_optimizer_state_dict(self.model, self.optimizer.optimizer, options=options)
 
     def _load_optimizer_state(self, saved: dict[str, Any] | None) -> None:
         if self._is_zero:
             zero.set_optimizer_state(self.model, saved, self.step)
         elif saved is not None:
-            set_optimizer_state_dict(self.model, self.optimizer.optimizer, saved, options=WHOLE)
+            from torch.distributed.checkpoint import state_dict
+
+            options = state_dict.StateDictOptions(**WHOLE)
+            state_dict.set_optimizer_state_dict(self.model, self.optimizer.optimizer, saved, options=options)
 
     def _report(
         self,

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import peft
 import torch
 from huggingface_hub import try_to_load_from_cache
 
@@ -80,6 +79,8 @@ def load_trainable(config: UpdateConfig, source: str | Path | Loaded, resume: Pa
 
 
 def _adapted(model: Any, config: LoraConfig, resume: Path | None) -> Any:
+    import peft  # only where there are adapters
+
     if resume is not None:
         return peft.PeftModel.from_pretrained(model, str(resume), is_trainable=True)
     settings = peft.LoraConfig(

@@ -15,7 +15,6 @@ from typing import Any
 
 import torch
 from accelerate import Accelerator
-from transformers.integrations import unset_hf_deepspeed_config
 
 from webgym.core.errors import ConfigError
 from webgym.train.config import UpdateConfig
@@ -29,6 +28,8 @@ def configure(accelerator: Accelerator, config: UpdateConfig) -> None:
     Raises:
         ConfigError: it is set to offload.
     """
+    from transformers.integrations import unset_hf_deepspeed_config
+
     plugin = accelerator.state.deepspeed_plugin
     if plugin.hf_ds_config.is_offload():
         raise ConfigError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import types
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
@@ -23,7 +24,7 @@ from areal.api.io_struct import ModelRequest, ModelResponse
 from webgym.integrations.areal import WebGymWorkflow
 from webgym.testing import Play, Told, check_adapter, stand_in_pool
 
-RENDERER = tiny_renderer()
+renderer = functools.cache(tiny_renderer)  # by the first test that needs it
 RIGHT = (reply_text(Scroll("down")), reply_text(Answer("right")))
 
 
@@ -31,7 +32,7 @@ class InferenceEngine:
     """Speaks AReaL's types, samples what it is told to, with a version per token."""
 
     def __init__(self, texts: Sequence[str] = RIGHT) -> None:
-        self._engine = Engine(RENDERER, texts)
+        self._engine = Engine(renderer(), texts)
         self._texts = texts
         self.requests: list[ModelRequest] = []
         self.reads: Callable[[list[int]], list[int]] = list
@@ -48,8 +49,8 @@ def workflow(folder: Path, **more: Any) -> WebGymWorkflow:
 
 
 def workflow_on(given: dict[str, Any]) -> WebGymWorkflow:
-    processor = types.SimpleNamespace(image_processor=RENDERER.image_processor)
-    return WebGymWorkflow(GenerationHyperparameters(n_samples=4), RENDERER.tokenizer, processor, **given)
+    processor = types.SimpleNamespace(image_processor=renderer().image_processor)
+    return WebGymWorkflow(GenerationHyperparameters(n_samples=4), renderer().tokenizer, processor, **given)
 
 
 @asynccontextmanager
@@ -114,7 +115,7 @@ async def test_rows_that_the_engine_read_otherwise_are_dropped_and_counted(tmp_p
 @pytest.mark.browser
 async def test_the_example(capsys: pytest.CaptureFixture[str]) -> None:
     engine = InferenceEngine(texts_of([Scroll("down"), Answer("no idea")]))
-    processor = types.SimpleNamespace(image_processor=RENDERER.image_processor)
-    found = await example("areal_episode").main(engine, RENDERER.tokenizer, processor)
+    processor = types.SimpleNamespace(image_processor=renderer().image_processor)
+    found = await example("areal_episode").main(engine, renderer().tokenizer, processor)
     assert found["rewards"].tolist() == [0.0, 0.0]
     assert capsys.readouterr().out.startswith("2 rows of ")

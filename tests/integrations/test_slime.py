@@ -5,6 +5,7 @@ slime is not on the package index: the class of its samples is written here, wit
 
 from __future__ import annotations
 
+import functools
 import importlib
 import json
 import types
@@ -29,7 +30,7 @@ from webgym import Action, Answer, Scroll
 from webgym.integrations import slime
 from webgym.testing import Play, Told, check_adapter, stand_in_pool
 
-RENDERER = tiny_renderer()
+renderer = functools.cache(tiny_renderer)  # by the first test that needs it
 RIGHT = (reply_text(Scroll("down")), reply_text(Answer("right")))
 
 
@@ -63,7 +64,7 @@ class SGLang:
     """An HTTP server that answers ``/generate``, and samples what it is told to."""
 
     def __init__(self, texts: Sequence[str] = RIGHT) -> None:
-        self.engine, self._texts = Engine(RENDERER, texts), texts
+        self.engine, self._texts = Engine(renderer(), texts), texts
         self.requests: list[dict[str, Any]] = []
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -100,7 +101,7 @@ async def generated(texts: Sequence[str], task_id: str) -> tuple[SGLang, list[Sa
 async def process(given: dict[str, Any]) -> AsyncIterator[None]:
     """The pool and the renderer that slime's process would have."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(slime, "_renderers", {"model": RENDERER})
+        patch.setattr(slime, "_renderers", {"model": renderer()})
         async with webgym.EnvironmentPool(**given) as pool:
             patch.setattr(slime, "_pool", pool)
             yield
@@ -139,10 +140,10 @@ async def test_an_episode_is_samples_of_what_was_sampled(tmp_path: Path) -> None
         assert sample.multimodal_inputs is not None
         assert sample.multimodal_train_inputs is not None
         assert sample.loss_mask is not None
-        images = request["input_ids"].count(RENDERER.image_id)
+        images = request["input_ids"].count(renderer().image_id)
         assert images == len(request["image_data"]) == len(sample.multimodal_inputs["images"])
         grid = sample.multimodal_train_inputs["image_grid_thw"]
-        prompt = RENDERER.expanded(request["input_ids"], (grid.prod(1) // 4).tolist())
+        prompt = renderer().expanded(request["input_ids"], (grid.prod(1) // 4).tolist())
         assert sample.tokens == [*prompt, *ids]
         assert sample.response_length == len(ids) == sum(sample.loss_mask)
         assert sample.rollout_log_probs == pytest.approx(logprobs)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import types
 import warnings
 from collections import Counter
@@ -33,7 +34,7 @@ with warnings.catch_warnings():
     from webgym.integrations import verl
     from webgym.integrations.verl import WebGymAgentLoop, write_dataset
 
-RENDERER = tiny_renderer()
+renderer = functools.cache(tiny_renderer)  # by the first test that needs it
 RIGHT = (reply_text(Scroll("down")), reply_text(Answer("right")))
 SAMPLING = {"temperature": 1.0, "logprobs": True}
 
@@ -42,7 +43,7 @@ class Server:
     """Speaks verl's types, and samples what it is told to."""
 
     def __init__(self, texts: Sequence[str] = RIGHT) -> None:
-        self._engine, self._texts = Engine(RENDERER, texts), texts
+        self._engine, self._texts = Engine(renderer(), texts), texts
         self.requests: list[dict[str, Any]] = []
 
     async def generate(self, request_id: str, **given: Any) -> TokenOutput:
@@ -60,8 +61,8 @@ def loop(server: Server, pool: webgym.EnvironmentPool | None = None, **entry: An
         {"_target_": "webgym.integrations.verl.WebGymAgentLoop", **entry},
         trainer_config=DictConfigWrap(config),
         server_manager=server,
-        tokenizer=RENDERER.tokenizer,
-        processor=types.SimpleNamespace(image_processor=RENDERER.image_processor),
+        tokenizer=renderer().tokenizer,
+        processor=types.SimpleNamespace(image_processor=renderer().image_processor),
         hf_model_type="qwen3_vl",
         dataset_cls=RLHFDataset,
         data_config=DictConfigWrap(config.data),

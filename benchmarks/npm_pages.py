@@ -4,8 +4,9 @@ The packages are not part of this repository: they are installed at the first ru
 bundled with its imports. The pages in `half_a` and `half_b` were written before the first measurement, and
 divided at random: the rules of marks and text were corrected by the results on `half_a`, those of marks later
 by `half_b`. The pages in `unseen` were written after that and measured once before rules were corrected by
-them; those in `unseen_2` were written after that, and measured once before, too. Those in
-`unseen_3` were written last: no rule was corrected by them.
+them; those in `unseen_2` and then those in `unseen_3` were written after that, and measured once before, too.
+Those in `unseen_4` were written last, before the rules were corrected by `unseen_3`: no rule was corrected by
+them.
 """
 
 from __future__ import annotations
@@ -45,7 +46,16 @@ PACKAGES = (
     # of the third set of unseen pages
     "mdui@2 cally@0.9 emoji-picker-element@1 emoji-picker-element-data@1 media-chrome@4 @revolist/revogrid@4 "
     "vanilla-calendar-pro@3 @daypilot/daypilot-lite-javascript@5 jkanban@1 summernote@0.9 uppy@6 "
-    "apexcharts@7 ol@10 @chakra-ui/react@3 @glidejs/glide@3 smartmenus@1 jqtree@1"
+    "apexcharts@7 ol@10 @chakra-ui/react@3 @glidejs/glide@3 smartmenus@1 jqtree@1 "
+    # of the fourth set of unseen pages
+    "bootstrap-table@1 x-data-spreadsheet@1 dhtmlx-gantt@9 @schedule-x/calendar@2 "
+    "@schedule-x/theme-default@2 trix@2 @toast-ui/editor@3 @editorjs/editorjs@2 @editorjs/header@2 "
+    "@editorjs/list@2 billboard.js@3 plotly.js-dist-min@3 jsvectormap@1 mind-elixir@5 "
+    "@esri/calcite-components@3 igniteui-webcomponents@6 @easepick/bundle@1 toolcool-range-slider@4 "
+    "treeselectjs@0.14 ion-rangeslider@2 jquery-contextmenu@2 metismenu@3.0 lightgallery@2 flickity@3 "
+    "viewerjs@1 dragula@3 gridstack@12 mediaelement@7 wavesurfer.js@7 react-aria-components@1 "
+    "@internationalized/date@3 @arco-design/web-react@2 react-big-calendar@1 moment@2 "
+    "@xyflow/react@12 @types/react@18 @types/react-dom@18 filepond@4 muuri@0.9"
 ).split()
 
 FOLDER = Path(__file__).with_name("npm_pages")
@@ -60,6 +70,7 @@ PAGES = {
     "unseen": [name for name, file in FILES.items() if file.parent.name == "unseen"],
     "unseen_2": [name for name, file in FILES.items() if file.parent.name == "unseen_2"],
     "unseen_3": [name for name, file in FILES.items() if file.parent.name == "unseen_3"],
+    "unseen_4": [name for name, file in FILES.items() if file.parent.name == "unseen_4"],
 }
 """Names of pages by set."""
 CACHE = Path.home() / ".cache/webgym/npm_pages"

@@ -249,6 +249,7 @@ class Trier:
     async def points(self) -> list[tuple[float, float]]:
         """One point for every element that the grid hits."""
         await self.load()
+        await asyncio.sleep(QUIET_SECONDS)  # on a busy machine components are drawn late
         found = [(x, y) for x, y in await self.evaluate(f"__trial.points({GRID})")]
         return found[:: -(-len(found) // MOST_POINTS)]
 

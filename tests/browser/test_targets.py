@@ -26,6 +26,8 @@ COMPONENT = (
     "this.attachShadow({{ mode: 'open' }}).innerHTML = `{0}`; }} }})</script>"
 )
 ICON = "<style>i{display:inline-block;width:9px;height:9px;border:1px solid}p{margin:0}</style>"
+CLOUD = [(1, 2, "war"), (4, 5, "sea"), (9, 3, "sun"), (15, 7, "ice"), (20, 4, "fog"), (25, 8, "hut")]
+WEEK = ["Mon", "Tue", "Wed", "Thu", "Fri", "Sat", "Sun"]
 PAGES: dict[str, tuple[str, list[str]]] = {
     "only a listener": ("<p class=on>Heard</p><p>Plain</p>" + LISTENS.format("click"), ["Heard"]),
     "a press of the mouse": ("<b class=on>Heard</b>" + LISTENS.format("pointerdown"), ["Heard"]),
@@ -311,6 +313,59 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         "<table><tr><th aria-sort=none>Plain<th aria-sort=none>Plain</table>" + LISTENS.format("click"),
         ["Town", "Name", "Age"],
     ),
+    "handlers that keep an event from having an effect": (
+        "<p oncontextmenu='return false'>Plain</p><p id=a>Plain</p><p id=b>Plain</p><p id=c>Heard</p>"
+        "<p id=d>Heard</p><script>a.__reactProps$x = { onClick: (e) => e.stopPropagation() };"
+        "b.addEventListener('click', function (event) { event.preventDefault(); return !1 });"
+        "c.addEventListener('mousedown', (e) => { e.preventDefault() });"
+        "d.addEventListener('click', (e) => { e.preventDefault(); go() })</script>",
+        ["Heard", "Heard"],
+    ),
+    "what is only dragged": (
+        "<style>p{cursor:grab;height:30px}</style><p class=on>Plain</p><p class=on id=heard>Heard</p>"
+        "<b class=on style='cursor:grab'>Handle</b>"
+        + LISTENS.format("pointerdown")
+        + "<script>heard.addEventListener('click', () => {})</script>",
+        ["Heard", "Handle"],
+    ),
+    "slides that a box around is swiped by": (
+        "<ul class=on style='cursor:grab'><li>One<li>Two<li>Three</ul><button>Buy</button>"
+        + LISTENS.format("mousedown"),
+        ["Buy"],
+    ),
+    "a bar that is an edge to drag": (
+        "<div class=on title=Size><div style='cursor:ns-resize;height:20px;border:1px solid'></div></div>"
+        + LISTENS.format("mousedown"),
+        [],
+    ),
+    "labels of an axis": (
+        "<svg width=300 height=90><g>"
+        + "".join(f"<text class=on x={x} y=80>{x}</text>" for x in range(20, 140, 20))
+        + "</g><g>"
+        + "".join(f"<text class=on x={10 * x} y={9 * y}>{word}</text>" for x, y, word in CLOUD)
+        + "</g></svg>"
+        + LISTENS.format("click"),
+        [word for _, _, word in CLOUD],
+    ),
+    "a large chart": (
+        "<svg class=on width=900 height=330 aria-label=Chart><text y=20>Sales</text></svg>"
+        "<svg class=on width=900 height=330 aria-label=Board></svg>" + LISTENS.format("click"),
+        ["Board"],
+    ),
+    "names of days and fields without a day": (
+        "<style>i{display:inline-block;width:22px;height:20px;border:1px solid}</style><div>"
+        + "".join(f"<b><i class=on>{name}</i></b>" for name in "Mo 2,Tu 3,We 4,Thu 5,Fri 6".split(","))
+        + "</div><div style='width:200px'>"
+        + "".join(f"<i class=on>{day if day > 0 else ''}</i>" for day in range(-2, 29))
+        + "</div>"
+        + LISTENS.format("click"),
+        [str(day) for day in range(1, 29)],
+    ),
+    "names of days that have a pointer": (
+        "<style>b{cursor:pointer}</style><p>" + "".join(f"<b class=on>{name}</b> " for name in WEEK) + "</p>"
+        "<p>" + "".join(f"<i class=on>{name}</i> " for name in WEEK[:4]) + "</p>" + LISTENS.format("click"),
+        [*WEEK, *WEEK[:4]],
+    ),
     "a label's own name": ("<i id=l aria-label=Town>x</i><input aria-labelledby=l>", ["Town"]),
 }
 
@@ -344,9 +399,14 @@ async def test_pages_cannot_tell_that_they_are_asked(site: Site, open_tab: Open)
     tab = await open_tab("marks")
     await tab.goto(
         site.page(
-            "<p class=on>Heard</p>" + LISTENS.format("click") + "<script>window.seen = [];"
+            "<p class=on style='cursor:grab'>Heard</p>"
+            + LISTENS.format("click")
+            + "<script>window.seen = [];"
             "for (const name of ['preventDefault', 'composedPath']) { const own = Event.prototype[name];"
             "Event.prototype[name] = function () { seen.push(name); return own.call(this); } }"
+            "for (const [type, name] of [[Function, 'toString'], [RegExp, 'exec'], [RegExp, 'test']])"
+            "type.prototype[name] = () => { seen.push(name) };"
+            "Object.defineProperty(Event.prototype, 'bubbles', { get: () => { seen.push('bubbles') } });"
             "const { dispatchEvent } = EventTarget.prototype;"
             "EventTarget.prototype.dispatchEvent = function (event) {"
             "seen.push(event.type); return dispatchEvent.call(this, event); }</script>"

@@ -6,7 +6,7 @@
     dispatchEvent, nodeType, parentNode, childNodes, textContent, getRootNode, localName, baseURI, getAttribute,
     hasAttribute, matches, closest,
     checkVisibility, getBoundingClientRect, getClientRects, children, childElementCount, querySelector,
-    querySelectorAll, createRange,
+    querySelectorAll, createRange, documentElement,
     offsetWidth, offsetHeight, tabIndex, ofKind, styleSheets, adoptedStyleSheets,
   } = webgym.dom;
   const { rootOf, shorten } = webgym;
@@ -239,14 +239,25 @@
 
   // Is a press of the mouse on this element, or document, heard by it? The page's own world answers (listeners.js).
   const isHeardAt = (node) => {
-    if (!answers.has(node))
-      answers.set(node, !dispatchEvent(node, new Event(webgym.question, { cancelable: true, composed: true })));
+    if (!answers.has(node)) answers.set(node, ask(node, false));
     return answers.get(node);
   };
+  const ask = (node, bubbles) =>
+    !dispatchEvent(node, new Event(webgym.question, { cancelable: true, composed: true, bubbles }));
   let answers = new Map(); // by element or document, in this look
   const hears = (element) => {
     if (/\bclick\b/.test(getAttribute(element, 'jsaction') || '')) return true;
     return !UNMARKED.has(localName(element)) && getRootNode(element).mode !== 'closed' && isHeardAt(element);
+  };
+
+  // Is it only dragged? Its cursor says so, it hears no more than the button going down, and it is no small handle,
+  // whose track would hear that, too.
+  const GRIPS = /^(grab|grabbing|move|all-scroll|[a-z]+-resize)$/;
+  const HANDLE = 24; // pixels of its shorter side
+  const isGrip = (element, style) => {
+    if (!GRIPS.test(style.cursor) || ask(element, true)) return false;
+    const { width, height } = getBoundingClientRect(element);
+    return Math.min(width, height) > HANDLE;
   };
 
   // A cell of a sheet: its text cannot be selected, the sheet takes the focus, and something around listens, be it the
@@ -297,7 +308,8 @@
       const isTall = localName(child) === name && Math.abs(rect.height - height) <= 2 && !widgetOf(child);
       return isTall && (Math.abs(rect.width - width) <= 2 || isBar(child));
     };
-    return width >= 8 && height >= 8 && inner.every(isAlike) ? inner : [];
+    const isWhole = width >= 8 && height >= 8 && inner.every(isAlike);
+    return isWhole && !GRIPS.test(getComputedStyle(inner[0]).cursor) ? inner : [];
   };
 
   // One of several things with a name that lie in a box by themselves, as long as each is: a bar of a plan.
@@ -324,6 +336,51 @@
     const kin = () => (table ? querySelectorAll(table, CELLS) : children(rootOf(around) || around));
     const isPointed = (one) => (table || localName(one) === kind) && showsPointer(one, getComputedStyle(one));
     return (pointed.get(around)[kind] ??= firstOf(kin(), MOST_KINDRED).some(isPointed));
+  };
+
+  // What shows what is drawn or listed beside it, and only listens, with no pointer: the labels of an axis of a
+  // drawing, the names of days above a calendar, and its fields without a day.
+  const isIdlePart = (element) => {
+    let around = parentOf(element);
+    for (let n = 0; around && n < WRAPPERS && childElementCount(around) === 1; n++) around = parentOf(around);
+    if (!around || childElementCount(around) < LEAST_ROW) return false;
+    if (!rows.has(around)) rows.set(around, kindOfRow([...children(around)].slice(0, MOST_KINDRED)));
+    const row = rows.get(around);
+    return row === 'days' ? !textContent(element).trim() : row !== null;
+  };
+  const [LEAST_ROW, WRAPPERS] = [5, 2];
+  let rows = new Map(); // by what is around them; in this look
+  const kindOfRow = (row) => {
+    const texts = row.map((one) => textContent(one).trim());
+    if (row.every((one) => localName(one) === 'text')) return isAligned(row) ? 'axis' : null;
+    if (row.length <= 8 && texts.filter(isNamedDay).length >= LEAST_ROW && texts.every((text) => !text || isNamedDay(text)))
+      return 'names';
+    const days = texts.filter((text) => /^([1-9]|[12]\d|3[01])$/.test(text)).length;
+    return days >= 28 && 3 * days >= row.length ? 'days' : null;
+  };
+  const isAligned = (row) => {
+    const rects = row.map(getBoundingClientRect);
+    return ['top', 'bottom', 'left', 'right'].some((side) => rects.every((rect) => Math.abs(rect[side] - rects[0][side]) <= 2));
+  };
+  // "Mon", "Monday 9", "Mo 3/9", in the language of the page or in English.
+  const namesOfDays = new Map();
+  const isNamedDay = (text) => {
+    const language = getAttribute(documentElement(document), 'lang') || 'en';
+    if (!namesOfDays.has(language)) namesOfDays.set(language, daysIn(language));
+    const word = (/\p{L}+/u.exec(text.slice(0, LONGEST_DAY)) || [''])[0].toLowerCase();
+    return text.length <= LONGEST_DAY && word.length > 1 && namesOfDays.get(language).some((name) => name.startsWith(word));
+  };
+  const LONGEST_DAY = 24; // characters, with a date
+  const daysIn = (language) => {
+    const of = (one) => {
+      const { format } = new Intl.DateTimeFormat(one, { weekday: 'long', timeZone: 'UTC' });
+      return [1, 2, 3, 4, 5, 6, 7].map((day) => format(new Date(Date.UTC(2024, 0, day))).toLowerCase());
+    };
+    try {
+      return [...of('en'), ...of(language)];
+    } catch {
+      return of('en'); // no language that is known
+    }
   };
 
   // A part of a label does what the field that it labels does, which is numbered itself.
@@ -385,6 +442,8 @@
     if (!role && !isPointer && isName(element)) return null; // it is a label, too
     const isText = !role && !isPointer && isPlainText(element, style);
     if (isText && hasPointedKin(element)) return null;
+    const isPlain = !role && !isPointer && !isPart && !isCell(element, style);
+    if (isPlain && (isGrip(element, style) || isIdlePart(element))) return null;
     if (role === 'listbox' && localName(element) !== 'select') return null; // its options are what one clicks
     const list = role === 'option' && localName(element) === 'option' ? closest(element, 'select') : null;
     if (list && roleOf(list) !== 'listbox') return null;
@@ -432,8 +491,9 @@
     if (isPainted || hasOwnText(element) || childElementCount(element) > 3 || depth > 3) return false;
     return [...children(rootOf(element) || element)].every((child) => isBlank(child, depth + 1));
   };
-  const isNothing = ({ element, role }) =>
-    getComputedStyle(element).cursor.endsWith('-resize') || (isBlank(element) && !nameOf(element, role));
+  const isNothing = ({ element, role, boxes }) =>
+    isResized(element) || isResized(hit(...middle(boxes[0]))) || (isBlank(element) && !nameOf(element, role));
+  const isResized = (element) => Boolean(element) && getComputedStyle(element).cursor.endsWith('-resize');
 
   // Is more written in it than on what lies in it?
   const hasOtherText = (one, kids) =>
@@ -468,6 +528,10 @@
     return Boolean(name) && nameOf(one.element, one.role).includes(name);
   };
 
+  // What is drawn as a whole, such as a board to play on. A drawing with texts is a chart: what it shows is in it.
+  const isBoard = (element) =>
+    WHOLE.has(localName(element)) && !(localName(element) === 'svg' && querySelector(element, 'text'));
+
   // Which of `kids`, the candidates that lie in `one`, are kept beside it; null where they are kept in its stead.
   const keptBeside = (one, kids) => {
     const box = rectOf(one);
@@ -480,7 +544,7 @@
       const isUnpointed = one.isText || (!one.isPointer && within.length && hasOtherText(one, within));
       if (isUnpointed && within.some((kid) => [kid, ...kid.kids].some(({ isPointer }) => isPointer))) return null;
       if (!within.length) {
-        const isLarge = area > LARGE * innerWidth * innerHeight && !WHOLE.has(localName(one.element));
+        const isLarge = area > LARGE * innerWidth * innerHeight && !isBoard(one.element);
         return isLarge && !one.isPointer ? null : kids;
       }
       const isCovered = within.reduce((sum, kid) => sum + share(kid), 0) >= COVER;
@@ -552,6 +616,7 @@
     sheets = new Map();
     answers = new Map();
     several = new Map();
+    rows = new Map();
   };
 
   webgym.targets = {

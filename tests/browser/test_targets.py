@@ -225,9 +225,9 @@ PAGES: dict[str, tuple[str, list[str]]] = {
     ),
     "days that are not offered": (
         "<style>div{display:flex}div b{width:30px;height:30px}</style><div class=on><b>1</b><b>2</b><b>3</b>"
-        "<b class='day-disabled'>4</b><b aria-disabled=true>5</b><b style='cursor:not-allowed'>6</b></div>"
-        + LISTENS.format("click"),
-        ["1", "2", "3"],
+        "<b class='day-disabled'>4</b><b aria-disabled=true>5</b><b style='cursor:not-allowed'>6</b>"
+        "<b disabled>7</b><b data-disabled>8</b><b data-disabled=false>9</b></div>" + LISTENS.format("click"),
+        ["1", "2", "3", "9"],
     ),
     "a native button whose class says it is disabled": ("<button class=disabled>Send</button>", ["Send"]),
     "cells of a sheet that the document listens for": (

@@ -122,7 +122,8 @@
   // disabled, whatever its class.
   const isOff = (element) =>
     matches(element, ':disabled') || getAttribute(element, 'aria-disabled') === 'true' ||
-    (!matches(element, NATIVE) && (isNamedOff(element) || /not-allowed|no-drop/.test(getComputedStyle(element).cursor)));
+    (!matches(element, NATIVE) && (matches(element, OFF) || isNamedOff(element) || /not-allowed|no-drop/.test(getComputedStyle(element).cursor)));
+  const OFF = '[disabled]:not([disabled=false]),[data-disabled]:not([data-disabled=false])'; // of components
   const NATIVE = 'a[href],area,button,input,select,textarea,option,summary';
   const isNamedOff = (element) =>
     (getAttribute(element, 'class') || '')

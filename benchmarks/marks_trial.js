@@ -42,9 +42,17 @@
   const said = ({ text }) => (text && text.length < 40 ? `=${text}` : '');
   let taken = new Map();
   const noise = new Set(NOISE);
+  let hash = '';
   hold.take = () => {
     taken = new Map();
-    inside(document, (node, path) => taken.set(node, [path, facts(node)]), '');
+    hash = location.hash;
+    inside(document, (node, path) => taken.set(node, [path, facts(node), node.parentNode, [...node.childNodes]]), '');
+  };
+  // What was in it before and still is, as it was and as it is now.
+  const isReordered = (node, children) => {
+    const before = children.filter((child) => child.parentNode === node);
+    const now = [...node.childNodes].filter((child) => taken.has(child) && taken.get(child)[2] === node);
+    return before.some((child, index) => child !== now[index]);
   };
   hold.changes = () => {
     const changes = new Set();
@@ -56,7 +64,10 @@
       if (!before) return changes.add(`${path} new${said(now)}`);
       for (const name of new Set([...Object.keys(before[1]), ...Object.keys(now)]))
         if (name !== 'tabindex' && before[1][name] !== now[name]) changes.add(`${before[0]} ${name}${said(now)}`);
+      if (before[2] !== node.parentNode) changes.add(`${before[0]} moved`);
+      if (isReordered(node, before[3])) changes.add(`${before[0]} order`);
     }, '');
+    if (location.hash !== hash) changes.add(`/ hash=${location.hash}`);
     for (const [node, [path]] of taken) if (!seen.has(node)) changes.add(`${path} gone`);
     return [...changes].filter((change) => !noise.has(change.split('=')[0])).sort();
   };
@@ -117,7 +128,7 @@
       const depth = own.findIndex((node) => other.includes(node)) - 1;
       const [item, like] = [own[depth], other[depth]];
       const isAlike = item && like && other[depth + 1] === own[depth + 1] && item.localName === like.localName;
-      return isAlike ? [[index, taken.get(item)[0], depth]] : [];
+      return isAlike && taken.has(item) ? [[index, taken.get(item)[0], depth]] : [];
     });
     return found.sort((a, b) => a[2] - b[2]);
   };

@@ -366,6 +366,35 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         "<p>" + "".join(f"<i class=on>{name}</i> " for name in WEEK[:4]) + "</p>" + LISTENS.format("click"),
         [*WEEK, *WEEK[:4]],
     ),
+    "what bears data for a script around it": (
+        "<style>.day{cursor:default}</style><div class=on><p>Plain</p><div><p class=day data-time=1>One</p>"
+        "<p class='day first' data-time=2>Two</p><p>Plain</p></div><p class=day data-time=3>Three</p>"
+        + "".join(f"<b class=day data-id={same}>Plain</b>" for same in (1, 1, 2))
+        + "".join(f"<i data-id={own}>Plain</i><u class=day data-look={own}>Plain</u>" for own in (1, 2, 3))
+        + "</div><p class=day data-time=4>Plain</p>"
+        + LISTENS.format("click"),
+        ["One", "Two", "Three"],
+    ),
+    "what bears data in what is only dragged": (
+        "<style>p{cursor:default}</style><div class=on style='height:600px'><h1>Plain</h1>"
+        + "".join(f"<p data-id={own}>Plain</p>" for own in (1, 2, 3))
+        + "</div>"
+        + LISTENS.format("mousedown"),
+        [],
+    ),
+    "regions of a map that a box around listens for": (
+        "<div class=on><svg width=90 height=90>"
+        + "".join(f"<path data-code={n} d='M{n * 30} 0h{n * 5 + 9}v30h-9' />" for n in range(3))
+        + "</svg></div>"
+        + LISTENS.format("click"),
+        ["", "", ""],
+    ),
+    "a part of a button that is called the same": (
+        "<div role=button class=on style='height:60px;width:90px'><b class=on>Size</b></div>"
+        "<div role=button class=on style='height:60px;width:90px'>Tag <b class=on>x</b></div>"
+        + LISTENS.format("click"),
+        ["Size", "Tag x", "x"],
+    ),
     "a label's own name": ("<i id=l aria-label=Town>x</i><input aria-labelledby=l>", ["Town"]),
 }
 

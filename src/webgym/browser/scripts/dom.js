@@ -40,7 +40,7 @@
   take(
     Element,
     'localName namespaceURI shadowRoot assignedSlot nextElementSibling clientLeft clientTop clientWidth clientHeight ' +
-      'scrollWidth scrollHeight scrollTop scrollLeft getAttribute hasAttribute setAttribute removeAttribute matches closest ' +
+      'scrollWidth scrollHeight scrollTop scrollLeft getAttribute getAttributeNames hasAttribute setAttribute removeAttribute matches closest ' +
       'checkVisibility getBoundingClientRect getClientRects computedStyleMap scrollBy scrollIntoView',
   );
   take(

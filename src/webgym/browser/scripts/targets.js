@@ -4,7 +4,7 @@
   if (webgym.targets) return;
   const {
     dispatchEvent, nodeType, parentNode, childNodes, textContent, getRootNode, localName, baseURI, getAttribute,
-    hasAttribute, matches, closest,
+    getAttributeNames, hasAttribute, matches, closest,
     checkVisibility, getBoundingClientRect, getClientRects, children, childElementCount, querySelector,
     querySelectorAll, createRange, documentElement,
     offsetWidth, offsetHeight, tabIndex, ofKind, styleSheets, adoptedStyleSheets,
@@ -429,6 +429,32 @@
     return isHeardFor(element, `.${CSS.escape(name)}`);
   };
 
+  // One of several of a kind that bear data by which the script around them tells which one was clicked.
+  const TELLING = /^data-(.*-)?(node|row|col|item)?(id|key|code|index|value|date|time|day|month|year)$/;
+  const isToldByData = (element, style) => {
+    const names = getAttributeNames(element).filter((name) => TELLING.test(name) && getAttribute(element, name));
+    if (!names.length || style.cursor === 'text' || isPlainText(element, style) || closest(element, `${UNDIVIDED},[contenteditable]`)) return false;
+    let around = parentOf(element);
+    for (let n = 0; around && n < AROUND && !hearsClicks(around); n++) around = parentOf(around);
+    if (!around || !hearsClicks(around)) return false;
+    const scope = getRootNode(around) === getRootNode(element) ? around : getRootNode(element);
+    const [first] = (getAttribute(element, 'class') || '').trim().split(/\s+/);
+    const kind = CSS.escape(localName(element)) + (first && `.${CSS.escape(first)}`);
+    return names.some((name) => areApart(scope, `${kind}[${CSS.escape(name)}]`, name));
+  };
+  const areApart = (scope, kind, name) => {
+    if (!told.has(scope)) told.set(scope, {});
+    const values = () => firstOf(querySelectorAll(scope, kind), MOST_KINDRED).map((one) => getAttribute(one, name));
+    const isOfEach = (all) => all.length >= ITEMS && new Set(all).size === all.length;
+    return (told.get(scope)[kind] ??= isOfEach(values()));
+  };
+  let told = new Map(); // by scope and selector: does each have a value of its own? In this look
+  const hearsClicks = (element) => {
+    if (!clicks.has(element)) clicks.set(element, hears(element) && ask(element, true));
+    return clicks.get(element);
+  };
+  let clicks = new Map(); // by element, in this look
+
   // {element, place, role, isControl, isPointer, isText, isPart, items, kids, boxes}: `isText` if nothing is seen of
   // what listens, `isPart` if something around listens for this part of a row, `kids` are the candidates in it,
   // `items` those of its children that are candidates because of it.
@@ -437,7 +463,8 @@
     const isControl = Boolean(role && widgetOf(element));
     const isPointer = Boolean(style && startsPointer(element, style));
     const isPart = Boolean(style) && !role && !isItem && (isIcon(element) || isSorter(element));
-    const isUsed = () => isItem || isPart || hears(element) || isHeardAround(element) || isCell(element, style);
+    const isTold = Boolean(style) && !role && !isPointer && !isItem && isToldByData(element, style);
+    const isUsed = () => isItem || isPart || isTold || hears(element) || isHeardAround(element) || isCell(element, style);
     if (!role && !isPointer && !(style && isUsed())) return null;
     if (isOff(element) || (!isControl && isOfLabel(element))) return null;
     if (!role && !isPointer && isName(element)) return null; // it is a label, too
@@ -449,7 +476,7 @@
     const list = role === 'option' && localName(element) === 'option' ? closest(element, 'select') : null;
     if (list && roleOf(list) !== 'listbox') return null;
     const items = new Set(isControl ? [] : itemsOf(element));
-    const heard = isPart || undefined;
+    const heard = isPart || isTold || undefined;
     return {
       element, place, role: role || 'button', isControl, isPointer, isText, isPart, heard, items, kids: [], boxes: [],
     };
@@ -569,7 +596,9 @@
     const same = within.filter((kid) => share(kid) >= COVER);
     const isField = (kid) => kid.isControl && (GIVES_WAY.has(one.role) || FIELDS.has(localName(kid.element)));
     if (same.some(isField) && !WITHOUT_PARTS.has(one.role)) return null;
-    const isOwn = (kid) => same.includes(kid) || isPartOf(one, kid);
+    const isNamesake = (kid) => !kid.isControl && Boolean(nameOf(kid.element, kid.role)) && isOfName(kid);
+    const isOfName = (kid) => one.role === 'button' && nameOf(kid.element, kid.role) === nameOf(one.element, one.role);
+    const isOwn = (kid) => same.includes(kid) || isPartOf(one, kid) || isNamesake(kid);
     return kids.filter((kid) => !isOwn(kid) && (kid.isControl || !within.includes(kid) || kid.isHeard()));
   };
 
@@ -618,6 +647,8 @@
     answers = new Map();
     several = new Map();
     rows = new Map();
+    told = new Map();
+    clicks = new Map();
   };
 
   webgym.targets = {

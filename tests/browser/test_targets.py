@@ -375,6 +375,13 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         + LISTENS.format("click"),
         ["One", "Two", "Three"],
     ),
+    "rows that bear data, with a part that has a pointer": (
+        "<style>li{user-select:none}b{cursor:pointer}div{height:600px}</style><div class=on><h1>Plain</h1>"
+        + "".join(f"<li data-id={name}>{name} <b>+</b></li>" for name in ("One", "Two", "Three"))
+        + "</div>"
+        + LISTENS.format("click"),
+        ["One +", "+", "Two +", "+", "Three +", "+"],
+    ),
     "what bears data in what is only dragged": (
         "<style>p{cursor:default}</style><div class=on style='height:600px'><h1>Plain</h1>"
         + "".join(f"<p data-id={own}>Plain</p>" for own in (1, 2, 3))
@@ -388,6 +395,13 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         + "</svg></div>"
         + LISTENS.format("click"),
         ["", "", ""],
+    ),
+    "a component that is the label of a box to tick": (
+        "<style>b{display:inline-block;width:9px;height:9px}</style>"
+        "<x-one><b role=checkbox tabindex=0 aria-label='I agree'></b> I agree</x-one>"
+        + COMPONENT.format("<div class=on style='width:300px'><slot></slot></div>")
+        + "<script>document.querySelector('x-one').shadowRoot.firstChild.onclick = () => {}</script>",
+        ["I agree"],
     ),
     "a part of a button that is called the same": (
         "<div role=button class=on style='height:60px;width:90px'><b class=on>Size</b></div>"

@@ -455,9 +455,9 @@
   };
   let clicks = new Map(); // by element, in this look
 
-  // {element, place, role, isControl, isPointer, isText, isPart, items, kids, boxes}: `isText` if nothing is seen of
-  // what listens, `isPart` if something around listens for this part of a row, `kids` are the candidates in it,
-  // `items` those of its children that are candidates because of it.
+  // {element, place, role, isControl, isPointer, isText, isPart, isTold, items, kids, boxes}: `isText` if nothing is seen
+  // of what listens, `isPart` if something around listens for this part of a row, `isTold` if for what bears such data,
+  // `kids` are the candidates in it, `items` those of its children that are candidates because of it.
   const candidateOf = (element, place, style, isItem) => {
     const role = roleOf(element);
     const isControl = Boolean(role && widgetOf(element));
@@ -478,7 +478,8 @@
     const items = new Set(isControl ? [] : itemsOf(element));
     const heard = isPart || isTold || undefined;
     return {
-      element, place, role: role || 'button', isControl, isPointer, isText, isPart, heard, items, kids: [], boxes: [],
+      element, place, role: role || 'button', isControl, isPointer, isText, isPart, isTold, heard, items, kids: [],
+      boxes: [],
     };
   };
 
@@ -505,6 +506,7 @@
   const [SMALL, LARGE] = [0.03, 0.25]; // of the viewport
   const GIVES_WAY = new Set(['gridcell', 'treeitem', 'combobox', 'option', 'tab']);
   const TEXTS = new Set(['textbox', 'searchbox', 'combobox', 'spinbutton']);
+  const TICKS = new Set(['checkbox', 'radio', 'switch']);
   const WHOLE = new Set(['canvas', 'svg', 'video']);
   const PAINTED = new Set([...WHOLE, 'img']);
 
@@ -544,9 +546,14 @@
   const isPartOf = (one, { element }) =>
     WITHOUT_PARTS.has(one.role) || (one.role === 'button' && localName(element) === 'button' && tabIndex(element) < 0);
 
+  // Has a component that is a label no other text than the name of what it labels, with or without that one's own?
+  const isLabelOf = (text, name) => name !== '' && (text === name || text === `${name} ${name}`);
+
   // Is this only drawn around its one field, or around a control of about its size that is called the same?
   const isWrapperOf = (one, kid, share) => {
-    if (!kid.isControl || hasOtherText(one, [kid])) return false;
+    if (!kid.isControl) return false;
+    if (TICKS.has(kid.role) && isLabelOf(nameOf(one.element, one.role), nameOf(kid.element, kid.role))) return true;
+    if (hasOtherText(one, [kid])) return false;
     return TEXTS.has(kid.role) || (share >= COVER / 2 && Boolean(nameOf(kid.element, kid.role)));
   };
 
@@ -569,7 +576,7 @@
     if (!one.isControl) {
       const isHeading = ({ element, isPart }) => isPart && matches(element, HEADING);
       if (!one.isPointer && (isNothing(one) || within.some(isHeading))) return null;
-      const isUnpointed = one.isText || (!one.isPointer && within.length && hasOtherText(one, within));
+      const isUnpointed = !one.isTold && (one.isText || (!one.isPointer && within.length && hasOtherText(one, within)));
       if (isUnpointed && within.some((kid) => [kid, ...kid.kids].some(({ isPointer }) => isPointer))) return null;
       if (!within.length) {
         const isLarge = area > LARGE * innerWidth * innerHeight && !isBoard(one.element);

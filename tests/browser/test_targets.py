@@ -371,6 +371,7 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         "<p class='day first' data-time=2>Two</p><p>Plain</p></div><p class=day data-time=3>Three</p>"
         + "".join(f"<b class=day data-id={same}>Plain</b>" for same in (1, 1, 2))
         + "".join(f"<i data-id={own}>Plain</i><u class=day data-look={own}>Plain</u>" for own in (1, 2, 3))
+        + "".join(f"<p class=day data-id={own} style='height:9px;border:1px solid'></p>" for own in (4, 5, 6))
         + "</div><p class=day data-time=4>Plain</p>"
         + LISTENS.format("click"),
         ["One", "Two", "Three"],

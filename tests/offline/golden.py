@@ -11,22 +11,26 @@ import hashlib
 import html
 import re
 from collections.abc import Iterator
+from pathlib import Path
 from urllib.parse import parse_qsl, unquote, urlsplit
 
+import webgym.offline
 from webgym.environment import COLLECTIONS
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Visit
 
+ASSETS = Path(webgym.offline.__file__).parent / "assets"
 PER_FAMILY = 3
 PAGES = 12
 
 
 def lines() -> Iterator[str]:
-    """Lines of three kinds, each with the name of the version.
+    """Lines of four kinds, each but the last with the name of the version.
 
     - split, host, number of tasks, and a digest of their ids, instructions and truths
     - ``websites``, their number, and a digest of what they are built from
     - ``pages``, family, and a digest of some pages of its first website
+    - ``assets``, their number, and a digest of the style sheets and scripts that all websites share
     """
     for name, collection in COLLECTIONS.items():
         web = OfflineWeb(per_family=PER_FAMILY, collection=collection)
@@ -47,6 +51,9 @@ def lines() -> Iterator[str]:
         for family in sorted(first):
             seen = b"".join(url.encode() + body for url, body in pages(web, first[family]))
             yield f"{name} pages {family} {digest(seen)}"
+    assets = sorted(path for path in ASSETS.rglob("*") if path.is_file())
+    held = b"".join(path.relative_to(ASSETS).as_posix().encode() + path.read_bytes() for path in assets)
+    yield f"assets {len(assets)} {digest(held)}"
 
 
 def pages(web: OfflineWeb, host: str) -> Iterator[tuple[str, bytes]]:

@@ -24,6 +24,7 @@ from typing import Final, Self
 
 import msgspec
 
+from webgym.agent.agent import AgentTraits
 from webgym.agent.parser import ParseError, parse_reply
 from webgym.agent.prompts import render_reply
 from webgym.agent.solver import Solver
@@ -261,9 +262,7 @@ async def _playing(
             site_state=ServedState(client),
             run_id=uuid.uuid4().hex,
             seed=0,
-            policy="scripted",
-            mode=mode,
-            elements=True,
+            traits=AgentTraits("scripted", mode, elements=True),
         )
         try:
             await pool.start()
@@ -475,12 +474,12 @@ class _Player:
         return Solver(task.website, task.truth.moves)
 
     def _step(self, solver: Solver, observation: Observation, index: int) -> Step:
-        act = solver.next(observation, self._context.mode)
+        act = solver.next(observation, self._context.traits.mode)
         text = render_reply(act.action, "memory", description=act.description)
         return Step(index, observation, (), Reply(text, "scripted"), self._parsed(text))
 
     def _parsed(self, text: str) -> Action:
-        parsed = parse_reply(text, self._context.mode, "memory")
+        parsed = parse_reply(text, self._context.traits.mode, "memory")
         if isinstance(parsed, ParseError):
             raise RuntimeError(f"the reply {text!r} cannot be read: {parsed}")
         return parsed.action
@@ -493,7 +492,7 @@ class _Player:
             task=task.id,
             content=content_of(task),
             browser=self._pool.browser,
-            mode=self._context.mode,
+            mode=self._context.traits.mode,
             outcome=trajectory.outcome,
             steps=len(episode.steps),
             faults=tuple(faults),

@@ -26,7 +26,7 @@ from typing import Any, Final, Literal, Self, TypeAlias, get_args
 
 import msgspec
 
-from webgym.agent.agent import Dialogue
+from webgym.agent.agent import AgentTraits, Dialogue
 from webgym.agent.policy import PolicyInput
 from webgym.agent.profiles import choose_profile
 from webgym.agent.prompts import render_reply
@@ -369,10 +369,7 @@ class _Episode:
             site_state=services.site_state,
             run_id=self.id,
             seed=env._seed,
-            policy="external",
-            mode=env.profile.mode,
-            space=config.agent.actions,
-            elements=env.profile.mode == "marks",
+            traits=AgentTraits("external", mode := env.profile.mode, config.agent.actions, mode == "marks"),
         )
         self._driver = EpisodeDriver(context, planned)
         # A policy must not see how success is verified.
@@ -422,7 +419,7 @@ class _Episode:
         episode = self._driver.episode()
         task = self._driver.planned.task
         judged = await judge_episode(self._services.judge, task, episode, self._picture, self._judge_seconds)
-        self._trajectory = Trajectory(episode, judged.outcome, judged.verdict, judged.failure)
+        self._trajectory = judged.of(episode)
 
     async def _picture(self, name: str) -> bytes:
         return self._pictures.by_name[name]

@@ -153,7 +153,7 @@ async def judged(task: Task, episode: Episode, judge: Judge) -> tuple[Trajectory
         expected, evidence that a page truncates, degraded solutions that pass.
     """
     found = await judge_episode(judge, task, episode, no_picture, _JUDGE_SECONDS)
-    trajectory, tasks = Trajectory(episode, found.outcome, found.verdict, found.failure), {task.id: task}
+    trajectory, tasks = found.of(episode), {task.id: task}
     faults = [*unexpected(tasks, [trajectory]), *cut_off(tasks, [trajectory])]
     return trajectory, faults + [line async for line in wrongly_accepted(tasks, [trajectory], judge)]
 

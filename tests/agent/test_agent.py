@@ -164,9 +164,9 @@ async def test_entering_the_agent_enters_the_policy() -> None:
 
 
 def test_who_wants_elements() -> None:
-    assert Agent(ScriptedPolicy()).wants_elements
-    assert not Agent(Parrot()).wants_elements
-    assert Agent(Parrot(), AgentConfig(mode="marks")).wants_elements
+    assert Agent(ScriptedPolicy()).traits.elements
+    assert not Agent(Parrot()).traits.elements
+    assert Agent(Parrot(), AgentConfig(mode="marks")).traits.elements
 
 
 # --- random play ----------------------------------------------------------------------------------

@@ -88,9 +88,11 @@ async def made(
     policy: Says, budget: int = 3, failures: Mapping[int, str] | None = None
 ) -> tuple[Episode, Pages, Progress]:
     pages, progress = Pages(failures or {}), Progress(total=1)
+    agent = Agent(policy, AgentConfig(image_max_side=None))
     context = AttemptContext(
         client=pages,
-        agent=Agent(policy, AgentConfig(image_max_side=None)),
+        agent=agent,
+        traits=agent.traits,
         store=pages,
         config=AttemptConfig(budget_easy=budget),
         progress=progress,
@@ -151,7 +153,15 @@ async def test_who_is_stopped_before_judges_have_the_state_to_look_at_is_not_the
     pages, site_state = Pages({}), SiteState()
     agent = Agent(Says(ACTS), AgentConfig(image_max_side=None))
     context = AttemptContext(
-        pages, agent, pages, AttemptConfig(budget_easy=1), Progress(total=1), site_state, "r", 0
+        client=pages,
+        agent=agent,
+        traits=agent.traits,
+        store=pages,
+        config=AttemptConfig(budget_easy=1),
+        progress=Progress(total=1),
+        site_state=site_state,
+        run_id="r",
+        seed=0,
     )
     facts = (FactTruth(1, 0, state=(StateCheck(("cart",), 1),)),)
     known = msgspec.structs.replace(task("t", 1), truth=Truth("a.test", facts, AnswerTruth(), ()))

@@ -80,7 +80,17 @@ def made(level: Level, number: int) -> tuple[Task, Episode, bool]:
 
 def context(store: RunWriter, progress: Progress) -> AttemptContext[RunWriter]:
     nothing = cast(Any, None)
-    return AttemptContext(nothing, nothing, store, AttemptConfig(), progress, None, "run", 0)
+    return AttemptContext(
+        client=nothing,
+        agent=nothing,
+        traits=nothing,
+        store=store,
+        config=AttemptConfig(),
+        progress=progress,
+        site_state=None,
+        run_id="run",
+        seed=0,
+    )
 
 
 async def judged(

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 from webgym.agent.config import AgentConfig
 from webgym.agent.context import AttemptPosition, Round, build_request, picture_names, thinking_of
@@ -16,11 +16,27 @@ from webgym.agent.parser import ParsedReply, ParseError, parse_reply
 from webgym.agent.policy import Policy, PolicyInput
 from webgym.agent.profile import Profile
 from webgym.agent.profiles import choose_profile
-from webgym.core.action import Mode
+from webgym.core.action import Mode, Space
 from webgym.core.errors import PolicyBadReply, PolicyError
 from webgym.core.observation import Observation
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply, Revision, Step
+
+
+class AgentTraits(NamedTuple):
+    """What the environment must know of an agent.
+
+    Attributes:
+        policy: name of the policy, for the record.
+        mode: how targets are named.
+        space: the action space.
+        elements: whether observations must contain ``elements`` and ``text``.
+    """
+
+    policy: str
+    mode: Mode
+    space: Space = "paper"
+    elements: bool = False
 
 
 class Agent:
@@ -47,9 +63,10 @@ class Agent:
         self.mode: Mode = self.profile.mode
 
     @property
-    def wants_elements(self) -> bool:
-        """Whether observations must carry ``elements`` and ``text``."""
-        return self.policy.wants_elements or self.mode == "marks"
+    def traits(self) -> AgentTraits:
+        """What the environment must know of it."""
+        elements = self.policy.wants_elements or self.mode == "marks"
+        return AgentTraits(self.policy.name, self.mode, self.config.actions, elements)
 
     def begin(self, task: Task, seed: int, budget: int) -> Conversation:
         """Start a new attempt.

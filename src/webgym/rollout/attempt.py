@@ -13,14 +13,12 @@ from webgym.core.calls import CallQueue, call_queues
 from webgym.core.errors import PolicyTimeout, StoreError
 from webgym.core.outcome import Ending
 from webgym.core.trajectory import Failure, Step
-from webgym.rollout.config import AttemptConfig
 from webgym.rollout.driver import (
     Browsers,
     BrowserSession,
     EpisodeContext,
     EpisodeDriver,
     ImageStore,
-    SiteState,
 )
 from webgym.rollout.lockstep import Lockstep
 from webgym.rollout.plan import Planned
@@ -30,49 +28,24 @@ from webgym.server.messages import View
 StoreT = TypeVar("StoreT", bound=ImageStore, covariant=True)
 
 
-@dataclass(frozen=True)
-class AttemptContext(Generic[StoreT]):
+@dataclass(frozen=True, kw_only=True)
+class AttemptContext(EpisodeContext, Generic[StoreT]):
     """The services and settings that attempts share.
 
     Attributes:
         client: client of the browser server.
         agent: the agent.
-        store: stores the screenshots.
-        config: limits of an attempt.
         progress: records the state of attempts.
-        site_state: server states of the offline web; ``None`` for other tasks.
-        run_id: distinguishes the offline web's visitors of different runs.
-        seed: seed of the run.
         calls: queues of the kinds of calls, at least ``policy`` and ``judge``.
         lockstep: makes attempts wait for each other before they query the policy; ``None`` if they do not.
     """
 
+    store: StoreT
     client: Browsers
     agent: Agent
-    store: StoreT
-    config: AttemptConfig
     progress: Progress
-    site_state: SiteState | None
-    run_id: str
-    seed: int
     calls: dict[str, CallQueue] = field(default_factory=lambda: call_queues({"policy": 256, "judge": 8}))
     lockstep: Lockstep | None = None
-
-    @property
-    def episodes(self) -> EpisodeContext:
-        """The part that a browser and the record need."""
-        agent = self.agent
-        return EpisodeContext(
-            store=self.store,
-            config=self.config,
-            site_state=self.site_state,
-            run_id=self.run_id,
-            seed=self.seed,
-            policy=agent.policy.name,
-            mode=agent.mode,
-            space=agent.config.actions,
-            elements=agent.wants_elements,
-        )
 
 
 class Attempt(EpisodeDriver):
@@ -84,7 +57,7 @@ class Attempt(EpisodeDriver):
     """
 
     def __init__(self, context: AttemptContext[ImageStore], planned: Planned) -> None:
-        super().__init__(context.episodes, planned)
+        super().__init__(context, planned)
         self._attempts = context
         self._state: State | None = None
         self._clock: asyncio.Timeout | None = None

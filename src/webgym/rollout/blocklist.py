@@ -15,7 +15,10 @@ from typing import Annotated, Final
 import msgspec
 from pydantic import AfterValidator, Field
 
+from webgym.core.outcome import Outcome
+from webgym.core.trajectory import Trajectory
 from webgym.core.websites import host_or_text
+from webgym.judge.blocking import blocking_host
 from webgym.rollout.files import Log, disk_errors
 from webgym.settings import Settings
 
@@ -98,6 +101,16 @@ class Blocklist:
     def is_blocked(self, website: str) -> bool:
         """Whether a website is currently excluded."""
         return host_or_text(website) in self.blocked()
+
+    def note(self, website: str, trajectory: Trajectory) -> None:
+        """Record the host that blocked an attempt at a task of this website, if one did.
+
+        Raises:
+            StoreError: the file cannot be written.
+        """
+        if trajectory.outcome is Outcome.BLOCKED and trajectory.verdict is not None:
+            blocked = trajectory.verdict.blocked
+            self.add(blocking_host(website, trajectory.episode, blocked), blocked.reason)
 
     def add(self, website: str, reason: str) -> None:
         """Record that a website's host blocked an attempt now.

@@ -11,7 +11,7 @@ import asyncio
 import time
 from array import array
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, nullcontext
+from contextlib import asynccontextmanager
 from functools import partial
 
 import numpy as np
@@ -25,12 +25,11 @@ from webgym.core.errors import (
     ServerError,
     ServerUnreachable,
     StoreError,
-    WebGymError,
+    error_from_code,
 )
 from webgym.core.outcome import Ending, Outcome, outcome_of
 from webgym.core.trajectory import Episode, Failure, Trajectory
 from webgym.judge.base import Judge, Pictures
-from webgym.judge.blocking import blocking_host
 from webgym.rollout.attempt import Attempt, AttemptContext
 from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.config import CollectorConfig
@@ -194,16 +193,14 @@ class Collector:
         progress.move(None, "judging", planned.attempt_id)
         try:
             async with self._recorded_if_stopped(episode):
-                judged, seconds = await self._find(planned, episode)
+                judged = await self._find(planned, episode)
                 if is_lost := not await plan.holds(planned.task.id, planned.sample):
                     judged = TAKEN_OVER
-            await self._record(episode, judged, seconds)
+            recorded = await self._record(episode, judged)
         finally:
             progress.move("judging", None, planned.attempt_id)
-        if self._blocklist and judged.outcome is Outcome.BLOCKED and judged.verdict is not None:
-            blocked = judged.verdict.blocked
-            host = blocking_host(planned.task.website, episode, blocked)
-            await asyncio.to_thread(self._blocklist.add, host, blocked.reason)
+        if self._blocklist is not None:
+            await asyncio.to_thread(self._blocklist.note, planned.task.website, recorded)
         if episode.ending in JUDGED:
             self._lengths.append(episode.seconds)
         is_final = is_lost or episode.ending is Ending.STRAGGLER
@@ -212,23 +209,23 @@ class Collector:
         self._end_stragglers(plan)
         self._watch(episode)
 
-    async def _find(self, planned: Planned, episode: Episode) -> tuple[JudgedEpisode, float]:
-        """What becomes of an episode, and how long that took to find out, seconds."""
-        queue = self._context.calls["judge"].turn() if episode.ending in JUDGED else nullcontext()
-        async with queue:
-            started = time.monotonic()
+    async def _find(self, planned: Planned, episode: Episode) -> JudgedEpisode:
+        """What becomes of an episode."""
+        if episode.ending not in JUDGED:
+            return _unjudged(episode)
+        async with self._context.calls["judge"].turn():
             seconds = self._config.judge_seconds
-            found = await judge_episode(self._judge, planned.task, episode, self._pictures, seconds)
-            return found, time.monotonic() - started if episode.ending in JUDGED else 0.0
+            return await judge_episode(self._judge, planned.task, episode, self._pictures, seconds)
 
-    async def _record(self, episode: Episode, judged: JudgedEpisode, judge_seconds: float = 0.0) -> None:
-        trajectory = Trajectory(episode, judged.outcome, judged.verdict, judged.failure, judge_seconds)
+    async def _record(self, episode: Episode, judged: JudgedEpisode) -> Trajectory:
+        trajectory = judged.of(episode)
         try:
             await self._context.store.append(trajectory)
         except asyncio.CancelledError:
             self._context.progress.ended(trajectory)  # it is on disk: writing is carried through
             raise
         self._context.progress.ended(trajectory)
+        return trajectory
 
     @asynccontextmanager
     async def _recorded_if_stopped(self, episode: Episode) -> AsyncIterator[None]:
@@ -242,16 +239,16 @@ class Collector:
 
     def _watch(self, episode: Episode) -> None:
         """Stop the run when only the machinery fails, one attempt after the other."""
-        code = episode.failure.code if episode.failure else ""
-        if code not in _MACHINERY:
-            self._failed_in_a_row = 0
-            return
-        self._failed_in_a_row += 1
-        if self._failed_in_a_row >= self._config.give_up_after and episode.failure is not None:
-            raise _MACHINERY[code](
-                f"{self._failed_in_a_row} attempts in a row failed: {episode.failure.message}",
-                hint="what was collected is kept; fix the cause, then resume with --resume",
-            )
+        failed, code, message = self._failed_in_a_row + 1, "", ""
+        if episode.failure is not None:
+            code, message = episode.failure.code, episode.failure.message
+        hint = "what was collected is kept; fix the cause, then resume with --resume"
+        error = error_from_code(code, f"{failed} attempts in a row failed: {message}", hint)
+        # A policy that raises a plain PolicyError failed at one task; the others could not be reached at all.
+        is_machinery = isinstance(error, PolicyError | ServerError) and type(error) is not PolicyError
+        self._failed_in_a_row = failed if is_machinery else 0
+        if self._failed_in_a_row >= self._config.give_up_after:
+            raise error
 
     # --- the end of a run, and figures ------------------------------------------------------------------
 
@@ -287,16 +284,3 @@ def _unjudged(episode: Episode) -> JudgedEpisode:
         return JudgedEpisode(None, None, outcome_of(episode.ending, None))
     failure = Failure("judge_error", "the run was stopped before there was a verdict")
     return JudgedEpisode(None, failure, Outcome.JUDGE_ERROR)
-
-
-def _all_of(cls: type[WebGymError]) -> dict[str, type[WebGymError]]:
-    found = {cls.code: cls}
-    for child in cls.__subclasses__():
-        found |= _all_of(child)
-    return found
-
-
-# A policy that raises a plain PolicyError failed at one task; these failed at being reached at all.
-_MACHINERY = {
-    code: cls for code, cls in (_all_of(PolicyError) | _all_of(ServerError)).items() if cls is not PolicyError
-}

@@ -12,8 +12,9 @@ import time
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from webgym.agent.agent import AgentTraits
 from webgym.browser.config import Cookie
-from webgym.core.action import Answer, BrowserAction, Mode, Navigate, Space
+from webgym.core.action import Answer, BrowserAction, Navigate
 from webgym.core.errors import AttemptOverdue, NavigationFailed, PolicyBadReply, WebGymError
 from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, ending_of
@@ -96,7 +97,7 @@ class SiteState(Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class EpisodeContext:
     """The services and settings that episodes share.
 
@@ -106,10 +107,7 @@ class EpisodeContext:
         site_state: server states of the offline web; ``None`` for other tasks.
         run_id: distinguishes the offline web's visitors of different runs.
         seed: seed of the run.
-        policy: name of the policy, for the record.
-        mode: how targets are named.
-        space: the action space.
-        elements: whether observations must contain ``elements`` and ``text``.
+        traits: of the agent.
     """
 
     store: ImageStore
@@ -117,10 +115,7 @@ class EpisodeContext:
     site_state: SiteState | None
     run_id: str
     seed: int
-    policy: str
-    mode: Mode
-    space: Space = "paper"
-    elements: bool = False
+    traits: AgentTraits
 
 
 class EpisodeDriver:
@@ -182,13 +177,13 @@ class EpisodeDriver:
         """The browser session that this episode needs."""
         context = self._context
         return SessionOptions(
-            mode=context.mode,
+            mode=context.traits.mode,
             viewport=context.config.viewport,
             text=context.config.record_text,
             cuts=context.config.record_cuts,
-            elements=context.elements,
+            elements=context.traits.elements,
             cookies=context.site_state.cookies(self.visitor) if context.site_state else (),
-            files=self.planned.task.files if context.space == "extended" else (),
+            files=self.planned.task.files if context.traits.space == "extended" else (),
         )
 
     async def start(self, session: BrowserSession) -> View:
@@ -321,7 +316,7 @@ class EpisodeDriver:
             sample=planned.sample,
             retry=planned.retry,
             seed=self.seed,
-            policy=self._context.policy,
+            policy=self._context.traits.policy,
             started_at=self.started_at,
             seconds=self._seconds or self.elapsed,
             steps=tuple(self.steps),

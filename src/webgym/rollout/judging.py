@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from dataclasses import dataclass
 from typing import Final
 
@@ -30,11 +31,17 @@ class JudgedEpisode:
         verdict: the verdict; ``None`` if there is none.
         failure: why the judge gave none; ``None`` if the episode was not judged.
         outcome: outcome of the attempt.
+        seconds: how long the judge took.
     """
 
     verdict: Verdict | None
     failure: Failure | None
     outcome: Outcome
+    seconds: float = 0.0
+
+    def of(self, episode: Episode) -> Trajectory:
+        """The record of the episode, which must be the one that was judged."""
+        return Trajectory(episode, self.outcome, self.verdict, self.failure, self.seconds)
 
 
 TAKEN_OVER: Final = JudgedEpisode(
@@ -51,16 +58,18 @@ async def judge_episode(
     """Judge an episode, with a deadline in seconds; one that did not end regularly is not judged."""
     if episode.ending not in JUDGED:
         return JudgedEpisode(None, None, outcome_of(episode.ending, None))
+    started = time.monotonic()
+    verdict = failure = None
     try:
         async with asyncio.timeout(seconds):
             verdict = await judge.judge(task, episode, pictures)
+        outcome = outcome_of(episode.ending, verdict)
     except Exception as error:
         # The attempt remains without a verdict, and its record says why.
-        failure = _as_judge_error(error, seconds)
-        return JudgedEpisode(
-            None, Failure(failure.code, failure.message), outcome_of(episode.ending, failure)
-        )
-    return JudgedEpisode(verdict, None, outcome_of(episode.ending, verdict))
+        judge_error = _as_judge_error(error, seconds)
+        failure = Failure(judge_error.code, judge_error.message)
+        outcome = outcome_of(episode.ending, judge_error)
+    return JudgedEpisode(verdict, failure, outcome, time.monotonic() - started)
 
 
 def _as_judge_error(error: Exception, seconds: float) -> JudgeError:

@@ -184,13 +184,17 @@ async def _judge_all(
     async def work() -> None:
         for attempt_id in remaining:
             episode = (await asyncio.to_thread(reader.trajectory, attempt_id)).episode
-            started = time.monotonic()
             result = await judge_episode(
                 judge, reader.tasks[episode.task_id], episode, pictures, config.judge_seconds
             )
-            seconds = time.monotonic() - started
             judged = Judged(
-                attempt_id, judge.name, result.outcome, time.time(), seconds, result.verdict, result.failure
+                attempt_id,
+                judge.name,
+                result.outcome,
+                time.time(),
+                result.seconds,
+                result.verdict,
+                result.failure,
             )
             async with writing:
                 if is_again:

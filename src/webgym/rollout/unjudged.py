@@ -8,7 +8,6 @@ decides): attempts left without a verdict would bias the success rate.
 from __future__ import annotations
 
 import asyncio
-import time
 from collections import deque
 from collections.abc import Iterable
 
@@ -19,7 +18,6 @@ from webgym.core.task import Task
 from webgym.core.task_group import task_group
 from webgym.core.trajectory import Episode, Trajectory
 from webgym.judge.base import Judge, Pictures
-from webgym.judge.blocking import blocking_host
 from webgym.rollout.attempt import AttemptContext
 from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.config import CollectorConfig
@@ -104,17 +102,14 @@ class _Rejudging:
             task = self._tasks.get(trajectory.episode.task_id)
             if task is None:
                 continue
-            started = time.monotonic()
             result = await self._judge_task(task, trajectory.episode)
             if result.outcome is Outcome.JUDGE_ERROR:
                 self._failed_in_a_row += 1
                 continue
             self._failed_in_a_row = 0
-            await self._record(trajectory, result, time.monotonic() - started)
-            if self._blocklist and result.outcome is Outcome.BLOCKED and result.verdict is not None:
-                blocked = result.verdict.blocked
-                host = blocking_host(task.website, trajectory.episode, blocked)
-                await asyncio.to_thread(self._blocklist.add, host, blocked.reason)
+            judged = await self._record(trajectory, result)
+            if self._blocklist is not None:
+                await asyncio.to_thread(self._blocklist.note, task.website, judged)
 
     async def _judge_task(self, task: Task, episode: Episode) -> JudgedEpisode:
         if not await self._holds(episode):
@@ -130,13 +125,14 @@ class _Rejudging:
     async def _holds(self, episode: Episode) -> bool:
         return self._plan is None or await self._plan.holds(episode.task_id, episode.sample)
 
-    async def _record(self, trajectory: Trajectory, result: JudgedEpisode, seconds: float) -> None:
+    async def _record(self, trajectory: Trajectory, result: JudgedEpisode) -> Trajectory:
         judged = msgspec.structs.replace(
             trajectory,
             outcome=result.outcome,
             verdict=result.verdict,
             judge_failure=result.failure,
-            judge_seconds=trajectory.judge_seconds + seconds,
+            judge_seconds=trajectory.judge_seconds + result.seconds,
         )
         await self._context.store.append(judged)
         self._context.progress.judged_again(trajectory, judged)
+        return judged

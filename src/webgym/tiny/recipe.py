@@ -26,7 +26,7 @@ from webgym.agent.policy import Policy
 from webgym.agent.profiles import choose_profile
 from webgym.core.errors import ConfigError
 from webgym.core.task import Task
-from webgym.core.trajectory import Episode, Trajectory
+from webgym.core.trajectory import Episode
 from webgym.inference.local import LocalConfig, LocalPolicy
 from webgym.inference.model import Loaded
 from webgym.judge.base import no_picture
@@ -215,7 +215,7 @@ async def score(tasks: Sequence[Task], episodes: Sequence[Episode]) -> dict[str,
     judge, tally, seconds = OfflineJudge(), Tally(tasks), CollectorConfig().judge_seconds
     for task, episode in zip(tasks, episodes, strict=True):
         result = await judge_episode(judge, task, episode, no_picture, seconds)
-        tally.add(digest_of(Trajectory(episode, result.outcome, result.verdict, result.failure)))
+        tally.add(digest_of(result.of(episode)))
     summary = tally.summary()
     unreadable = sum(step.action is None for episode in episodes for step in episode.steps)
     return {

@@ -159,6 +159,7 @@ def test_it_keeps_the_environments_promises(started: list[Any], monkeypatch: pyt
         assert checked(adapter, backend(started), rows=rows, faults=faults) == []
 
 
+@pytest.mark.timeout(300)
 @pytest.mark.parametrize(
     ("adapter", "told"),
     [

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import ast
 import inspect
-import json
 import re
-import shlex
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,27 +14,27 @@ import pytest
 import typer
 import yaml
 from docs import reference
+from tests.documented import PAGES, ROOT, SHELL, blocks_of, calls
 
 import webgym
 from webgym import cli
+from webgym.cli import serve
 from webgym.core import errors
-
-ROOT = Path(__file__).parent.parent
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
-_BLOCK = re.compile(r"^( *)```(\w+)\n(.*?)^\1```$", re.DOTALL | re.MULTILINE)
+from webgym.judge.config import JudgeChoice
+from webgym.llm.prices import Prices
+from webgym.settings import load_settings
+from webgym.simulate.questions import read_questions
+from webgym.tasks.formats import read_tasks
+from webgym.train.start import load_train_config
 
 
 def blocks(*kinds: str) -> list[Any]:
     """The blocks of these languages, named by page and line."""
-    found = []
-    for page in PAGES:
-        text = page.read_text()
-        for match in _BLOCK.finditer(text):
-            if match[2] in kinds:
-                code = "\n".join(line.removeprefix(match[1]) for line in match[3].splitlines())
-                line = text.count("\n", 0, match.start()) + 1
-                found.append(pytest.param(code, id=f"{page.name}:{line}"))
-    return found
+    return [
+        pytest.param(code, id=f"{page.name}:{line}")
+        for page in PAGES
+        for line, code in blocks_of(page, *kinds)
+    ]
 
 
 @cache
@@ -78,29 +76,72 @@ def test_python(code: str) -> None:
     assert list(foreign(code)) == []
 
 
-@pytest.mark.parametrize("code", blocks("yaml"))
-def test_yaml(code: str) -> None:
-    yaml.safe_load(code)
+def pod(file: Path) -> None:
+    """As in the pods of ``deploy/``, whose memory is for another number of browsers."""
+    told = yaml.safe_load(file.read_text())
+    deployed = {each["kind"]: each for each in yaml.safe_load_all((ROOT / "deploy/kuberay.yaml").read_text())}
+    spec = deployed["RayCluster"]["spec"]["workerGroupSpecs"][0]["template"]["spec"]
+    assert told["securityContext"] == spec["containers"][0]["securityContext"]
+    for each in (told["volumes"][0], spec["volumes"][0]):
+        each["emptyDir"].pop("sizeLimit")
+    assert told["volumes"] == spec["volumes"][:1]
 
 
-@pytest.mark.parametrize("code", blocks("json"))
-def test_json(code: str) -> None:
-    json.loads(code)
+def agent_loop(file: Path) -> None:
+    [entry] = yaml.safe_load(file.read_text())
+    module, _, name = entry["_target_"].rpartition(".")
+    assert name in names_in(module)
+    source = ROOT / "src" / Path(*module.split(".")).with_suffix(".py")
+    loops: list[Any] = ast.parse(source.read_text()).body
+    [loop] = [each for each in loops if getattr(each, "name", "") == name]
+    [init] = [each for each in loop.body if getattr(each, "name", "") == "__init__"]
+    taken = {each.arg for each in [*init.args.args, *init.args.kwonlyargs]}
+    assert entry.keys() - {"name", "_target_"} <= taken
 
 
-def calls(code: str) -> Iterator[list[str]]:
-    """The commands of a block of shell, as words."""
-    for line in code.replace("\\\n", " ").splitlines():
-        words = shlex.shlex(line.removeprefix("$ "), posix=True, punctuation_chars="|&;<>()")
-        words.whitespace_split = True
-        call: list[str] = []
-        for word in [*words, ";"]:
-            if word and set(word) <= set("|&;<>()"):
-                if call:
-                    yield call
-                call = []
-            elif call or "=" not in word:  # not a variable that is set for the command
-                call.append(word)
+def scraped(file: Path) -> None:
+    """Prometheus asks our port."""
+    [job] = yaml.safe_load(file.read_text())["scrape_configs"]
+    assert job["static_configs"] == [{"targets": [f"gateway:{serve._PORT}"]}]
+
+
+def training(file: Path) -> None:
+    """With what a file of its own leaves to the one before it."""
+    before = file.with_name("before.yaml")
+    before.write_text("learn: {model: m}\n")
+    load_train_config([before, file])
+
+
+READERS: dict[str, list[Callable[[Path], object]]] = {
+    "container.md": [pod],
+    "integrations.md": [agent_loop],
+    "judge.md": [lambda file: load_settings(JudgeChoice, [file], hint="")],
+    "models.md": [Prices.read],
+    "rollout-benchmark.md": [lambda file: read_questions([file])],
+    "scaling.md": [scraped],
+    "settings.md": [lambda file: load_settings(webgym.RunConfig, [file], hint="")],
+    "simulate.md": [lambda file: read_questions([file])],
+    "task-files.md": [read_tasks],
+    "training.md": [training, training, training],
+}
+"""What reads a page's blocks of YAML and JSON, in their order."""
+
+
+def settings_blocks() -> list[Any]:
+    return [
+        pytest.param(code, READERS[page.name][number], id=f"{page.name}:{line}")
+        for page in PAGES
+        for number, (line, code) in enumerate(blocks_of(page, "yaml", "json"))
+    ]
+
+
+@pytest.mark.parametrize(("code", "read"), settings_blocks())
+def test_what_they_are_for_reads_blocks_of_settings(
+    code: str, read: Callable[[Path], object], tmp_path: Path
+) -> None:
+    file = tmp_path / ("block.jsonl" if read is read_tasks else "block.yaml")
+    file.write_text(code + "\n")
+    read(file)
 
 
 @cache
@@ -136,7 +177,7 @@ def wrong(call: list[str]) -> str:
     return ""
 
 
-@pytest.mark.parametrize("code", blocks("sh", "bash", "console"))
+@pytest.mark.parametrize("code", blocks(*SHELL))
 def test_shell(code: str) -> None:
     assert [found for found in map(wrong, calls(code)) if found] == []
 

@@ -18,9 +18,9 @@ from typing import Any, TypeAlias
 
 import msgspec
 import pytest
+from tests.documented import PAGES, ROOT
 from tests.integrations.engine import Engine, reply_text
 from tests.llm.endpoint import serve
-from tests.test_docs import PAGES, ROOT
 
 import webgym
 from webgym.core.action import Answer

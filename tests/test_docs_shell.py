@@ -1,29 +1,44 @@
 """Commands in README and docs run, in this process: a page's after one another, in a folder of its own.
 
-They are as they stand there, but for what ``SMALLER`` adds, so that a run is of two tasks, and for a model's
-address. What cannot run here stands in ``ELSEWHERE``.
+They are as they stand there, but for what ``SMALLER`` adds, so that they are over in seconds, and for a
+model's address. What a test elsewhere takes from ``documented`` runs there; what other programs are given is
+checked as far as they let it, by ``CHECKS``; what cannot run stands in ``NOT_RUN``.
 """
 
 from __future__ import annotations
 
+import ast
 import asyncio
+import os
 import re
 import shutil
-from collections.abc import Iterable, Iterator
+import signal
+import subprocess
+import sys
+import threading
+import tomllib
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+import httpx
 import msgspec
 import pytest
 import yaml
+from tests.bench.test_rollout_bench import PLAN, measured
+from tests.documented import PAGES, ROOT, blocks_of, commands_of
 from tests.integrations.engine import reply_text
 from tests.judge.judge_model import Asked, serve_judge
 from tests.llm.endpoint import serve
 from tests.report.conftest import build_run
+from tests.report.training import build_training
 from tests.serving import beside
-from tests.test_docs import PAGES, ROOT, blocks, calls
+from tests.test_docs import wrong
 
 import webgym
+from webgym.bench.rollout.measure import begin, file_of
+from webgym.bench.rollout.plan import PARTS, RolloutPlan
 from webgym.cli import main
 from webgym.core.action import Answer
 from webgym.judge.labels import HumanLabel
@@ -39,40 +54,74 @@ SMALL: dict[str, Any] = {
 """A run of two tasks, without browsers where the websites are small."""
 
 SMALLER = {
-    "eval": ["--config", "run.yaml", "--limit", "2"],
-    "rollout --out runs/first": ["--config", "run.yaml"],  # its model is elsewhere
-    "rollout --tasks": ["--config", "browsers.yaml", "--sessions", "2"],
-    "sites check": ["--sample", "1", "--sessions", "1"],
-    "tasks offline": ["--collection", "small"],
-    "tasks split": ["--test", "9"],
+    "bench rollout --quick": "--no-measure --cpus 1 --out runs/quick",
+    "bench rollout --out": (
+        "--no-measure --trajectories 8 --sessions 4 --cpus 1 --cpus 2 --mean-steps 5 --rounds 2"
+    ),
+    "demo --collect-only": "--tasks 2 --sessions 2",
+    "eval": "--config run.yaml --limit 2",
+    "rollout --out runs/first": "--config run.yaml",  # its model is elsewhere
+    "rollout --tasks": "--config browsers.yaml --sessions 2",
+    "simulate": "--config small.yaml --environments 16",
+    "sites check": "--sample 1 --sessions 1",
+    "sites serve": "--port 0",
+    "tasks offline": "--collection small",
+    "tasks split": "--test 9",
 }
 """What is added to the commands that begin so."""
 
-ELSEWHERE = {
-    "bench": ("it measures for minutes", "tests/bench/test_rollout_bench.py"),
-    "compare": ("the runs of the page take minutes", "tests/rollout/test_comparison.py"),
-    "demo": ("it trains for minutes", "tests/tiny/test_demo.py"),
-    "doctor": ("it starts a browser", "tests/cli/test_doctor.py"),
-    "judge agreement --webjudge": ("the file is somebody else's", "tests/judge/test_agreement.py"),
-    "llm import": ("its replies are of a batch endpoint", "tests/llm/test_command.py"),
-    "pretrain": ("hours", "tests/tiny/test_recipe.py"),
-    "serve": ("it ends when it is stopped", "tests/server/test_process.py"),
-    "simulate": ("half a minute of computing", "tests/simulate/test_command.py"),
-    "sites serve": ("it ends when it is stopped", "tests/cli/test_kill.py"),
-    "study --out": ("hours", "tests/tiny/test_study.py"),
-    "tasks build": ("its sources are elsewhere", "tests/tasks/test_build.py"),
-    "tasks sources --read": ("its sources are elsewhere", "tests/tasks/sources/test_command.py"),
-    "train": ("it needs the weights of a model", "tests/cli/test_train.py"),
-    "view": ("it ends when it is stopped", "tests/report/test_live.py"),
+SERVERS = ("sites serve", "view")
+"""Commands that begin so are asked once, and stopped with Ctrl-C."""
+
+NOT_RUN = {
+    "chown": "it needs an administrator; tests/browser/test_cgroups.py divides a group where it may",
+    "echo": "as chown",
+    "export": "it sets a variable to what openssl prints, which is run",
+    "head": "it is the end of a command that runs",
+    "mkdir": "as chown",
+    "tee": "as chown",
+    "vf-eval": "verifiers is not in the lock; tests/integrations/test_verifiers.py runs its evaluation",
+    "vllm": "it needs a GPU",
+    "webgym serve --cgroup": "as chown; tests/browser/test_cgroups.py starts a browser in a cgroup",
 }
-"""Why commands that begin so do not run here, and the test that runs them."""
+"""Why commands that begin so do not run."""
 
 
-def commands(page: Path) -> list[list[str]]:
-    """The words of a page's commands that are WebGym's."""
-    shell = [each for each in blocks("sh", "bash", "console") if str(each.id).startswith(f"{page.name}:")]
-    found = [call for each in shell for call in calls(str(each.values[0]))]
-    return [words[1:] for words in found if words[0].rpartition("/")[2] == "webgym" and words[1:]]
+def pip_takes(words: list[str]) -> bool:
+    """Our extras exist; other packages are those that the adapters are tested with."""
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    tested = (ROOT / "scripts" / "test-integrations").read_text()
+    for word in words[1:]:
+        if ours := re.fullmatch(r"(?:webgym-rl|\.)\[([\w,-]+)\]", word):
+            if not set(ours[1].split(",")) <= set(extras):
+                return False
+        elif word not in tested:
+            return False
+    return words[0] == "install"
+
+
+def docker_takes(words: list[str]) -> bool:
+    """There is no container runtime: its files are there, and what runs in the image are words of ours."""
+    files = [word.partition("=")[2] for word in words if word.startswith("seccomp=")]
+    if words[0] == "build":
+        return (ROOT / words[words.index("-f") + 1]).is_file()
+    image = len(words) - 1 - words[::-1].index("webgym")
+    return bool(files) and all((ROOT / file).is_file() for file in files) and wrong(words[image:]) == ""
+
+
+def succeeds(*command: str) -> bool:
+    return subprocess.run(command, cwd=ROOT, capture_output=True, check=False).returncode == 0
+
+
+CHECKS: dict[str, Callable[[list[str]], bool]] = {
+    "docker": docker_takes,
+    "make": lambda words: succeeds("make", "--dry-run", *words),
+    "openssl": lambda words: succeeds("openssl", *words),
+    "pip": pip_takes,
+    "playwright": lambda words: succeeds(sys.executable, "-m", "playwright", *words, "--dry-run"),
+    "pytest": lambda words: all((ROOT / word).exists() for word in words if "/" in word),
+}
+"""Whether a program of this name takes these words."""
 
 
 def begun_by(words: list[str], keys: Iterable[str]) -> str:
@@ -81,8 +130,31 @@ def begun_by(words: list[str], keys: Iterable[str]) -> str:
     return max((key for key in keys if command.startswith(f"{key} ")), key=len, default="")
 
 
+@cache
+def run_by_other_tests() -> frozenset[str]:
+    """The commands that tests take from ``documented``."""
+    found = set()
+    for path in (ROOT / "tests").rglob("test_*.py"):
+        if "documented(" in (text := path.read_text()):
+            for node in ast.walk(ast.parse(text)):
+                match node:
+                    case ast.Call(func=ast.Name(id="documented"), args=[ast.Constant(value=str(command))]):
+                        found.add(command)
+    return frozenset(found)
+
+
+def without_sudo(words: list[str]) -> list[str]:
+    return words[1:] if words[0] == "sudo" else words
+
+
+def elsewhere(words: list[str]) -> bool:
+    words = without_sudo(words)
+    return " ".join(words) in run_by_other_tests() or bool(begun_by(words, NOT_RUN))
+
+
 def runs_here(page: Path) -> list[list[str]]:
-    return [words for words in commands(page) if not begun_by(words, ELSEWHERE)]
+    """The words of a page's commands that are WebGym's, and run by this test."""
+    return [words[1:] for words in commands_of(page) if words[0] == "webgym" and not elsewhere(words)]
 
 
 @pytest.fixture(scope="module")
@@ -100,9 +172,19 @@ def held(tmp_path_factory: pytest.TempPathFactory) -> Path:
     webgym.write_tasks(folder / "whole.jsonl", whole)
     (folder / "browsers.yaml").write_text(yaml.safe_dump(SMALL | {"server": {}}))
     (folder / "run.yaml").write_text(yaml.safe_dump(SMALL | {"policy": {"name": "scripted", "check": False}}))
+    (folder / "small.yaml").write_text("workload: {trajectories: 40, mean_steps: 1.5, budgets: [2, 2, 2]}\n")
+    [(_, system)] = blocks_of(ROOT / "docs" / "simulate.md", "yaml")
+    (folder / "system.yaml").write_text(system)
+    (folder / "configs").symlink_to(ROOT / "configs")
     for split in ("train", "test"):
         webgym.write_tasks(folder / "set" / f"{split}.jsonl", [each for each in tasks if each.split == split])
     asyncio.run(build_run(folder / "runs" / "first", 6))
+    quick = RolloutPlan(trajectories=12, sessions=6, cpus=(1,), mean_steps=5.0, rounds=1)
+    for plan, name, parts in ((PLAN, "bench-rollout", PARTS), (quick, "quick", ["calibration"])):
+        bench = folder / "runs" / name
+        begin(plan, bench)
+        for cell in plan.cells(parts):
+            file_of(bench, cell).write_bytes(msgspec.json.encode(measured(cell, 30.0)))
     return folder
 
 
@@ -111,6 +193,18 @@ def label(run: Path) -> None:
     labels = LabelStore(run / LABELS)
     for trajectory in RunReader(run).trajectories():
         labels.put(HumanLabel("failure", trajectory.episode.attempt_id))
+
+
+def prepare(words: list[str]) -> None:
+    """Do what is done before a command on its page."""
+    first = Path("runs/first")
+    if words[0] == "rollout" and "runs/first" in words and "--out" in words:
+        shutil.rmtree(first)
+    if words[:2] == ["judge", "agreement"]:
+        label(first)
+    if words[:2] == ["compare", "runs/first/evaluations/0000"]:  # which the page's demo has made
+        shutil.rmtree(first)
+        build_training(first, iterations=2, count=6)
 
 
 @pytest.fixture(scope="module")
@@ -136,6 +230,56 @@ def policy() -> Iterator[str]:
         yield served.url()
 
 
+class Visitor(threading.Thread):
+    """Asks a server that a command in this process has started, and stops it with Ctrl-C.
+
+    Attributes:
+        said: what the command has printed.
+        status: of the reply.
+    """
+
+    def __init__(self, capsys: pytest.CaptureFixture[str]) -> None:
+        super().__init__(daemon=True)
+        self._capsys = capsys
+        self._is_over = threading.Event()
+        self.said, self.status = "", 0
+
+    def run(self) -> None:
+        while not self._is_over.wait(0.05):
+            self.said += self._capsys.readouterr().out
+            # The offline web says its address, and the name of a website; a page of ours only its address.
+            web = re.search(r"MAP \S+ (127\.0\.0\.1:\d+)' http://(\S+)/\n", self.said)
+            if found := web or re.match(r"http://((127\.0\.0\.1:\d+))\S*\n", self.said):
+                headers = {"host": found[2]}
+                answer = httpx.get(f"http://{found[1]}/", headers=headers, trust_env=False, timeout=60)
+                self.status = answer.status_code
+                os.kill(os.getpid(), signal.SIGINT)
+                return
+
+    def end(self) -> None:
+        """The command is over."""
+        self._is_over.set()
+        self.join()
+
+
+def run(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """Run a command of WebGym's; a server is asked and stopped."""
+    visitor = Visitor(capsys) if (is_server := bool(begun_by(words, SERVERS))) else None
+    if visitor:
+        visitor.start()
+    try:
+        with pytest.raises(SystemExit) as ended:
+            main(words)
+    finally:
+        if visitor:
+            visitor.end()
+    told = capsys.readouterr()
+    said = (visitor.said if visitor else "") + told.out + told.err
+    assert ended.value.code in ((0, 130) if is_server else (0,)), f"{' '.join(words)}: {said}"
+    if visitor:
+        assert visitor.status == httpx.codes.OK, said
+
+
 @pytest.mark.browser
 @pytest.mark.parametrize("page", [pytest.param(page, id=page.name) for page in PAGES if runs_here(page)])
 def test_commands_run(
@@ -147,31 +291,49 @@ def test_commands_run(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    folder = shutil.copytree(held, tmp_path / "page")
+    folder = shutil.copytree(held, tmp_path / "page", symlinks=True)
     monkeypatch.chdir(folder)
     for words in runs_here(page):
-        if words[0] == "rollout" and "runs/first" in words and "--out" in words:
-            shutil.rmtree("runs/first")
-        if words[:2] == ["judge", "agreement"]:
-            label(Path("runs/first"))
+        prepare(words)
         model = judge if words[0] == "judge" or "--judge-base-url" in words else policy
         given = [
             re.sub(r"^(URL|http://(gpu|127\.0\.0\.1):8000/v1)$", model, word).replace("/shared/", "shared/")
             for word in words
         ]
-        given = ["runs/first" if word == "RUN" else word for word in given]
-        given += SMALLER.get(begun_by(words, SMALLER), [])
-        with pytest.raises(SystemExit) as ended:
-            main(given)
-        told = capsys.readouterr()
-        assert ended.value.code == 0, f"{' '.join(given)}: {told.out + told.err}"
+        names = {"RUN": "runs/first", "CONFIG": "configs/train/qwen3-vl-8b.yaml"}
+        run(
+            [*(names.get(word, word) for word in given), *SMALLER.get(begun_by(words, SMALLER), "").split()],
+            capsys,
+        )
 
 
-@pytest.mark.parametrize(("command", "told"), [pytest.param(*each, id=each[0]) for each in ELSEWHERE.items()])
-def test_what_runs_elsewhere_does(command: str, told: tuple[str, str]) -> None:
-    _, test = told
-    text = (ROOT / test).read_text()
-    assert any(begun_by(words, [command]) for page in PAGES for words in commands(page)), "no page has it"
-    # It gives these words to the command line, or calls the module that is named like the command.
-    words = [word for word in command.split() if word != "--out"]
-    assert all(f'"{word}"' in text or f".{word} import " in text for word in words)
+def others() -> list[Any]:
+    """Commands that are not WebGym's, and neither run by a test of their own nor said not to run."""
+    found = {" ".join(words): words for page in PAGES for words in map(without_sudo, commands_of(page))}
+    return [
+        pytest.param(words, id=command)
+        for command, words in found.items()
+        if words[0] != "webgym" and not elsewhere(words)
+    ]
+
+
+@pytest.mark.parametrize("words", others())
+def test_other_programs_take_their_words(words: list[str]) -> None:
+    assert CHECKS[words[0]](words[1:])
+
+
+def test_what_does_not_run_is_on_a_page_and_names_a_test_that_is_there() -> None:
+    held = [without_sudo(words) for page in PAGES for words in commands_of(page)]
+    assert [key for key in NOT_RUN if not any(begun_by(words, [key]) for words in held)] == []
+    named = [name for reason in NOT_RUN.values() for name in re.findall(r"tests/[\w/]+\.py", reason)]
+    assert all((ROOT / name).is_file() for name in named)
+    assert run_by_other_tests() <= {" ".join(words) for words in held}
+
+
+def test_a_wrong_word_is_found() -> None:
+    assert not pip_takes(["install", "webgym-rl[nothing]"])
+    assert not pip_takes(["install", "--no-deps", "playwright==1.43"])
+    assert not docker_takes(["run", "seccomp=deploy/seccomp.json", "webgym", "serve", "--slot", "3"])
+    assert not docker_takes(["run", "seccomp=none", "webgym", "serve"])
+    assert not CHECKS["make"](["dem"])
+    assert not CHECKS["pytest"](["tests/none"])

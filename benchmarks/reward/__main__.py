@@ -17,7 +17,7 @@ from rich.console import Console
 from webgym.core.errors import ConfigError
 from webgym.offline.config import SitesConfig
 from webgym.rollout.config import CollectorConfig
-from webgym.runs import RunConfig
+from webgym.run_config import RunConfig
 from webgym.tables import markdown, show
 
 

@@ -1,5 +1,6 @@
 """Conformance checks for adapters that present an episode in a framework's own way: what the framework is
-told of it is compared with the promises of an environment. They need no browser."""
+told of it is compared with the promises of an environment. They need no browser, unless the browsers are the
+framework's."""
 
 from __future__ import annotations
 
@@ -8,7 +9,7 @@ import tempfile
 from collections.abc import Awaitable, Callable, Collection, Sequence
 from contextlib import AbstractAsyncContextManager
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import msgspec
 
@@ -42,7 +43,8 @@ Play: TypeAlias = Callable[[str, Sequence[Action | str]], Awaitable[Told]]
 """Plays the task of an id with these actions, or model replies, and returns what the framework was told."""
 
 Adapt: TypeAlias = Callable[[dict[str, Any]], AbstractAsyncContextManager[Play]]
-"""Opens an adapter on a pool of browsers, given the arguments of :class:`webgym.EnvironmentPool`."""
+"""Opens an adapter on a pool of browsers, given the arguments of :class:`webgym.EnvironmentPool`, or what
+another backend gives."""
 
 Rows: TypeAlias = Callable[[str, RunConfig], Sequence[str]]
 """Ids of the tasks in the adapter's dataset, for a name of tasks and the settings they are drawn with."""
@@ -71,19 +73,82 @@ def stand_in_pool(folder: Path, size: int = 4, *, fails: bool = False, fault: st
     }
 
 
+class CheckBackend(Protocol):
+    """Browsers, tasks and judge of a check. Write one for an adapter whose browsers are its framework's.
+
+    Attributes:
+        given: what the adapter is opened with; its ``name`` and ``config`` are given to ``rows``, too.
+    """
+
+    given: dict[str, Any]
+
+    def prepare(self, case: str) -> tuple[str, Sequence[Action | str]]:
+        """Prepare an episode, and undo what an earlier one of a fault needed.
+
+        Args:
+            case: ``right``: the last action is an answer with the reward 1. ``wrong``: an answer with the
+                reward 0. ``spent``: no answer, and the budget is spent, for the reward 0. ``cancelled``: it
+                hangs in a step. Each of ``FAULTS``: it would be right, but meets that fault.
+                ``right`` and ``wrong`` are also played concurrently.
+
+        Returns:
+            Id of its task, and the actions to play.
+        """
+
+    def open_browsers(self) -> int:
+        """Number of browsers that are not closed."""
+
+    def steps(self) -> list[int]:
+        """For each episode so far, the number of actions, without the answer, that a browser carried out."""
+
+    async def hangs(self) -> None:
+        """Wait until a ``cancelled`` episode hangs; not called if the check's ``cancels`` is false."""
+
+
+class _StandIns:
+    """Stand-ins for WebGym's browsers, on which everything can go wrong."""
+
+    def __init__(self, folder: Path) -> None:
+        self.given = stand_in_pool(folder, 16)
+        self._browsers: StandInBrowsers = self.given["browsers"]
+        self._judge: StandInJudge = self.given["judge"]
+
+    def prepare(self, case: str) -> tuple[str, Sequence[Action | str]]:
+        self._judge.fault = case if case in FAULTS else ""
+        self._browsers.fails, self._browsers.hangs = case == "browser", case == "cancelled"
+        if case == "wrong":
+            return "check-2", [*[Scroll("down")] * 3, Answer("wrong")]
+        if case == "spent":
+            return "check-3", [Scroll("down")] * BUDGET
+        if case == "unreadable":
+            return "check-3", ["I would click there."] * BUDGET
+        return "check-1", [Scroll("down"), Answer("right")]
+
+    def open_browsers(self) -> int:
+        return len(self._browsers.open_now)
+
+    def steps(self) -> list[int]:
+        return list(self._browsers.steps.values())
+
+    async def hangs(self) -> None:
+        await self._browsers.entered.wait()
+
+
 async def check_adapter(
     adapt: Adapt,
     *,
+    backend: CheckBackend | None = None,
     rows: Rows | None = None,
     faults: Collection[str] = FAULTS,
     cancels: bool = True,
 ) -> list[str]:
     """Check an adapter for a trainer: an episode has one reward, at its end; a fault is never a reward;
     browsers are closed after an end, a failure and a cancelled episode; concurrent episodes share no state;
-    the same seed gives the same tasks. Browsers and judge are stand-ins.
+    the same seed gives the same tasks.
 
     Args:
         adapt: opens the adapter.
+        backend: what the episodes are played on; by default stand-ins for WebGym's browsers and judge.
         rows: of its dataset, if it has one.
         faults: what can keep its episodes from a reward; by default everything.
         cancels: whether its framework can cancel an episode.
@@ -91,16 +156,14 @@ async def check_adapter(
     Returns:
         A line for every violation; empty if there is none.
     """
+    if backend is not None:
+        return await _check(adapt, backend, rows, faults, cancels)
     with tempfile.TemporaryDirectory(prefix="webgym-check-") as folder:
-        return await _check(adapt, stand_in_pool(Path(folder), 16), rows, faults, cancels)
-
-
-def _actions(*, answer: str, scrolls: int = 1) -> list[Action | str]:
-    return [*[Scroll("down")] * scrolls, Answer(answer)]
+        return await _check(adapt, _StandIns(Path(folder)), rows, faults, cancels)
 
 
 async def _check(
-    adapt: Adapt, given: dict[str, Any], rows: Rows | None, faults: Collection[str], cancels: bool
+    adapt: Adapt, backend: CheckBackend, rows: Rows | None, faults: Collection[str], cancels: bool
 ) -> list[str]:
     found: list[str] = []
 
@@ -108,43 +171,35 @@ async def _check(
         if not holds:
             found.append(rule)
 
-    browsers, judge = given["browsers"], given["judge"]
-    async with adapt(given) as play:
-        for actions, wanted in (
-            (_actions(answer="right"), 1.0),
-            (_actions(answer="wrong"), 0.0),
-            ([Scroll("down")] * BUDGET, 0.0),
-        ):
-            told = await play("check-3", actions)
+    async with adapt(backend.given) as play:
+        for case, wanted in (("right", 1.0), ("wrong", 0.0), ("spent", 0.0)):
+            task_id, actions = backend.prepare(case)
+            told = await play(task_id, actions)
             expect(not any(told.early), f"a reward before the end: {told.early}")
             expect(set(told.final) == {wanted}, f"{actions[-1]} is told as {told.final}, not as {wanted}")
-            expect(not browsers.open_now, "an episode that is over keeps its browser")
+            expect(not backend.open_browsers(), "an episode that is over keeps its browser")
         for fault in faults:
-            judge.fault, browsers.fails = fault, fault == "browser"
-            replies = ["I would click there."] * BUDGET if fault == "unreadable" else _actions(answer="right")
-            told = await play("check-3", replies)
+            told = await play(*backend.prepare(fault))
             expect(not told.final and not any(told.early), f"a fault ({fault}) is told as {told}")
-            expect(not browsers.open_now, f"an episode that failed ({fault}) keeps its browser")
-        judge.fault, browsers.fails = "", False
-        before = len(browsers.steps)
-        both = await asyncio.gather(
-            play("check-1", _actions(answer="right", scrolls=1)),
-            play("check-2", _actions(answer="wrong", scrolls=3)),
-        )
+            expect(not backend.open_browsers(), f"an episode that failed ({fault}) keeps its browser")
+        before = len(backend.steps())
+        cases = [backend.prepare("right"), backend.prepare("wrong")]
+        both = await asyncio.gather(*(play(*case) for case in cases))
         expect([set(told.final) for told in both] == [{1.0}, {0.0}], f"two episodes are told as {both}")
-        taken = sorted(steps for number, steps in browsers.steps.items() if number >= before)
-        expect(taken == [1, 3], f"two episodes of one and three steps have taken {taken}")
+        played = sorted(len(actions) - 1 for _, actions in cases)
+        steps = sorted(backend.steps()[before:])
+        expect(steps == played, f"two episodes of {played} steps have taken {steps}")
         if cancels:
-            browsers.hangs = True
-            playing = asyncio.ensure_future(play("check-3", _actions(answer="right")))
-            await browsers.entered.wait()
+            playing = asyncio.ensure_future(play(*backend.prepare("cancelled")))
+            await backend.hangs()
             playing.cancel()
             await asyncio.wait({playing})
             expect(playing.cancelled(), "an episode that is cancelled goes on")
-            expect(not browsers.open_now, "an episode that is cancelled keeps its browser")
-    expect(not browsers.open_now, "an adapter that is closed keeps its browsers")
+            expect(not backend.open_browsers(), "an episode that is cancelled keeps its browser")
+    expect(not backend.open_browsers(), "an adapter that is closed keeps its browsers")
     if rows is not None:
-        drawn = [list(rows(given["name"], given["config"].model_copy(update={"seed": n}))) for n in (5, 5, 6)]
+        name, config = backend.given["name"], backend.given["config"]
+        drawn = [list(rows(name, config.model_copy(update={"seed": seed}))) for seed in (5, 5, 6)]
         expect(len(drawn[0]) > 1, "the dataset has no rows")
         expect(drawn[0] == drawn[1], "the same seed gives other tasks")
         expect(drawn[0] != drawn[2], "another seed gives the same tasks")

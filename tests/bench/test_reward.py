@@ -6,8 +6,11 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from benchmarks.reward.__main__ import command
 from benchmarks.reward.hacks import HACKS, HackingPolicy, candidates, right_answer
 from benchmarks.reward.measure import Hacked, challenge_of, choose, table
+from tests.bench.conftest import Benchmark
+from tests.documented import documented
 from tests.judge.judge_model import Asked, serve_judge
 from tests.judge.test_both_judges import Reader
 
@@ -83,6 +86,11 @@ async def test_no_hack_gains_with_either_judge(tmp_path: Path) -> None:
     assert not won
     assert {found.outcome for found in judged.values()} == {Outcome.FAILURE, Outcome.TRUNCATED}
     assert len(judged) == len(HACKS)
+
+
+def test_the_command_takes_its_words(benchmark: Benchmark) -> None:
+    code, output = benchmark(command, *documented("python -m benchmarks.reward"), "--help")
+    assert (code, "--solved" in output) == (0, True)
 
 
 def test_a_hack_gains_by_winning_and_by_vanishing() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+from argparse import Namespace
 from collections import Counter
 from pathlib import Path
 
@@ -11,6 +12,8 @@ import httpx
 import msgspec
 import pytest
 import simpy
+from benchmarks import collector
+from tests.documented import documented
 
 from webgym.agent.parser import ParsedReply, parse_reply
 from webgym.bench.rollout.compare import compare, comparison_table, service_times
@@ -237,6 +240,22 @@ def test_an_unfinished_one_prints_what_it_has(tmp_path: Path, capsys: pytest.Cap
         in capsys.readouterr().err
     )
     assert not list(tmp_path.glob("*.run"))
+
+
+def test_the_collector_alone_takes_the_pages_numbers_of_sessions(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    async def measure(sessions: int, given: Namespace) -> str:
+        return f"| {sessions} sessions of {given.steps} steps |"
+
+    monkeypatch.setattr(collector, "measure", measure)
+    words = documented("python benchmarks/collector.py --sessions 100 1000")
+    monkeypatch.setattr("sys.argv", ["collector.py", *words])
+    collector.main()
+    assert capsys.readouterr().out.splitlines()[-2:] == [
+        "| 100 sessions of 13 steps |",
+        "| 1000 sessions of 13 steps |",
+    ]
 
 
 def test_figures_become_shares_tables_and_a_drawing(tmp_path: Path) -> None:

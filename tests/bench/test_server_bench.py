@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.conftest import Calls, webgym
+from tests.documented import documented
 
 from webgym.bench.ceiling import APART, SERVER, SHARED
 
@@ -18,19 +20,21 @@ SMALL = (
 ).split()
 
 
-def figures_of(folder: Path, *parts: str) -> tuple[str, dict[str, Any]]:
+def figures_of(folder: Path, command: Sequence[str], *parts: str) -> tuple[str, dict[str, Any]]:
     """What a small run prints and writes; a process of its own, so that nothing else is measured."""
     file = folder / "figures.json"
     chosen = [word for part in parts for word in ("--only", part)]
-    command = webgym("bench", "server", *SMALL, *chosen, "--markdown", "--json", file)
-    done = subprocess.run(command, capture_output=True, text=True, timeout=100)
+    words = webgym(*command, *SMALL, *chosen, "--markdown", "--json", file)
+    done = subprocess.run(words, capture_output=True, text=True, timeout=100)
     assert done.returncode == 0, done.stderr
     return done.stdout, json.loads(file.read_text())
 
 
 @pytest.mark.browser
 def test_the_server_beside_the_bare_loop_and_in_numbers(tmp_path: Path) -> None:
-    said, figures = figures_of(tmp_path, "ceiling", "density")
+    command = documented("webgym bench server")
+    command += documented("webgym bench server --only ceiling --sessions 8")[2:]
+    said, figures = figures_of(tmp_path, command, "density")
     assert "Against the ceiling" in said
     assert "Density" in said
     assert "thinking" not in figures
@@ -44,7 +48,7 @@ def test_the_server_beside_the_bare_loop_and_in_numbers(tmp_path: Path) -> None:
 @pytest.mark.browser
 @pytest.mark.slow
 def test_every_part_runs(tmp_path: Path) -> None:
-    said, figures = figures_of(tmp_path)
+    said, figures = figures_of(tmp_path, ("bench", "server"))
     for title in ("Against the ceiling", "CPU milliseconds per call", "of thinking", "burst", "Density"):
         assert title in said
     costs = {cost["operation"]: cost for cost in figures["costs"]}

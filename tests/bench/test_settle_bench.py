@@ -11,6 +11,7 @@ from benchmarks.settle.__main__ import command
 from benchmarks.settle.hardweb import PAGES
 from benchmarks.settle.trials import Trial, misses, settle_tables, summarize
 from tests.bench.conftest import Benchmark
+from tests.documented import documented
 
 
 def trial(way: str, seconds: float, ideal: float | None) -> Trial:
@@ -40,7 +41,17 @@ def test_the_command_prints_a_table(benchmark: Benchmark, tmp_path: Path) -> Non
     pages = ("--page", "plain-click", "--page", "xhr-click")
     ways = ("--way", "ours", "--way", "load")
     code, output = benchmark(
-        command, *pages, *ways, "--rounds", 1, "--slots", 1, "--json", figures, "--markdown"
+        command,
+        *documented("python -m benchmarks.settle"),
+        *pages,
+        *ways,
+        "--rounds",
+        1,
+        "--slots",
+        1,
+        "--json",
+        figures,
+        "--markdown",
     )
     assert code == 0, output
     assert "| ours | 100.0% |" in output

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from tests.documented import documented
 
 from webgym.bench.soak import Counts, SoakPlan
 from webgym.bench.soak.disk import small_disk
@@ -24,7 +25,7 @@ from webgym.server.client import BrowserClient
 
 def soaked(folder: Path, *arguments: str) -> tuple[subprocess.CompletedProcess[str], dict[str, object]]:
     done = subprocess.run(
-        [sys.executable, "-m", "webgym", "bench", "soak", *arguments, "--json", str(folder / "soak.json")],
+        [sys.executable, "-m", "webgym", *arguments, "--json", str(folder / "soak.json")],
         capture_output=True,
         text=True,
         timeout=600,
@@ -35,7 +36,9 @@ def soaked(folder: Path, *arguments: str) -> tuple[subprocess.CompletedProcess[s
 @pytest.mark.browser
 def test_a_short_one_balances(tmp_path: Path) -> None:
     small = "--minutes 0.2 --clients 5 --slots 3 --workers 2 --faults 60 --seed 3".split()
-    done, found = soaked(tmp_path, *small, "--log", str(tmp_path / "log"))
+    page = documented("webgym bench soak --minutes 10")
+    page += documented("webgym bench soak --minutes 5 --seed 1")[2:]
+    done, found = soaked(tmp_path, *page, *small, "--log", str(tmp_path / "log"))
     assert done.returncode == 0, done.stdout + done.stderr + (tmp_path / "log").read_text()
     assert "No problems: " in done.stdout
     assert "steps" in done.stderr, "a line now and then where there is no terminal"
@@ -50,7 +53,8 @@ def test_a_short_one_balances(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_a_long_one_balances(tmp_path: Path) -> None:
-    done, _ = soaked(tmp_path, "--minutes", "4", "--faults", "30", "--seed", str(os.getpid()))
+    long = ("--minutes", "4", "--faults", "30", "--seed", str(os.getpid()))
+    done, _ = soaked(tmp_path, "bench", "soak", *long)
     assert done.returncode == 0, done.stdout + done.stderr
 
 

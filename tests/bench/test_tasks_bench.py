@@ -20,6 +20,7 @@ from benchmarks.task_set.stages import (
 )
 from benchmarks.task_set.synthetic import Shape, make_lengths, make_tasks
 from tests.bench.conftest import Benchmark
+from tests.documented import documented
 
 from webgym.core.task import LEVELS
 from webgym.core.websites import site_of
@@ -88,7 +89,7 @@ def test_every_stage_prints_its_table(benchmark: Benchmark, tmp_path: Path) -> N
 
 def test_one_stage_alone(benchmark: Benchmark) -> None:
     size = ("--tasks", 400, "--websites", 150, "--rounds", 1)
-    code, output = benchmark(command, *size, "--only", "sample")
+    code, output = benchmark(command, *documented("python -m benchmarks.task_set"), *size, "--only", "sample")
     assert code == 0, output
     assert "400 tasks on 150 websites" in output
     assert "most time" not in output

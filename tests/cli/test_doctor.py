@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 from tests.conftest import Calls
+from tests.documented import documented
 
 from webgym.browser.find import find_browser
 from webgym.cli import doctor
@@ -27,7 +28,7 @@ def program(path: Path, script: str) -> Path:
 
 @pytest.mark.browser
 def test_this_machine_is_ready(calls: Calls) -> None:
-    code, out, err = calls.apart("doctor", "--json")
+    code, out, err = calls.apart(*documented("webgym doctor"), "--json")
     assert code == 0, out + err
     report = json.loads(out)
     assert report["ready"] is True

@@ -14,13 +14,16 @@ import pytest
 import yaml
 from rich.console import Console
 from tests.conftest import Calls
-from tests.report.training import build_training
+from tests.documented import documented
+from tests.report.training import World, build_training, tasks
+from tests.train.worlds import training_of
 
 from webgym.cli import _training_output
 from webgym.cli._training_output import TrainingView
 from webgym.core.errors import StoreFull
 from webgym.rollout.progress import Progress
 from webgym.train.figures import iteration_line
+from webgym.train.folder import TrainingFolder
 from webgym.train.progress import TrainingProgress
 
 
@@ -91,6 +94,32 @@ def test_an_iteration_is_told_on_one_line(tmp_path: Path) -> None:
     )
     nothing = rows[0] | {"update": {}}
     assert "; nothing to train on (left out:" in iteration_line(nothing, TrainingProgress(iterations=2))
+
+
+def test_the_pages_commands_train_and_go_on(
+    tmp_path: Path, calls: Calls, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    resumed: list[bool] = []
+
+    @asynccontextmanager
+    async def opened(settings: Any, folder: Path, *, resume: bool, **_: Any) -> AsyncIterator[Any]:
+        resumed.append(resume)
+        if not resume:
+            TrainingFolder(folder).create(settings.model_dump(mode="json"))
+        yield training_of(folder, World(1), settings, tasks(2))
+
+    monkeypatch.setattr(_training_output, "open_training", opened)
+    monkeypatch.chdir(tmp_path)
+    settings = {"learn": {"model": "m"}, "loop": {"iterations": 1, "tasks": 2}}
+    Path("CONFIG").write_text(yaml.safe_dump(settings))
+    for words in (
+        documented("webgym train CONFIG --out training/first"),
+        documented("webgym train --resume training/first"),
+    ):
+        code, said = calls.run(*words)
+        assert code == 0, said
+    assert resumed == [False, True]
+    assert len(Path("training/first/metrics.jsonl").read_text().splitlines()) == 1
 
 
 @pytest.mark.parametrize(

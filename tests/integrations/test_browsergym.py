@@ -7,9 +7,9 @@ import importlib
 import io
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 from PIL import Image
@@ -21,6 +21,7 @@ from webgym import (
     GoBack,
     LeftClick,
     Navigate,
+    RunConfig,
     Scroll,
     Target,
     Type,
@@ -35,6 +36,16 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of its imports
     from browsergym.core.registration import register_task
     from browsergym.core.task import AbstractBrowserTask
+    from tests.integrations.browsergym_checks import (
+        APPLICABLE,
+        BUDGET,
+        Adapter,
+        AFaultIs0,
+        Backend,
+        KeepsItsBrowser,
+        checked,
+        playwright_in,
+    )
 
     from webgym.integrations.browsergym import BrowserGymEnv, NoReward, playwright_code
 
@@ -52,12 +63,20 @@ BUTTON, FIELD = Target(coordinate=(300, 150)), Target(coordinate=(300, 450))
 
 
 class PageTask(AbstractBrowserTask):  # type: ignore[misc, unused-ignore]
-    """Done when the title, or what the user is told, is the wanted one."""
+    """Done when the title, or what the user is told, is the wanted one.
+
+    Attributes:
+        scrolled: how far each episode has scrolled, in viewports.
+    """
+
+    scrolled: ClassVar[list[float]] = []
 
     def __init__(self, seed: int, wanted: str = "pressed", fault: str = "") -> None:
         super().__init__(seed)
         self.seed, self.wanted, self.fault = seed, wanted, fault
         self.viewport, self.slow_mo, self.timeout = {"width": 500, "height": 500}, 0, 5000
+        self.number = len(self.scrolled)
+        self.scrolled.append(0)
 
     def setup(self, page: Any) -> tuple[str, dict[str, Any]]:
         if self.fault == "setup":
@@ -66,20 +85,23 @@ class PageTask(AbstractBrowserTask):  # type: ignore[misc, unused-ignore]
         return f"Make it {self.wanted}", {"seed": self.seed}
 
     def validate(self, page: Any, chat_messages: list[Any]) -> tuple[float, bool, str, dict[str, Any]]:
-        if self.fault == "reward":
+        if self.fault == "no_reward":
             return math.nan, True, "", {}
         if self.fault == "crash":
             page.context.browser.close()
             return 0.0, True, "", {}
+        if self.fault == "judge":
+            raise LookupError("no verdict")
+        self.scrolled[self.number] = page.evaluate("scrollY") / 500
         said = [each["message"] for each in chat_messages if each["role"] == "assistant"]
         is_done = self.wanted in (page.title(), said[-1])
         return float(is_done), is_done, "", {"y": page.evaluate("scrollY")}
 
 
 @pytest.fixture(autouse=True)
-def known_browser(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of the tests."""
-    use_installed_browser(monkeypatch)
+def started(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Browsers of the test."""
+    return use_installed_browser(monkeypatch)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -95,6 +117,63 @@ def env() -> Iterator[BrowserGymEnv]:
 
 def made(**task_kwargs: Any) -> BrowserGymEnv:
     return BrowserGymEnv("webgym-test.page", task_kwargs=task_kwargs, pre_observation_delay=0.1)
+
+
+def steps() -> list[int]:
+    return [round(each / 0.8) for each in PageTask.scrolled]
+
+
+class PageBackend(Backend):
+    """The page of these tests."""
+
+    def prepare(self, case: str) -> tuple[str, Sequence[Action | str]]:
+        self.given["options"]["task_kwargs"]["fault"] = case
+        return super().prepare(case)
+
+
+def backend(started: list[Any]) -> PageBackend:
+    actions: list[Action] = [Scroll("down"), Answer("right")]
+    return PageBackend(
+        "webgym-test.page",
+        actions,
+        steps,
+        started,
+        max_episode_steps=BUDGET,
+        task_kwargs={"wanted": "right"},
+    )
+
+
+@pytest.mark.timeout(300)
+def test_it_keeps_the_environments_promises(started: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    adapter = Adapter()
+
+    def drawn(seed: int) -> list[str]:
+        with made() as env:
+            return [env.reset(seed=each)[1]["task_info"] for each in (seed, seed + 100)]
+
+    def rows(name: str, config: RunConfig) -> list[str]:
+        return adapter.run(drawn, config.seed)
+
+    faults = APPLICABLE - {"blocked"}  # BrowserGym's tasks do not say that
+    with playwright_in(adapter, monkeypatch):
+        assert checked(adapter, backend(started), rows=rows, faults=faults) == []
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize(
+    ("adapter", "told"),
+    [
+        (AFaultIs0(), "a fault (judge) is told as Told(final=[0.0]"),
+        (KeepsItsBrowser(), "an episode that failed (browser) keeps its browser"),
+    ],
+    ids=["a_fault_is_0", "keeps_its_browser"],
+)
+def test_one_that_breaks_a_promise_is_found(
+    adapter: Adapter, told: str, started: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with playwright_in(adapter, monkeypatch):
+        found = checked(adapter, backend(started), faults=["browser", "judge"])
+    assert any(told in line for line in found), found
 
 
 def test_an_episode(env: BrowserGymEnv) -> None:
@@ -143,7 +222,7 @@ def test_an_action_that_fails_is_told(env: BrowserGymEnv) -> None:
     assert "ERR_" in notice.text
 
 
-@pytest.mark.parametrize("fault", ["setup", "reward", "crash"])
+@pytest.mark.parametrize("fault", ["setup", "no_reward", "crash"])
 def test_a_fault_is_no_reward(fault: str) -> None:
     env = made(fault=fault)
     fails = env.reset if fault == "setup" else functools.partial(env.step, Wait(0))

@@ -21,6 +21,15 @@ pytest.importorskip("browsergym.core", reason="browsergym-core is not installed"
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of its imports
+    from tests.integrations.browsergym_checks import (
+        APPLICABLE,
+        BUDGET,
+        Adapter,
+        Backend,
+        checked,
+        playwright_in,
+    )
+
     from webgym.integrations import browsergym_tasks
     from webgym.integrations.browsergym import BrowserGymEnv, NoReward
 
@@ -47,9 +56,9 @@ def names() -> list[str]:
 
 
 @pytest.fixture(autouse=True)
-def known_browser(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of the tests."""
-    use_installed_browser(monkeypatch)
+def started(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Browsers of the test."""
+    return use_installed_browser(monkeypatch)
 
 
 def played(task: webgym.Task, actions: list[Action]) -> tuple[list[float], bool, bool]:
@@ -64,6 +73,35 @@ def played(task: webgym.Task, actions: list[Action]) -> tuple[list[float], bool,
             if terminated or truncated:
                 break
     return rewards, terminated, truncated
+
+
+@pytest.mark.timeout(300)
+def test_they_keep_the_environments_promises(started: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    episodes: list[browsergym_tasks.WebGymTask] = []
+    init, judge = browsergym_tasks.WebGymTask.__init__, webgym.OfflineJudge.judge
+    right = solution(STATEFUL)
+
+    def watched(self: browsergym_tasks.WebGymTask, seed: int, **given: Any) -> None:
+        init(self, seed, **given)
+        self.budget = max(BUDGET, len(right))
+        episodes.append(self)
+
+    async def judged(*given: Any) -> Verdict:
+        if backend.case == "judge":
+            raise JudgeError("the judge of the test fails")
+        if backend.case in ("no_reward", "blocked"):
+            return Verdict("test/1", None, (), Judgement(backend.case == "blocked", "a test"))
+        return await judge(*given)
+
+    def steps() -> list[int]:
+        return [len(task._observations) - 1 for task in episodes]  # without the start page
+
+    adapter = Adapter()
+    backend = Backend(browsergym_tasks.env_name(STATEFUL.id), right, steps, started)
+    monkeypatch.setattr(browsergym_tasks.WebGymTask, "__init__", watched)
+    monkeypatch.setattr(webgym.OfflineJudge, "judge", judged)
+    with playwright_in(adapter, monkeypatch):
+        assert checked(adapter, backend, faults=APPLICABLE) == []
 
 
 @pytest.mark.parametrize("task", [TASK, STATEFUL], ids=["shown", "state"])

@@ -6,12 +6,14 @@ import asyncio
 import math
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 import webgym
 from webgym import Action, RunConfig
+from webgym.adapter_conformance import _StandIns
 from webgym.testing import Play, Told, check_adapter
 
 
@@ -92,13 +94,26 @@ async def test_a_right_one_passes() -> None:
         (one_row_has_another, "is told as [0.0, 1.0], not as 1.0"),
         (keeps_its_browser, "an episode that is over keeps its browser"),
         (cannot_be_cancelled, "an episode that is cancelled keeps its browser"),
-        (all_share_one, "two episodes of one and three steps have taken [1, 1]"),
+        (all_share_one, "two episodes of [1, 3] steps have taken [1, 1]"),
     ],
 )
 async def test_one_that_breaks_a_promise_is_found(wrong: Callable[..., Any], told: str) -> None:
     KEPT.clear()
     found = await check_adapter(adapter(wrong))
     assert any(told in line for line in found), found
+
+
+class NeverClosed(_StandIns):
+    """Counts browsers in its own way."""
+
+    def open_browsers(self) -> int:
+        return 1
+
+
+async def test_a_backend_of_ones_own_says_what_is_open(tmp_path: Path) -> None:
+    found = await check_adapter(adapter(right), backend=NeverClosed(tmp_path))
+    assert "an episode that is over keeps its browser" in found
+    assert "an adapter that is closed keeps its browsers" in found
 
 
 async def test_rows_that_know_no_seed_are_found() -> None:

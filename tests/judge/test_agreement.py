@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
+from tests.documented import documented
 from tests.judge.scenes import TASK, episode, pictures
 from tests.judge.test_webjudge import REAL
 
@@ -244,11 +245,13 @@ def replies(path: Path, *records: dict[str, object]) -> Path:
     return path
 
 
-def test_a_cut_off_reply_is_no_verdict_and_a_broken_line_is_told(tmp_path: Path, command: Command) -> None:
+def test_a_cut_off_reply_is_no_verdict_and_a_broken_line_is_told(
+    tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
     human = [{"annotator": "A", "success": "Successful"}]
     common = {"judge": "j", "benchmark": "b", "agent": "a", "human": human}
     file = replies(
-        tmp_path / "replies.jsonl",
+        tmp_path / "webjudge_replies_o4_mini.jsonl",
         common | {"task_id": 1, "judge_response": "x\nStatus: success", "judge_status": "success"},
         # What the study took for a pass does not count where the reply ends half-way.
         common | {"task_id": 2, "judge_response": "it went well. Status: succ", "judge_status": "success"},
@@ -263,7 +266,9 @@ def test_a_cut_off_reply_is_no_verdict_and_a_broken_line_is_told(tmp_path: Path,
         assert overall["confusion"] == {"both": 1, "judge_only": 0, "human_only": 2, "neither": 0}
         assert overall["no_verdict"] == 1
     assert any("line 5" in note for note in told["notes"])
-    code, said = command("--webjudge", file)
+    monkeypatch.chdir(tmp_path)
+    page = documented("webgym judge agreement --webjudge webjudge_replies_o4_mini.jsonl")
+    code, said = command(*page[2:])
     assert code == 0
     assert "counts as a failure" in said
     assert "0.250" in said

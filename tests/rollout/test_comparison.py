@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import json
+import math
 from itertools import product
 from operator import mul
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.conftest import Calls
 from tests.rollout.test_summary import attempt, task
 
 from webgym.core.errors import UsageError
 from webgym.core.outcome import Outcome
-from webgym.rollout.comparison import _permutation_test, compare
+from webgym.rollout.comparison import _permutation_test, _tail, _tail_by_transform, compare
 from webgym.rollout.store import RunWriter
 
 LETTERS = {"s": Outcome.SUCCESS, "f": Outcome.FAILURE, "b": Outcome.BLOCKED, "j": Outcome.JUDGE_ERROR}
@@ -106,6 +108,31 @@ def test_the_permutation_test_tells_what_counting_all_signs_tells() -> None:
         sums = [sum(map(mul, signs, gains)) for signs in product((1, -1), repeat=len(gains))]
         p = sum(abs(each) > abs(sum(gains)) - 1e-9 for each in sums) / len(sums)
         assert _permutation_test(gains) == pytest.approx(p)
+
+
+@pytest.mark.parametrize("largest", [1, 2, 7, 840])
+def test_the_transform_tells_what_counting_tells(largest: int) -> None:
+    generator = np.random.default_rng(largest)
+    for count in (1, 2, 5, 30, 200):
+        sizes = generator.integers(1, largest + 1, count)
+        total = int(sizes.sum())
+        for observed in {abs(int((sizes * generator.choice([-1, 1], count)).sum())), total, total % 2}:
+            assert _tail_by_transform(sizes, observed) == pytest.approx(_tail(sizes, observed), abs=1e-12)
+
+
+@pytest.mark.timeout(20)  # counting takes half a minute
+def test_sixteen_thousand_tasks_of_one_to_eight_attempts() -> None:
+    generator = np.random.default_rng(1)
+    one, other = (
+        generator.binomial(attempts, rate) / attempts
+        for rate, attempts in (
+            (0.4, generator.integers(1, 9, 16_000)),
+            (0.41, generator.integers(1, 9, 16_000)),
+        )
+    )
+    gains = other - one
+    normal = math.erfc(abs(gains.sum()) / math.sqrt((gains**2).sum() * 2))
+    assert _permutation_test(list(gains)) == pytest.approx(normal, rel=0.01)
 
 
 async def test_levels_that_differ_in_opposite_directions_decide_nothing(tmp_path: Path) -> None:

@@ -9,11 +9,13 @@ import signal
 import stat
 import sys
 from asyncio.subprocess import DEVNULL, PIPE, Process
+from collections.abc import Sequence
 from pathlib import Path
 
 import httpx
 import psutil
 import pytest
+from tests.documented import documented
 
 from webgym.browser.profiles import ProfileRoot
 from webgym.core.action import Navigate
@@ -26,10 +28,10 @@ from .conftest import Site, quick
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
 
 
-async def start(folder: Path, *more: str) -> tuple[Process, str]:
+async def start(folder: Path, *more: str, page: Sequence[str] = ("serve",)) -> tuple[Process, str]:
     command = "from webgym.cli import main; main()"
     allow = ["--allow-host", "127.0.0.1"]
-    arguments = ["serve", "--port", "0", "--slots", "2", "--token-file", str(folder / "token"), *allow, *more]
+    arguments = [*page, "--port", "0", "--slots", "2", "--token-file", str(folder / "token"), *allow, *more]
     process = await asyncio.create_subprocess_exec(
         sys.executable,
         "-c",
@@ -64,11 +66,13 @@ async def gone(folder: Path) -> None:
 
 
 async def test_the_authors_api_beside_it(site: Site, tmp_path: Path) -> None:
-    process, _ = await start(tmp_path, "--compat", "--compat-port", "0")
+    page = documented("webgym serve --compat --compat-port 7001 --compat-key-file ~/.webgym-key")
+    key_file = tmp_path / "key"
+    process, _ = await start(tmp_path, "--compat-port", "0", "--compat-key-file", str(key_file), page=page)
     assert process.stdout is not None
     name, url = (await process.stdout.readline()).decode().split()
     assert name == "compat"
-    headers = {"x-api-key": (tmp_path / "token").read_text().strip()}
+    headers = {"x-api-key": key_file.read_text().strip()}
     async with httpx.AsyncClient(base_url=url, headers=headers, trust_env=False, timeout=30) as http:
         instance = (await http.post("/get", params={"lifetime_mins": 45})).json()
         visit = {"visit_page": {"url": site.url()}, **instance}
@@ -82,7 +86,11 @@ async def test_the_authors_api_beside_it(site: Site, tmp_path: Path) -> None:
 
 
 async def test_told_to_stop_it_leaves_nothing(site: Site, tmp_path: Path) -> None:
-    process, url = await start(tmp_path)
+    allowed = documented(
+        "webgym serve --allow-host intranet.example --allow-host 10.20.0.0/16 "
+        "--allow-host staging.example=10.1.2.3:8080 --allow-host tracker.example=nowhere"
+    )
+    process, url = await start(tmp_path, page=allowed)
     token = (tmp_path / "token").read_text().strip()
     assert stat.S_IMODE((tmp_path / "token").stat().st_mode) == 0o600
     async with BrowserClient(url, token=token, limits=quick()) as client:
@@ -138,7 +146,7 @@ exec sleep 600
 async def test_killed_and_started_again(site: Site, tmp_path: Path) -> None:
     """kill -9 of the gateway: no worker, no browser and no profile outlives it. Its sessions are gone, and
     their holders are told, also by the one that is started in its place."""
-    process, url = await start(tmp_path)
+    process, url = await start(tmp_path, page=documented("webgym serve --slots 64"))
     token = (tmp_path / "token").read_text().strip()
     async with (
         BrowserClient(url, token=token, limits=quick()) as client,
@@ -191,7 +199,7 @@ async def test_all_killed_at_once_the_next_one_clears_up(site: Site, tmp_path: P
 
 
 async def test_the_token_is_on_no_command_line(tmp_path: Path) -> None:
-    process, _ = await start(tmp_path)
+    process, _ = await start(tmp_path, "--compat-port", "0", page=documented("webgym serve --compat"))
     token = (tmp_path / "token").read_text().strip()
     for each in in_tree(tmp_path):
         assert token not in " ".join(each.cmdline())

@@ -17,6 +17,7 @@ import psutil
 import pytest
 import pytest_asyncio
 from tests.conftest import Commands, wait_until
+from tests.documented import documented
 
 from webgym.core.errors import ConfigError, ServerUnreachable, WebGymError, WorkerLost
 from webgym.server.client import BrowserClient, Session
@@ -91,7 +92,11 @@ class Gateway:
     def __init__(self, commands: Commands, nodes: Nodes) -> None:
         self._commands = commands
         self.process = commands.start(
-            "serve", "--ray", nodes.address, "--port", 0, "--slots", 1, "--allow-host", "127.0.0.1",
+            *documented(
+                "webgym serve --ray auto --host 0.0.0.0 --slots-per-cpu 8 --worker-ports 20000-20099"
+            ),
+            *("--ray", nodes.address, "--host", "127.0.0.1", "--port", 0, "--slots", 1),
+            *("--allow-host", "127.0.0.1"),
             WEBGYM_TOKEN=TOKEN,
         )  # fmt: skip
         wait_until(lambda: "\nsandbox " in self.said or self.process.poll() is not None)
@@ -272,6 +277,15 @@ async def test_a_killed_gateway_leaves_nothing_on_the_nodes(
     assert await asyncio.to_thread(again.process.wait, 60) == 0
     assert not marked(commands, OURS)
     assert "SIGTERM" not in again.said, "Ray's own words are not for our users"
+
+
+async def test_rays_own_parser_takes_the_pages_commands() -> None:
+    from ray.scripts.scripts import start
+
+    head = documented("ray start --head --port=6379 --num-cpus=0")
+    node = documented("ray start --address=HEAD:6379 --object-store-memory=100000000")
+    for words in (head, node):
+        start.make_context("start", words[1:])
 
 
 @pytest.mark.parametrize("address", ["nonsense", "127.0.0.1:1"])

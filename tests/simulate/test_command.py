@@ -7,10 +7,12 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.documented import documented
 from typer.testing import CliRunner
 
 from webgym.cli import build
 from webgym.core.errors import ConfigError
+from webgym.simulate import paper
 from webgym.simulate.config import Costs, Workload
 from webgym.simulate.paper import Point, reproduce
 from webgym.simulate.questions import read_questions
@@ -33,6 +35,17 @@ def test_one_table_one_figure_and_the_figures_behind_them(tmp_path: Path) -> Non
     assert large["rates"]["async"] > small["rates"]["async"]
     assert "| 4 / 2 / 16 |" in ran.output
     assert drawn.read_bytes().startswith(b"<?xml")
+
+
+def test_the_papers_measurements_in_small(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(paper, "MANY", paper.MANY.model_copy(update={"environments": 16}))
+    monkeypatch.chdir(tmp_path)
+    Path("small.yaml").write_text("workload: {trajectories: 40, mean_steps: 1.5, budgets: [2, 2, 2]}\n")
+    page = documented("webgym simulate --paper --figure paper.svg")
+    ran = CliRunner().invoke(build("simulate"), [*page, "--config", "small.yaml"], catch_exceptions=False)
+    assert ran.exit_code == 0
+    assert "128 CPUs, step barrier" in ran.output
+    assert Path("paper.svg").read_bytes().startswith(b"<?xml")
 
 
 def test_without_simpy_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

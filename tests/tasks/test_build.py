@@ -9,6 +9,8 @@ import asyncio
 import io
 import json
 import os
+import re
+import shutil
 import signal
 import sqlite3
 import sys
@@ -19,6 +21,9 @@ from typing import Any, NamedTuple
 
 import pytest
 from rich.console import Console
+from tests.conftest import Calls
+from tests.documented import documented
+from tests.serving import beside
 from tests.tasks.endpoint import Endpoint, serve
 from tests.tasks.shapes import ask, write_shapes
 from tests.tasks.sources.native import as_lines
@@ -326,18 +331,71 @@ async def test_batch_files_in_place_of_calls(tmp_path: Path) -> None:
         assert files(tmp_path / "asked") == files(out)
 
 
+def test_the_pages_commands(tmp_path: Path, calls: Calls, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the page's order; a batch is answered between them."""
+    monkeypatch.chdir(tmp_path)
+    with beside(serve()) as endpoint:
+        endpoint.misbehaves = False
+        Command(endpoint, tmp_path, count=1).config.rename("task-set.yaml")
+
+        def run(words: list[str], *small: str) -> str:
+            code, said = calls.run(*words, *small)
+            assert code == 0, said
+            return said
+
+        few = ("--test-size", "2")
+        told = run(
+            documented("webgym tasks build --config task-set.yaml --out set --price 2.5,10 --dry-run"), *few
+        )
+        assert "dollars" in told
+        assert not endpoint.paid
+        trial = documented(
+            "webgym tasks build --config task-set.yaml --out trial --cache set/replies.sqlite "
+            "--limit 50 --test-size 50"
+        )
+        Path("set").mkdir()
+        run(trial, "--limit", "1", *few)
+        paid = endpoint.paid.total()
+        run(
+            documented("webgym tasks build --config task-set.yaml --out set --price 2.5,10 --budget 900"),
+            *few,
+        )
+        assert endpoint.paid.total() == paid > 0, "what the trial has paid for"
+        again = run(documented("webgym tasks build --config task-set.yaml --out set --dry-run"), *few)
+        assert re.search(r"^all +0 ", again, re.MULTILINE), again
+
+        made = files(Path("set"))
+        shutil.rmtree("set")
+        batch = documented("webgym tasks build --config task-set.yaml --out set --batch batches")
+        for _ in range(6):
+            run(batch, *few)
+            if Path("set/manifest.json").exists():
+                break
+            answered = [answered_batch(endpoint, path) for path in sorted(Path("batches").glob("*.jsonl"))]
+            Path("RESULTS.jsonl").write_text("".join(answered))
+            run(documented("webgym llm import set/replies.sqlite RESULTS.jsonl"))
+        assert endpoint.paid.total() == paid
+        without = {"manifest.json": b"", "config.yaml": b""}  # which have the budget
+        assert files(Path("set")) | without == made | without
+
+
+def answered_batch(endpoint: Endpoint, path: Path) -> str:
+    """What a batch endpoint makes of a batch file."""
+    answered = []
+    for line in map(json.loads, path.read_bytes().splitlines()):
+        text, reason = endpoint.reply(line["body"]["messages"])
+        choice = {"index": 0, "finish_reason": reason, "message": {"role": "assistant", "content": text}}
+        response = {"status_code": 200, "body": {"choices": [choice]}}
+        answered.append({"custom_id": line["custom_id"], "response": response})
+    return "".join(json.dumps(each) + "\n" for each in answered)
+
+
 async def answer_batches(endpoint: Endpoint, paths: Sequence[Path], out: Path) -> None:
     """Answer batch files as a batch endpoint does, and import the results."""
     results = []
     for path in paths:
-        answered = []
-        for line in map(json.loads, path.read_bytes().splitlines()):
-            text, reason = endpoint.reply(line["body"]["messages"])
-            choice = {"index": 0, "finish_reason": reason, "message": {"role": "assistant", "content": text}}
-            response = {"status_code": 200, "body": {"choices": [choice]}}
-            answered.append({"custom_id": line["custom_id"], "response": response})
         results.append(path.with_suffix(".out"))
-        results[-1].write_text("".join(json.dumps(each) + "\n" for each in answered))
+        results[-1].write_text(answered_batch(endpoint, path))
     async with ReplyCache(out / "replies.sqlite") as cache:
         assert (await import_results(cache, results)).unanswered == []
 

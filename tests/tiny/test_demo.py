@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip("torch")
 
 from tests.conftest import Calls
+from tests.documented import documented
 
 from webgym.inference.model import load_model
 from webgym.offline.small.wording import small_vocabulary
@@ -28,14 +29,22 @@ def test_the_packages_weights_are_for_the_websites_of_today() -> None:
 
 @pytest.mark.browser
 def test_a_small_demo_acts_learns_and_acts_again_on_the_same_unseen_tasks(
-    tmp_path: Path, calls: Calls
+    tmp_path: Path, calls: Calls, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    out = tmp_path / "demo"
-    code, said = calls.run("demo", "--tasks", 4, "--iterations", 1, "--sessions", 2, "--out", out)
+    monkeypatch.chdir(tmp_path)
+    out = Path("runs/first")
+    Path("tiny").mkdir()
+    Path("tiny/model").symlink_to(WEIGHTS)
+    own_weights = documented("webgym demo --weights tiny/model")[1:]
+    tutorial = documented("webgym demo --tasks 60 --iterations 2 --out runs/first")[1:]
+    small = ("--tasks", 4, "--iterations", 1, "--sessions", 2)
+    code, said = calls.run(*documented("webgym demo"), *own_weights, *tutorial, *small)
     assert code == 0, said
     for when in ("before", "after"):
         assert f"{when:8} " in said
     assert (out / "report.html").is_file()
+    browsed = said.splitlines()[-1].removeprefix("browse   webgym view ")
+    assert RunReader(Path(browsed)).path == out / "evaluations" / "0001"
     assert sorted(TrainingFolder(out).evaluations()) == [0, 1]
     runs = [RunReader(out / "evaluations" / number) for number in ("0000", "0001")]
     attempted = [sorted(each.episode.task_id for each in run.trajectories()) for run in runs]

@@ -12,6 +12,8 @@ import msgspec
 import numpy as np
 import pytest
 from PIL import Image
+from tests.conftest import Calls
+from tests.documented import ROOT, documented
 
 pytest.importorskip("torch")
 
@@ -22,6 +24,7 @@ from webgym.rollout.plan import Planned
 from webgym.rollout.store import RunReader
 from webgym.run_config import RunConfig
 from webgym.runs import collect
+from webgym.settings import load_settings
 from webgym.static_browsers import StaticBrowsers, StaticCollector
 from webgym.tiny.demonstrators import Demonstrators
 from webgym.tiny.recipe import RecipeConfig, agent_of, follow
@@ -80,19 +83,25 @@ def texts(messages: Any) -> list[str]:
 
 
 def test_a_recipe_that_was_killed_ends_with_the_same_weights(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, calls: Calls, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     small = {"width": 32, "text_layers": 1, "vision_layers": 2}
     taught = {"model": small, "steps": 6, "pointing_steps": 3, "batch": 2, "threads": 1, "warmup": 1}
-    config = RecipeConfig.model_validate(
-        {
-            "attempts": 3,
-            "per_family": 6,
-            "examined": 1,
-            "budget": [2, 2, 2],
-            "pretrain": {**taught, "checkpoint_steps": 2, "report_steps": 1},
-        }
+    (tmp_path / "small.yaml").write_text(
+        json.dumps(
+            {
+                "attempts": 3,
+                "per_family": 6,
+                "examined": 1,
+                "budget": [2, 2, 2],
+                "pretrain": {**taught, "checkpoint_steps": 2, "report_steps": 1},
+            }
+        )
     )
+    (tmp_path / "configs").symlink_to(ROOT / "configs")
+    monkeypatch.chdir(tmp_path)
+    settings = [Path("configs/tiny/recipe.yaml"), Path("small.yaml")]
+    config = load_settings(RecipeConfig, settings, hint="")
     told: list[int] = []
 
     def tell(figures: Any) -> None:
@@ -105,17 +114,22 @@ def test_a_recipe_that_was_killed_ends_with_the_same_weights(
     def advance(what: str, done: int, of: int) -> None:
         assert 0 < done <= of, what
 
-    whole = asyncio.run(follow(config, tmp_path / "whole", tell=tell, advance=advance))
+    pretrain = documented("webgym pretrain configs/tiny/recipe.yaml --out tiny")
+    code, said = calls.run(*pretrain, "small.yaml", "--out", "whole")
+    assert code == 0, said
+    assert "examination" in said
+    figures = [json.loads(line) for line in Path("whole/metrics.jsonl").read_text().splitlines()]
+    assert [each["step"] for each in figures] == [1, 2, 3, 4, 5, 6]
     with pytest.raises(Killed):
         asyncio.run(follow(config, tmp_path / "killed", tell=killed, advance=advance))
     del told[:]
     again = asyncio.run(follow(config, tmp_path / "killed", tell=tell, advance=advance))
     assert told == [5, 6]  # it went on from the checkpoint after update 4
-    assert again == whole
-    assert set(whole) == {"train", "test"}
-    assert json.loads((tmp_path / "killed/examination.json").read_text()) == json.loads(
-        msgspec.json.encode(whole)
-    )
+    assert set(again) == {"train", "test"}
+    for name in ("whole", "killed"):
+        assert json.loads((tmp_path / name / "examination.json").read_text()) == json.loads(
+            msgspec.json.encode(again)
+        )
     weights = [tmp_path / name / "model/model.safetensors" for name in ("whole", "killed")]
     assert weights[0].read_bytes() == weights[1].read_bytes()
     other = config.model_copy(update={"attempts": 4})

@@ -14,6 +14,8 @@ import pytest
 
 pytest.importorskip("torch")
 
+from tests.conftest import Calls
+from tests.documented import documented
 from tests.report.training import World, build_training, tasks
 from tests.train.worlds import training_of
 
@@ -157,6 +159,26 @@ async def test_a_training_that_was_killed_after_its_last_evaluation_is_brought_t
     (elsewhere / "study.json").write_text("[{")
     with pytest.raises(RunFolderError, match="holds no results"):
         await carry_out(short, first, ["reference"], 1, elsewhere, print)
+
+
+def test_the_pages_commands_train_the_rows_that_are_asked_for(
+    tmp_path: Path, calls: Calls, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @asynccontextmanager
+    async def opened(held: TrainConfig, out: Path, **_: Any) -> AsyncIterator[Training]:
+        yield training_of(out, World(1), held, tasks(6))
+
+    monkeypatch.setattr(study, "open_training", opened)
+    monkeypatch.chdir(tmp_path)
+    Path("small.yaml").write_text("base: {loop: {iterations: 1, tasks: 2}, evaluation: {count: 2}}\n")
+    page = documented("webgym study --out study --row only easy --seeds 5")
+    code, said = calls.run(*page, "small.yaml", "--seeds", 1)
+    assert code == 0, said
+    assert "training 1 of 1: only easy, seed 1" in said
+    small = ("small.yaml", "--seeds", 1, "--row", "reference")
+    code, said = calls.run(*documented("webgym study --out study"), *small)
+    assert code == 0, said
+    assert len(json.loads(Path("study/study.json").read_text())) == 2
 
 
 async def test_a_training_that_was_begun_with_other_settings_is_not_gone_on_with(

@@ -167,6 +167,7 @@ def _train(
             "training needs torch", hint="pip install 'webgym-rl[train]', or add --collect-only"
         ) from error
     from webgym.tiny.demo import WEIGHTS, before_and_after, settings
+    from webgym.train.folder import TrainingFolder
 
     # Browsers need the other processors, and small models are slower with threads that wait for busy ones.
     torch.set_num_threads(1)
@@ -175,4 +176,6 @@ def _train(
     run_training(config, folder, resume=False, secrets=secrets(None), console=console)
     for line in before_and_after(folder):
         console.print(line, highlight=False, soft_wrap=True)
-    console.print(f"browse   webgym view {folder}/evaluations", highlight=False, soft_wrap=True, markup=False)
+    last = max(TrainingFolder(folder).evaluations())
+    browse = f"browse   webgym view {TrainingFolder(folder).evaluation(last)}"
+    console.print(browse, highlight=False, soft_wrap=True, markup=False)

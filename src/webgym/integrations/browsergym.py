@@ -75,6 +75,7 @@ class BrowserGymEnv:
         )
         self._page: Any = None
         self._instruction = ""
+        self._has_crashed = False
 
     def __enter__(self) -> Self:
         return self
@@ -99,6 +100,8 @@ class BrowserGymEnv:
         """
         with self._faults():
             raw, env_info = self._env.reset(seed=seed or 0)
+            self._watch(raw["page"])
+            raw["page"].context.on("page", self._watch)
             view = _view(raw)
         self._instruction, self._page = raw["goal"], raw["page"]
         return view, self._info(env_info, is_over=False)
@@ -139,11 +142,21 @@ class BrowserGymEnv:
         self._page = None
         self._env.close()
 
+    def _watch(self, page: Any) -> None:
+        page.on("crash", self._close_crashed)
+
+    def _close_crashed(self, page: Any) -> None:
+        self._has_crashed = True
+        page.close()  # calls that wait for it never end otherwise; BrowserGym goes on with an empty page
+
     @contextmanager
     def _faults(self) -> Iterator[None]:
         self._page = None  # an interrupted episode cannot be continued
+        self._has_crashed = False
         try:
             yield
+            if self._has_crashed:
+                raise RuntimeError("the page crashed")
         except Exception as error:  # of Playwright or of the task
             reason = " ".join(str(error).split())[:300]
             raise NoReward(f"the task {self.name} failed: {reason}") from error

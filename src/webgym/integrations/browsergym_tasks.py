@@ -150,6 +150,8 @@ class WebGymTask(AbstractBrowserTask):
         if self._key not in _sites:
             _sites[self._key] = _Sites(*self._key)
         page.context.route("**/*", self._serve)
+        page.context.on("page", self._watch)
+        self._watch(page)
         page.goto(self.task.website)
         self._record(page)
         return self.task.instruction, {"task_id": self.task.id}
@@ -180,6 +182,13 @@ class WebGymTask(AbstractBrowserTask):
     def teardown(self) -> None:
         """Does nothing: the websites are kept for the next episode."""
 
+    def _watch(self, page: Any) -> None:
+        page.on("crash", self._close_crashed)
+
+    def _close_crashed(self, page: Any) -> None:
+        self._fault = "the page crashed"
+        page.close()  # calls that wait for it never end otherwise; BrowserGym goes on with an empty page
+
     def _serve(self, route: Any, request: Any) -> None:
         parts = urlsplit(request.url)
         host = parts.hostname or ""
@@ -205,7 +214,10 @@ class WebGymTask(AbstractBrowserTask):
     def _record(self, page: Any) -> None:
         if self._fault:
             raise NoReward(self._fault)
-        view = _view(page)
+        try:
+            view = _view(page)
+        except Error as error:
+            raise NoReward(self._fault or f"the page cannot be read: {error.message}") from error
         self._observations.append(
             {
                 "screenshot": hashlib.sha256(f"{view['url']}\n{view['text']}".encode()).hexdigest(),

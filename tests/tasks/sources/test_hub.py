@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from tests.conftest import Calls
+from tests.documented import documented
 from tests.tasks.sources import native
 
 from webgym.core.errors import ConfigError
@@ -32,16 +33,25 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_dataset_one_of_its_splits_and_none(dataset: Path, calls: Calls, tmp_path: Path) -> None:
+def test_a_dataset_one_of_its_splits_and_none(
+    dataset: Path, calls: Calls, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("data/deepshop").mkdir(parents=True)
+    Path("data/deepshop/tasks.jsonl").write_text(native.as_lines(native.DEEPSHOP))
+    Path("data-for-agents").mkdir()
+    Path("data-for-agents/insta-150k-v3").symlink_to(dataset)  # as if it were the hub's
     code, said = calls.run(
-        "tasks",
-        "sources",
+        *documented(
+            "webgym tasks sources --read deepshop=data/deepshop "
+            "--read insta-v3=hub:data-for-agents/insta-150k-v3:train"
+        ),
         f"--read=insta-v3=hub:{dataset}",
-        f"--read=insta-v3=hub:{dataset}:train",
         "--read=insta-v3=hub:nobody/nothing:train",
         HF_HOME=str(tmp_path / "cache"),
         HF_HUB_OFFLINE="1",
     )
+    assert "tasks      2 (the paper's 150)" in said
     assert "records    3" in said
     assert f"hub:{dataset}:test, row 1: 'instruction' is empty" in said
     assert "records    2" in said

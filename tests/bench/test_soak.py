@@ -34,7 +34,7 @@ def soaked(folder: Path, *arguments: str) -> tuple[subprocess.CompletedProcess[s
 
 @pytest.mark.browser
 def test_a_short_one_balances(tmp_path: Path) -> None:
-    small = "--minutes 0.2 --clients 5 --slots 3 --workers 2 --faults 60 --seed 3".split()
+    small = "--minutes 0.1 --clients 4 --slots 3 --workers 2 --faults 180 --seed 3".split()
     done, found = soaked(tmp_path, *small, "--log", str(tmp_path / "log"))
     assert done.returncode == 0, done.stdout + done.stderr + (tmp_path / "log").read_text()
     assert "No problems: " in done.stdout

@@ -15,7 +15,7 @@ from tests.documented import documented
 from webgym.bench.ceiling import APART, SERVER, SHARED
 
 SMALL = (
-    "--sessions 2 --rounds 1 --seconds 0.5 --thinkers 2 --think 0.2 --thinking 1 "
+    "--sessions 2 --rounds 1 --seconds 0.2 --thinkers 2 --think 0.2 --thinking 0.5 "
     "--dense 2 --calls 2 --burst 2"
 ).split()
 

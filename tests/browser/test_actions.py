@@ -8,7 +8,7 @@ from starlette.responses import HTMLResponse, Response
 
 from webgym.core.action import GoBack, LeftClick, Navigate, Scroll, Target, Type, Wait
 
-from .conftest import Open, Site, Tab
+from .conftest import VIEWPORT, Open, Site, Tab
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
@@ -31,7 +31,9 @@ FORM = """
 
 
 async def echo(request: Request) -> Response:
-    return HTMLResponse(f"<title>Sent</title><pre>{json.dumps(dict(request.query_params))}</pre>")
+    return HTMLResponse(
+        f"<title>Sent</title><pre style='white-space:pre-wrap'>{json.dumps(dict(request.query_params))}</pre>"
+    )
 
 
 async def form(site: Site, tab: Tab) -> None:
@@ -188,7 +190,7 @@ async def test_a_read_only_field_and_a_file_field_are_refused(site: Site, tab: T
 async def test_scrolling_moves_by_a_share_of_the_viewport(site: Site, tab: Tab) -> None:
     await tab.goto(site.page("<div style='height:3000px'>top</div>"))
     look = await tab.step(Scroll("down"))
-    assert look.observation.scroll[0] == pytest.approx(768 * 0.75)
+    assert look.observation.scroll[0] == pytest.approx(VIEWPORT[1] * 0.75)
     look = await tab.step(Scroll("up"))
     assert look.observation.scroll[0] == 0
 

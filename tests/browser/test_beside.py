@@ -85,7 +85,7 @@ async def test_nothing_beside_an_open_list(site: Site, tab: Tab) -> None:
 
 
 async def test_no_place_where_elements_are_all_around(site: Site, tab: Tab) -> None:
-    around = "<button style='left:0;top:0;width:1280px;height:768px;z-index:-1'>Around</button>"
+    around = "<button style='left:0;top:0;width:100vw;height:100vh;z-index:-1'>Around</button>"
     await tab.goto(site.page(PAGE.replace("LISTENER", DOCUMENT) + around))
     await tab.step(LeftClick(tab.at("Open")))
     assert "One" in names(tab)

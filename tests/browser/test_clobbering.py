@@ -42,7 +42,7 @@ SHOWN = """
 <p style="position:relative"><b style="position:absolute;left:0;top:0;background:#fff">Above</b>Below it</p>
 <svg width=40 height=20><text y=15>Drawn</text></svg>
 """
-REST = "<p>after the form</p><div style='height:900px'></div><p>far below</p>"
+REST = "<p>after the form</p><div style='height:700px'></div><p>far below</p>"
 FORM = "style='height:230px;overflow:auto' tabindex=0 aria-label='All of it' onsubmit='return false'"
 
 

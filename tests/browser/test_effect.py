@@ -85,7 +85,7 @@ async def test_what_does_something_is_not(site: Site, tab: Tab, does: str) -> No
 
 
 async def test_a_scroll_has_an_effect_until_the_end(site: Site, tab: Tab) -> None:
-    await tab.goto(site.page("<div style='height:1500px'></div>" + MOVES["a clock"]))
+    await tab.goto(site.page("<div style='height:1200px'></div>" + MOVES["a clock"]))
     await tab.step(Wait(0.5))
     seen = []
     for _ in range(4):

@@ -24,7 +24,7 @@ from webgym.core.action import (
 )
 from webgym.core.task import Attachment
 
-from .conftest import Open, Site, Tab
+from .conftest import VIEWPORT, Open, Site, Tab
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
@@ -39,7 +39,7 @@ def log(tab: Tab) -> list[str]:
 
 
 def at(x: float, y: float) -> Target:
-    return Target(coordinate=(x / 1280 * 1000, y / 768 * 1000))
+    return Target(coordinate=(x / VIEWPORT[0] * 1000, y / VIEWPORT[1] * 1000))
 
 
 @pytest.mark.parametrize("mode", ["coordinates", "marks"])
@@ -255,7 +255,7 @@ async def test_the_box_that_is_named_scrolls_to_every_side(site: Site, tab: Tab)
         [across, 0, across, down, 0],
         [across, 0, 0, down, 0],
         [across, 0, 0, 0, 0],
-        [across, 0, 0, 0, 768 * 0.75],
+        [across, 0, 0, 0, VIEWPORT[1] * 0.75],
     ]
     for found, wanted in zip(seen, expected, strict=True):
         assert found == pytest.approx(wanted, abs=15)

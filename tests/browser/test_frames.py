@@ -11,7 +11,7 @@ from starlette.responses import Response
 from webgym.core.action import LeftClick, Scroll, Type
 from webgym.core.observation import Element
 
-from .conftest import Open, Site, Tab
+from .conftest import VIEWPORT, Open, Site, Tab
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
@@ -272,7 +272,7 @@ async def test_typing_into_a_closed_root_that_was_never_looked_at(site: Site, op
     tab = await open_tab()
     await tab.goto(site.page(CLOSED.replace("HOST", "x-host")))
     target = tab.at("Name")
-    tab.options = tab.options.__class__()
+    tab.options = tab.options.__class__(viewport=VIEWPORT)
     await tab.slot.open(tab.options)  # no text, no elements: nothing walks the page
     await tab.goto(
         site.page(

@@ -15,7 +15,7 @@ from webgym.browser.gestures import (
 )
 from webgym.core.action import Hover, LeftClick, Press, Target
 
-from .conftest import Site, Tab
+from .conftest import VIEWPORT, Site, Tab
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
@@ -36,7 +36,7 @@ async def element(tab: Tab, name: str) -> DocumentElement:
 
 
 def at(x: float, y: float) -> Target:
-    return Target(coordinate=(x / 1280 * 1000, y / 768 * 1000))
+    return Target(coordinate=(x / VIEWPORT[0] * 1000, y / VIEWPORT[1] * 1000))
 
 
 def title(tab: Tab) -> str:
@@ -97,7 +97,7 @@ async def test_hovering(site: Site, tab: Tab) -> None:
     )
     await tab.step(Hover(Target(element=(await element(tab, "Menu")).number)))
     assert "Entry" in tab.text
-    await tab.step(Hover(at(1000, 700)))
+    await tab.step(Hover(at(700, 500)))
     assert "Entry" not in tab.text
 
 

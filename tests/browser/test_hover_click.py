@@ -6,7 +6,7 @@ import pytest
 
 from webgym.core.action import LeftClick, Target
 
-from .conftest import Open, Site, Tab
+from .conftest import VIEWPORT, Open, Site, Tab
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
@@ -38,7 +38,7 @@ PAGES = {
 async def test_a_click_where_the_mouse_changes_the_page(site: Site, open_tab: Open, page: str) -> None:
     tab = await open_tab()
     await tab.goto(site.page(STYLE + PAGES[page]))
-    look = await tab.step(LeftClick(Target(coordinate=(200 / 1.28, 140 / 0.768))))
+    look = await tab.step(LeftClick(Target(coordinate=(200 / VIEWPORT[0] * 1000, 140 / VIEWPORT[1] * 1000))))
     assert look.observation.title == "hit"
 
 

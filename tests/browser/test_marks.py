@@ -19,7 +19,7 @@ from PIL import Image, ImageChops
 from webgym.core.action import LeftClick, Scroll
 from webgym.core.observation import Element
 
-from .conftest import Open, Site, Tab
+from .conftest import VIEWPORT, Open, Site, Tab
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
@@ -252,7 +252,7 @@ async def compare(tab: Tab, kind_of: dict[str, str]) -> None:
         if at[name] != name:
             wrong.append(f"{kind}: a click on the middle of {element.box} hits {at[name]}")
         x, y, width, height = element.box
-        if x < 0 or y < 0 or x + width > 1280 or y + height > 768:
+        if x < 0 or y < 0 or x + width > VIEWPORT[0] or y + height > VIEWPORT[1]:
             wrong.append(f"{kind}: {element.box} leaves the viewport")
         if not reached:
             continue  # smaller than a step
@@ -404,7 +404,7 @@ async def test_labels_can_be_read(site: Site, open_tab: Open) -> None:
     for label in labels:
         left, top, right, bottom = label["box"]
         assert min(left, top) >= 0
-        assert (right <= 1280, bottom <= 768) == (True, True)
+        assert (right <= VIEWPORT[0], bottom <= VIEWPORT[1]) == (True, True)
     overlaps = [
         (one["text"], other["text"])
         for one, other in itertools.combinations(labels, 2)

@@ -12,7 +12,7 @@ from starlette.responses import Response
 from webgym.core.action import LeftClick, Scroll, Target, Type
 from webgym.core.observation import Element
 
-from .conftest import Open, Site, Tab
+from .conftest import VIEWPORT, Open, Site, Tab
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
@@ -57,7 +57,7 @@ async def test_the_text_holds_what_controls_show_and_nobody_typed(site: Site, ta
 
 
 async def test_far_text_comes_into_view_by_scrolling(site: Site, tab: Tab) -> None:
-    await tab.goto(site.page("<p>top</p><div style='height:1000px'></div><p>bottom</p>"))
+    await tab.goto(site.page("<p>top</p><div style='height:800px'></div><p>bottom</p>"))
     assert tab.text == ["top"]
     await tab.step(Scroll("down"))
     assert tab.text == ["bottom"]
@@ -214,7 +214,7 @@ async def test_marks_are_drawn_where_the_elements_are(site: Site, open_tab: Open
     marked = await open_tab("marks")
     look = await marked.goto(url)
     with_marks = Image.open(io.BytesIO(look.image)).convert("RGB")
-    assert with_marks.size == (1280, 768)
+    assert with_marks.size == VIEWPORT
     assert [element.box for element in elements(marked)] == boxes
     changed = ImageChops.difference(without, with_marks)
     for x, y, width, height in boxes:
@@ -250,10 +250,10 @@ async def test_no_caret_blinks_in_a_component(site: Site, tab: Tab) -> None:
 
 
 async def test_the_viewport_is_as_asked_for(site: Site, open_tab: Open) -> None:
-    tab = await open_tab(viewport=(800, 600))
+    tab = await open_tab(viewport=(1280, 768))
     look = await tab.goto(site.page("<script>document.title = innerWidth + 'x' + innerHeight</script>"))
-    assert look.observation.title == "800x600"
-    assert Image.open(io.BytesIO(look.image)).size == (800, 600)
+    assert look.observation.title == "1280x768"
+    assert Image.open(io.BytesIO(look.image)).size == (1280, 768)
 
 
 async def test_a_page_that_tampers_with_its_prototypes_is_still_seen(site: Site, tab: Tab) -> None:

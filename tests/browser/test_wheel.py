@@ -6,7 +6,7 @@ import pytest
 
 from webgym.core.action import LeftClick, Scroll, Target
 
-from .conftest import Site, Tab
+from .conftest import VIEWPORT, Site, Tab
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
@@ -39,7 +39,7 @@ draw();
 
 
 def at(x: float, y: float) -> Target:
-    return Target(coordinate=(x / 1.28, y / 0.768))
+    return Target(coordinate=(x / VIEWPORT[0] * 1000, y / VIEWPORT[1] * 1000))
 
 
 def top(tab: Tab) -> int:

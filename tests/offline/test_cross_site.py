@@ -33,6 +33,11 @@ def kind_of(task: Task) -> str:
     return task.id.rpartition("/")[2].partition("-")[0]
 
 
+def moves_of(task: Task) -> int:
+    assert task.truth is not None
+    return len(task.truth.moves)
+
+
 def test_both_websites_are_of_the_task_s_split(web: OfflineWeb, tasks: list[Task]) -> None:
     assert {kind_of(task) for task in tasks} == KINDS
     assert {task.split for task in tasks} == {"train", "test"}
@@ -72,7 +77,8 @@ def without(host: str, episode: Episode) -> Episode:
 async def test_one_of_each_kind_is_solvable_and_nothing_less_passes(
     web: OfflineWeb, tasks: list[Task], tmp_path: Path
 ) -> None:
-    played = [next(task for task in tasks if kind_of(task) == kind) for kind in sorted(KINDS)]
+    by_kind = {kind: [task for task in tasks if kind_of(task) == kind] for kind in sorted(KINDS)}
+    played = [min(of_kind, key=moves_of) for of_kind in by_kind.values()]
     episodes: dict[str, Episode] = {}
     assert (
         await check_in_browsers(

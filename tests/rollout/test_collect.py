@@ -116,13 +116,13 @@ def add_up(run: Path) -> list[Trajectory]:
 
 
 async def test_solutions_succeed_by_marks(tmp_path: Path, served_large: Served) -> None:
-    """``test_solvable.py`` has the like by coordinates, in every family."""
-    file = task_file(tmp_path, 4, LARGE, most_moves=12)
+    """``test_solvable.py`` has the like by coordinates, of every family."""
+    file = task_file(tmp_path, 3, LARGE)
     await collect_there(
         served_large, config(file, sites=LARGE, agent=AgentConfig(mode="marks")), tmp_path / "run"
     )
     trajectories = add_up(tmp_path / "run")
-    assert [each.outcome for each in trajectories] == [Outcome.SUCCESS] * 4
+    assert [each.outcome for each in trajectories] == [Outcome.SUCCESS] * 3
     assert not list(unexpected(RunReader(tmp_path / "run").tasks, trajectories))
     for each in trajectories:
         assert each.verdict is not None
@@ -170,8 +170,8 @@ async def test_an_error_is_attempted_again_and_both_are_counted(tmp_path: Path, 
 
 
 async def test_every_mistake_is_data(tmp_path: Path, served: Served) -> None:
-    file = task_file(tmp_path, 14)
-    short = AttemptConfig(budget_easy=8, budget_medium=8, budget_hard=8)
+    file = task_file(tmp_path, 14, most_moves=5)
+    short = AttemptConfig(budget_easy=6, budget_medium=6, budget_hard=6)
     mistaken = config(file, policy=PolicyChoice(mistakes=1.0), retries=0, attempt=short)
     await collect_there(served, mistaken, tmp_path / "run")
     trajectories = add_up(tmp_path / "run")
@@ -220,7 +220,7 @@ async def test_a_browser_that_is_killed_costs_its_attempt_and_nothing_else(tmp_p
 
 
 async def test_a_cancelled_run_records_what_was_in_flight_and_goes_on(tmp_path: Path) -> None:
-    file = task_file(tmp_path, 6, LARGE)
+    file = task_file(tmp_path, 6)
     started = asyncio.Event()
 
     class Watch:
@@ -238,7 +238,7 @@ async def test_a_cancelled_run_records_what_was_in_flight_and_goes_on(tmp_path: 
         async def __aexit__(self, *_: object) -> None:
             await self.task
 
-    run = asyncio.create_task(collect(config(file, sites=LARGE), tmp_path / "run", show=Watch))
+    run = asyncio.create_task(collect(config(file), tmp_path / "run", show=Watch))
     await started.wait()
     run.cancel()
     with pytest.raises(asyncio.CancelledError):

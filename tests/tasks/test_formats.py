@@ -50,7 +50,7 @@ def through(folder: Path, name: str, tasks: Iterable[Task]) -> tuple[list[Task],
 
 
 @given(tasks=task_lists)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_any_tasks_come_back_equal_in_every_format(
     tmp_path_factory: pytest.TempPathFactory, tasks: list[Task]
 ) -> None:

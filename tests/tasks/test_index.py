@@ -72,7 +72,7 @@ def test_counts_and_families() -> None:
     assert INDEX.close_ids("B/3") == ["b/3", "b/3+1"]
 
 
-@settings(max_examples=50)
+@settings(max_examples=30)
 @given(tasks=task_lists, wanted=st.text(max_size=2))
 def test_finding_agrees_with_looking_at_every_task(tasks: list[Task], wanted: str) -> None:
     index = TaskIndex(tasks)

@@ -281,7 +281,7 @@ def test_any_values_are_a_task_or_a_reason(told: dict[str, Any]) -> None:
 
 
 @given(content=published_files())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_any_file_is_written_again_byte_for_byte_by_way_of_every_format(
     tmp_path_factory: pytest.TempPathFactory, content: bytes
 ) -> None:
@@ -371,7 +371,7 @@ def test_what_was_changed_since_is_written_anew_and_nothing_else() -> None:
 
 
 @given(content=published_files(), flag=st.text(max_size=3), answer=spoken)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_a_changed_task_is_read_back_as_it_was_changed(
     tmp_path_factory: pytest.TempPathFactory, content: bytes, flag: str, answer: str
 ) -> None:

@@ -18,6 +18,7 @@ import math
 import re
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Final, TypeAlias
 
 import msgspec
@@ -60,6 +61,7 @@ class Cut(msgspec.Struct, frozen=True):
 Render: TypeAlias = Callable[[Cut], tuple[Message, ...]]
 
 
+@lru_cache(maxsize=1024)  # instructions and earlier rounds are in every request of an attempt
 def text_tokens(text: str) -> int:
     """Estimated number of tokens of a text; rather too many than too few.
 
@@ -129,15 +131,12 @@ def fit_request(
     cuts += [Cut(rounds, number, lines + number) for number in range(1, rounds + 1)]
     cuts += [Cut(rounds, rounds, lines + rounds, number) for number in range(1, entries + 1)]
 
-    def fits(cut: Cut) -> bool:
-        return request_tokens(render(cut), profile) <= most_tokens
-
-    chosen = cuts[0] if fits(cuts[0]) else None
-    if chosen is None:
-        position = bisect_left(cuts, True, key=fits)
-        if position == len(cuts):
-            least = request_tokens(render(cuts[-1]), profile)
-            message = f"the request is about {least} tokens at its shortest, and {most_tokens} are allowed"
-            raise PolicyError(message, hint="raise agent.request_tokens, and the endpoint's context with it")
-        chosen = cuts[position]
-    return render(chosen), chosen
+    whole = render(cuts[0])
+    if request_tokens(whole, profile) <= most_tokens:
+        return whole, cuts[0]
+    position = bisect_left(cuts, True, key=lambda cut: request_tokens(render(cut), profile) <= most_tokens)
+    if position == len(cuts):
+        least = request_tokens(render(cuts[-1]), profile)
+        message = f"the request is about {least} tokens at its shortest, and {most_tokens} are allowed"
+        raise PolicyError(message, hint="raise agent.request_tokens, and the endpoint's context with it")
+    return render(cuts[position]), cuts[position]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import datetime
 import json
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any, get_args
 
 from webgym.agent.compact import COMPACT_FORMATS, render_compact
@@ -162,11 +163,16 @@ def system_prompt(config: AgentConfig, mode: Mode = "coordinates", screen: Size 
         return "act with memory" if config.prompt_format in WITH_MEMORY else "act"
     parts = [
         _ROLE if config.today is None else f"{_ROLE}\n{_date(config.today)}",
-        f"# Tool\n<tools>\n{json.dumps(tool_declaration(mode, screen, config.actions))}\n</tools>",
+        f"# Tool\n<tools>\n{_declared(mode, screen, config.actions)}\n</tools>",
         _REPLIES[config.prompt_format].format(tool=TOOL_NAME),
         _RULES,
     ]
     return "\n\n".join(parts)
+
+
+@lru_cache(maxsize=64)  # every request has it
+def _declared(mode: Mode, screen: Size, space: Space) -> str:
+    return json.dumps(tool_declaration(mode, screen, space))
 
 
 def tool_declaration(mode: Mode, screen: Size = (GRID, GRID), space: Space = "paper") -> dict[str, Any]:

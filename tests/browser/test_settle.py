@@ -112,6 +112,21 @@ async def test_a_sign_that_came_back_is_a_sign_again(site: Site, open_tab: Open)
     assert "done 2" in tab.text
 
 
+@pytest.mark.parametrize(
+    ("text", "is_loading"),
+    [
+        ("Processing time", False),
+        ("Searching tips", False),
+        ("Processing", True),
+        ("Searching for flights", True),
+        ("Fetching 3 pages…", True),
+    ],
+)
+async def test_a_heading_is_no_sign_of_loading(site: Site, tab: Tab, text: str, is_loading: bool) -> None:
+    await tab.goto(site.page(f"<table><tr><th>{text}</th></tr></table>"))
+    assert reason(tab) == ("loading" if is_loading else "quiet")
+
+
 async def test_a_box_for_numbers_is_no_sign_of_loading(site: Site, tab: Tab) -> None:
     await tab.goto(site.page("<span class=ui-spinner><input value=3><a class=spinner-up>+</a></span>"))
     assert reason(tab) == "quiet"

@@ -61,6 +61,17 @@ async def test_a_sample_is_solvable_and_nothing_less_passes(tmp_path: Path) -> N
 
 
 @pytest.mark.browser
+async def test_a_sticky_header_and_words_of_a_table_do_not_keep_from_a_solution(tmp_path: Path) -> None:
+    """Headers covered half of every card after a scroll, and "Processing time" was waited for."""
+    web = OfflineWeb()
+    known = {"summercrest-airways/extreme-1", "thistlemark-borough/save-0"}
+    hosts = [f"{each.partition('/')[0]}.webgym.test" for each in known]
+    tasks = [task for host in hosts for task in web.tasks_of(host) if task.id.removeprefix("offline/") in known]
+    assert len(tasks) == len(known)
+    assert await check_in_browsers(web, tasks, tmp_path / "results", sessions=2) == []
+
+
+@pytest.mark.browser
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 async def test_a_sample_is_solvable_for_an_agent(tmp_path: Path) -> None:

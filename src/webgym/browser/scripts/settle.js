@@ -72,7 +72,9 @@
   const isNamed = word(...WORDS);
   const isNamedSpinner = word('spinner');
   const SAID = '[aria-busy="true" i], [role="progressbar" i]:not([aria-valuenow]), progress:not([value])';
-  const TELLS = /^\s*(loading|please wait|searching|processing|fetching|redirecting|one moment|just a moment)\b/i;
+  // "Processing time" and "Search tips" head a column or a page: those words alone, or with what is being brought.
+  const TELLS =
+    /^\s*(?:(?:loading|please wait|redirecting|one moment|just a moment)\b|(?:searching|processing|fetching)(?:\W*$|.*(?:\.\.\.|…)\s*$|\s+(?:for|your|the|our)\b))/i;
   const TEXT_LENGTH = 60; // of one that only says so, at most
   const TEXTS = 3000; // that are looked at, at most
   const VISIBLE = { opacityProperty: true, visibilityProperty: true };

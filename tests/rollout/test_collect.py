@@ -220,7 +220,7 @@ async def test_a_browser_that_is_killed_costs_its_attempt_and_nothing_else(tmp_p
 
 
 async def test_a_cancelled_run_records_what_was_in_flight_and_goes_on(tmp_path: Path) -> None:
-    file = task_file(tmp_path, 6)
+    file = task_file(tmp_path, 6, LARGE)
     started = asyncio.Event()
 
     class Watch:
@@ -238,7 +238,7 @@ async def test_a_cancelled_run_records_what_was_in_flight_and_goes_on(tmp_path: 
         async def __aexit__(self, *_: object) -> None:
             await self.task
 
-    run = asyncio.create_task(collect(config(file), tmp_path / "run", show=Watch))
+    run = asyncio.create_task(collect(config(file, sites=LARGE), tmp_path / "run", show=Watch))
     await started.wait()
     run.cancel()
     with pytest.raises(asyncio.CancelledError):

@@ -18,7 +18,6 @@ from pydantic.fields import FieldInfo
 
 from webgym import cli
 from webgym.core.errors import UsageError, WebGymError
-from webgym.settings import docstring_of
 
 ROOTS = {
     "webgym.run_config.RunConfig": "`webgym rollout` and `webgym eval`; `rollout` of a training",
@@ -115,7 +114,7 @@ def _model(model: type[BaseModel], where: str) -> Iterator[str]:
     yield from (f"{text} *Of* {where}." if where else text, "")
     yield from ("| key | type | default | what it is |", "| --- | --- | --- | --- |")
     for name, field in model.model_fields.items():
-        about = docstring_of(model, name) or next((_summary(each) for each in _models(field.annotation)), "")
+        about = field.description or next((_summary(each) for each in _models(field.annotation)), "")
         assert about, f"{model.__name__}.{name} has no docstring"
         yield f"| `{name}` | {_type(field)} | {_default(field)} | {_cell(about)} |"
     yield ""

@@ -7,12 +7,8 @@ sampling of a model family (:meth:`webgym.llm.config.Sampling.over`).
 
 from __future__ import annotations
 
-import ast
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
-from functools import cache
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -27,35 +23,7 @@ S = TypeVar("S", bound=BaseModel)
 class Settings(BaseModel):
     """Base class of settings: immutable; unknown keys are errors."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-def docstring_of(settings: type[BaseModel], field: str) -> str:
-    """The docstring of a field, as it stands below the field; empty if there is none.
-
-    Pydantic would look for those of every class when it is imported, a sixth of the start of a server.
-    """
-    for owner in settings.__mro__:
-        if (text := _docstrings(owner.__module__).get((owner.__qualname__, field))) is not None:
-            return text
-    return ""
-
-
-@cache
-def _docstrings(module: str) -> dict[tuple[str, str], str]:
-    """By class and field, of all classes on the first level of a module."""
-    source = Path(getattr(sys.modules[module], "__file__", None) or "")
-    if source.suffix != ".py":
-        return {}
-    return {
-        (owner.name, field.target.id): text.value.value
-        for owner in ast.parse(source.read_bytes()).body
-        if isinstance(owner, ast.ClassDef)
-        for field, text in pairwise(owner.body)
-        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
-        if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)
-        if isinstance(text.value.value, str)
-    }
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
 
 class Section(Settings):

@@ -26,8 +26,6 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from rich.markup import escape
 
-from webgym.settings import docstring_of
-
 Given: TypeAlias = dict[str, Any]
 """Values of options, nested like their model; fields whose option was not given are absent."""
 
@@ -91,7 +89,7 @@ class Options:
         return given
 
     def _parameter(self, flag: str, option: Option) -> inspect.Parameter:
-        owner, field = field_of(self._model, option.field)
+        field = field_of(self._model, option.field)
         kind, is_list, choices = _kind(field.annotation)
         if "/" in flag:
             kind, choices = bool, None
@@ -101,7 +99,7 @@ class Options:
         )
         declaration = typer.Option(
             flag,
-            help=option.help or help_of(owner, option.field.rpartition(".")[2]),
+            help=option.help or help_of(field),
             show_default=default or False,
             metavar=option.metavar or choices,
             rich_help_panel=self._panel,
@@ -142,20 +140,19 @@ def takes(**groups: Options) -> Callable[[Callable[..., None]], Callable[..., No
     return decorate
 
 
-def field_of(model: type[BaseModel], path: str) -> tuple[type[BaseModel], FieldInfo]:
-    """The field at a dotted path of a model and its sections, such as ``policy.chat.model``, and the section
-    that it belongs to."""
+def field_of(model: type[BaseModel], path: str) -> FieldInfo:
+    """The field at a dotted path of a model and its sections, such as ``policy.chat.model``."""
     name, _, rest = path.partition(".")
     field = model.model_fields[name]
     if not rest:
-        return model, field
+        return field
     types_of = (kind for kind in (field.annotation, *get_args(field.annotation)) if isinstance(kind, type))
     return field_of(next(kind for kind in types_of if issubclass(kind, BaseModel)), rest)
 
 
-def help_of(model: type[BaseModel], field: str) -> str:
+def help_of(field: FieldInfo) -> str:
     """The first paragraph of a field's docstring, without reStructuredText markup."""
-    paragraph = re.split(r"\n\s*\n", docstring_of(model, field).strip())[0]
+    paragraph = re.split(r"\n\s*\n", (field.description or "").strip())[0]
     return escape(" ".join(_CODE.sub(r"\1", _ROLE.sub(r"\1", paragraph)).split()))
 
 

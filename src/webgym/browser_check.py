@@ -262,11 +262,10 @@ async def _playing(
             site_state=ServedState(client),
             run_id=uuid.uuid4().hex,
             seed=0,
-            traits=AgentTraits("scripted", mode, elements=True),
         )
         try:
             await pool.start()
-            yield _Player(web, pool, sessions, context, results, progress, on_episode)
+            yield _Player(web, pool, sessions, context, mode, results, progress, on_episode)
         finally:
             await pool.stop()
 
@@ -328,6 +327,7 @@ class _Player:
         pool: Pool,
         sessions: int,
         context: EpisodeContext,
+        mode: Mode,
         results: ResultFile,
         progress: Progress,
         on_episode: Callable[[Task, Episode], None] | None,
@@ -336,6 +336,7 @@ class _Player:
         self._pool = pool
         self._sessions = sessions
         self._context = context
+        self._traits = AgentTraits("scripted", mode, elements=True)
         self._results = results
         self._progress = progress
         self._on_episode = on_episode
@@ -407,7 +408,7 @@ class _Player:
             The episode, and the other tasks whose solutions had all their actions in common with the
             beginning of this one's, each with its episode.
         """
-        driver = EpisodeDriver(self._context, Planned(task, 0, retry))
+        driver = EpisodeDriver(self._context, Planned(task, 0, retry), self._traits)
         tab, solver = _Tab(slot), self._solver(task)
         candidates, included = (
             [(other, self._solver(other)) for other in others],
@@ -474,12 +475,12 @@ class _Player:
         return Solver(task.website, task.truth.moves)
 
     def _step(self, solver: Solver, observation: Observation, index: int) -> Step:
-        act = solver.next(observation, self._context.traits.mode)
+        act = solver.next(observation, self._traits.mode)
         text = render_reply(act.action, "memory", description=act.description)
         return Step(index, observation, (), Reply(text, "scripted"), self._parsed(text))
 
     def _parsed(self, text: str) -> Action:
-        parsed = parse_reply(text, self._context.traits.mode, "memory")
+        parsed = parse_reply(text, self._traits.mode, "memory")
         if isinstance(parsed, ParseError):
             raise RuntimeError(f"the reply {text!r} cannot be read: {parsed}")
         return parsed.action
@@ -492,7 +493,7 @@ class _Player:
             task=task.id,
             content=content_of(task),
             browser=self._pool.browser,
-            mode=self._context.traits.mode,
+            mode=self._traits.mode,
             outcome=trajectory.outcome,
             steps=len(episode.steps),
             faults=tuple(faults),

@@ -369,9 +369,10 @@ class _Episode:
             site_state=services.site_state,
             run_id=self.id,
             seed=env._seed,
-            traits=AgentTraits("external", mode := env.profile.mode, config.agent.actions, mode == "marks"),
         )
-        self._driver = EpisodeDriver(context, planned)
+        mode = env.profile.mode
+        traits = AgentTraits("external", mode, config.agent.actions, elements=mode == "marks")
+        self._driver = EpisodeDriver(context, planned, traits)
         # A policy must not see how success is verified.
         public_task = msgspec.structs.replace(planned.task, truth=None)
         self._dialogue = Dialogue(public_task, self._driver.budget, config.agent, env.profile)

@@ -295,7 +295,6 @@ async def _collected(
     context = AttemptContext(
         client=run_services.client,
         agent=run_services.agent,
-        traits=run_services.agent.traits,
         store=store,
         config=config.attempt,
         progress=progress,

@@ -216,7 +216,6 @@ class StaticCollector:
         self._context = AttemptContext(
             client=browsers,
             agent=agent,
-            traits=agent.traits,
             store=_NoStore(),
             config=config,
             progress=Progress(total=0),

@@ -92,7 +92,6 @@ async def made(
     context = AttemptContext(
         client=pages,
         agent=agent,
-        traits=agent.traits,
         store=pages,
         config=AttemptConfig(budget_easy=budget),
         progress=progress,
@@ -155,7 +154,6 @@ async def test_who_is_stopped_before_judges_have_the_state_to_look_at_is_not_the
     context = AttemptContext(
         client=pages,
         agent=agent,
-        traits=agent.traits,
         store=pages,
         config=AttemptConfig(budget_easy=1),
         progress=Progress(total=1),

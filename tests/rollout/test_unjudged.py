@@ -83,7 +83,6 @@ def context(store: RunWriter, progress: Progress) -> AttemptContext[RunWriter]:
     return AttemptContext(
         client=nothing,
         agent=nothing,
-        traits=nothing,
         store=store,
         config=AttemptConfig(),
         progress=progress,

@@ -57,7 +57,7 @@ class Attempt(EpisodeDriver):
     """
 
     def __init__(self, context: AttemptContext[ImageStore], planned: Planned) -> None:
-        super().__init__(context, planned)
+        super().__init__(context, planned, context.agent.traits)
         self._attempts = context
         self._state: State | None = None
         self._clock: asyncio.Timeout | None = None

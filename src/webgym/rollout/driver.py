@@ -107,7 +107,6 @@ class EpisodeContext:
         site_state: server states of the offline web; ``None`` for other tasks.
         run_id: distinguishes the offline web's visitors of different runs.
         seed: seed of the run.
-        traits: of the agent.
     """
 
     store: ImageStore
@@ -115,7 +114,6 @@ class EpisodeContext:
     site_state: SiteState | None
     run_id: str
     seed: int
-    traits: AgentTraits
 
 
 class EpisodeDriver:
@@ -129,6 +127,7 @@ class EpisodeDriver:
     Args:
         context: the shared services and settings.
         planned: the planned attempt.
+        traits: of the agent that acts.
 
     Attributes:
         planned: as given.
@@ -141,8 +140,9 @@ class EpisodeDriver:
         started_at, started: when the session was opened: Unix time, and on the monotonic clock, seconds.
     """
 
-    def __init__(self, context: EpisodeContext, planned: Planned) -> None:
+    def __init__(self, context: EpisodeContext, planned: Planned, traits: AgentTraits) -> None:
         self.planned = planned
+        self._traits = traits
         self.budget = context.config.budget.for_task(planned.task)
         self.steps: list[Step] = []
         self.ending = Ending.CANCELLED
@@ -175,15 +175,15 @@ class EpisodeDriver:
 
     def options(self) -> SessionOptions:
         """The browser session that this episode needs."""
-        context = self._context
+        context, traits = self._context, self._traits
         return SessionOptions(
-            mode=context.traits.mode,
+            mode=traits.mode,
             viewport=context.config.viewport,
             text=context.config.record_text,
             cuts=context.config.record_cuts,
-            elements=context.traits.elements,
+            elements=traits.elements,
             cookies=context.site_state.cookies(self.visitor) if context.site_state else (),
-            files=self.planned.task.files if context.traits.space == "extended" else (),
+            files=self.planned.task.files if traits.space == "extended" else (),
         )
 
     async def start(self, session: BrowserSession) -> View:
@@ -316,7 +316,7 @@ class EpisodeDriver:
             sample=planned.sample,
             retry=planned.retry,
             seed=self.seed,
-            policy=self._context.traits.policy,
+            policy=self._traits.policy,
             started_at=self.started_at,
             seconds=self._seconds or self.elapsed,
             steps=tuple(self.steps),

@@ -72,7 +72,7 @@
   const isNamed = word(...WORDS);
   const isNamedSpinner = word('spinner');
   const SAID = '[aria-busy="true" i], [role="progressbar" i]:not([aria-valuenow]), progress:not([value])';
-  // "Processing time" and "Search tips" head a column or a page: those words alone, or with what is being brought.
+  // "Processing time" and "Searching tips" are headings: these words count alone, or with what they bring.
   const TELLS =
     /^\s*(?:(?:loading|please wait|redirecting|one moment|just a moment)\b|(?:searching|processing|fetching)(?:\W*$|.*(?:\.\.\.|…)\s*$|\s+(?:for|your|the|our)\b))/i;
   const TEXT_LENGTH = 60; // of one that only says so, at most

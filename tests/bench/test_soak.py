@@ -35,7 +35,7 @@ def soaked(folder: Path, *arguments: str) -> tuple[subprocess.CompletedProcess[s
 
 @pytest.mark.browser
 def test_a_short_one_balances(tmp_path: Path) -> None:
-    small = "--minutes 0.1 --clients 4 --slots 3 --workers 2 --faults 180 --seed 3".split()
+    small = "--minutes 0.2 --clients 5 --slots 3 --workers 2 --faults 60 --seed 3".split()
     page = documented("webgym bench soak --minutes 10")
     page += documented("webgym bench soak --minutes 5 --seed 1")[2:]
     done, found = soaked(tmp_path, *page, *small, "--log", str(tmp_path / "log"))

@@ -14,7 +14,7 @@ from webgym.browser.actions import point_of
 from webgym.browser.gestures import AnyAction
 from webgym.browser.page import Page
 from webgym.browser.pointer import Point
-from webgym.core.action import DoubleClick, LeftClick, RightClick, Scroll
+from webgym.core.action import DoubleClick, LeftClick, RightClick, Scroll, Wait
 from webgym.core.errors import ActionFailed, BrowserError
 
 Effect: TypeAlias = Literal["some", "none", "unseen"]
@@ -33,6 +33,7 @@ class EffectCheck:
         self._page = page
         self._point: Point | None = None
         self._message = ""
+        self._is_idle = isinstance(action, Wait)
         self._trace_started: asyncio.Task[bool | None] | None = None
         match action:
             case LeftClick(target=target) | DoubleClick(target=target) | RightClick(target=target):
@@ -54,6 +55,8 @@ class EffectCheck:
         page = self._page
         was_traced = self._trace_started and await self._trace_started
         if not was_traced or page.happened or self._before != self._state():
+            if self._is_idle:
+                page.post("beginTrace")  # what has gone on meanwhile does so by itself
             page.post("endTrace")
             return
         effect = await self._call_page("endTrace", reply=Effect)

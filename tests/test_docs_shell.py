@@ -27,7 +27,7 @@ import msgspec
 import pytest
 import yaml
 from tests.bench.test_rollout_bench import PLAN, measured
-from tests.documented import PAGES, ROOT, blocks_of, commands_of
+from tests.documented import PAGES, ROOT, SHELL, blocks_of, calls, commands_of
 from tests.integrations.engine import reply_text
 from tests.judge.judge_model import Asked, serve_judge
 from tests.llm.endpoint import serve
@@ -76,15 +76,15 @@ SERVERS = ("sites serve", "view")
 NOT_RUN = {
     "chown": "it needs an administrator; tests/browser/test_cgroups.py divides a group where it may",
     "echo": "as chown",
-    "export": "it sets a variable to what openssl prints, which is run",
-    "head": "it is the end of a command that runs",
     "mkdir": "as chown",
     "tee": "as chown",
-    "vf-eval": "verifiers is not in the lock; tests/integrations/test_verifiers.py runs its evaluation",
     "vllm": "it needs a GPU",
     "webgym serve --cgroup": "as chown; tests/browser/test_cgroups.py starts a browser in a cgroup",
 }
 """Why commands that begin so do not run."""
+
+IN_A_SHELL = {"export": "printenv WEBGYM_TOKEN", "head": "true"}
+"""Lines with these commands run in a shell, and then this."""
 
 
 def pip_takes(words: list[str]) -> bool:
@@ -149,7 +149,7 @@ def without_sudo(words: list[str]) -> list[str]:
 
 def elsewhere(words: list[str]) -> bool:
     words = without_sudo(words)
-    return " ".join(words) in run_by_other_tests() or bool(begun_by(words, NOT_RUN))
+    return " ".join(words) in run_by_other_tests() or bool(begun_by(words, [*NOT_RUN, *IN_A_SHELL]))
 
 
 def runs_here(page: Path) -> list[list[str]]:
@@ -305,6 +305,21 @@ def test_commands_run(
             [*(names.get(word, word) for word in given), *SMALLER.get(begun_by(words, SMALLER), "").split()],
             capsys,
         )
+
+
+@pytest.mark.parametrize("name", IN_A_SHELL)
+def test_lines_run_in_a_shell(name: str, held: Path) -> None:
+    blocks = [code.replace("\\\n", " ") for page in PAGES for _, code in blocks_of(page, *SHELL)]
+    lines = [line for code in blocks for line in code.splitlines() if name in (call[0] for call in calls(line))]
+    assert lines
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    for line in lines:
+        script = f"set -euo pipefail\n{line}\n{IN_A_SHELL[name]}"
+        ran = subprocess.run(
+            ["bash", "-c", script], cwd=held, env=os.environ | {"PATH": path}, capture_output=True, check=False
+        )
+        assert ran.returncode == 0, ran.stderr.decode()
+        assert ran.stdout.strip(), line
 
 
 def others() -> list[Any]:

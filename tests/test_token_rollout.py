@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 import functools
+import gc
 from pathlib import Path
 
 import msgspec
@@ -17,7 +18,7 @@ from webgym.conformance import STAND_IN_TASKS, StandInBrowsers, StandInJudge
 from webgym.core.action import Answer, Scroll
 from webgym.core.errors import ConfigError, NoCapacity, UsageError
 from webgym.core.outcome import Outcome
-from webgym.testing import stand_in_environment
+from webgym.testing import stand_in_environment, stand_in_pool
 
 renderer = functools.cache(tiny_renderer)  # by the first test that needs it
 RIGHT = (reply_text(Scroll("down")), reply_text(Answer("right")))
@@ -133,6 +134,33 @@ async def test_a_pool_has_as_many_episodes_at_once_as_browsers(tmp_path: Path) -
     assert len(browsers.steps) == 12
     assert most <= 3
     assert not browsers.open_now
+
+
+async def test_an_episode_that_nobody_awaits_any_more_frees_its_place(tmp_path: Path) -> None:
+    given = stand_in_pool(tmp_path, 1)
+    async with webgym.EnvironmentPool(**given) as pool:
+
+        async def hang(request: webgym.TokenRequest) -> webgym.Sampled:
+            asked.set()
+            await asyncio.Event().wait()
+            raise AssertionError
+
+        async def episode() -> None:
+            async with pool.environment() as env:
+                await webgym.roll_out(env, hang, renderer(), task_id="check-3")
+
+        for _ in range(2):
+            asked = asyncio.Event()
+            playing = asyncio.create_task(episode())
+            await asked.wait()
+            playing._log_destroy_pending = False  # type: ignore[attr-defined]
+            del playing
+            gc.collect()
+            for _ in range(3):  # closed by the event loop
+                await asyncio.sleep(0)
+            assert not given["browsers"].open_now
+        async with asyncio.timeout(10), pool.environment():
+            pass
 
 
 def test_a_pool_belongs_to_one_event_loop(tmp_path: Path) -> None:

@@ -5,11 +5,13 @@ framework's."""
 from __future__ import annotations
 
 import asyncio
+import gc
 import tempfile
+import time
 from collections.abc import Awaitable, Callable, Collection, Sequence
 from contextlib import AbstractAsyncContextManager
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Final, Protocol, TypeAlias
 
 import msgspec
 
@@ -42,9 +44,29 @@ class Told(msgspec.Struct):
 Play: TypeAlias = Callable[[str, Sequence[Action | str]], Awaitable[Told]]
 """Plays the task of an id with these actions, or model replies, and returns what the framework was told."""
 
-Adapt: TypeAlias = Callable[[dict[str, Any]], AbstractAsyncContextManager[Play]]
+Begin: TypeAlias = Callable[[str], Awaitable[object]]
+"""Begins an episode of the task of an id, and returns all that the framework holds of it."""
+
+
+class Adapted(msgspec.Struct):
+    """An adapter that is open.
+
+    Attributes:
+        play: plays an episode.
+        begin: begins an episode as the framework does, where it holds an object of each episode: the
+            environment. ``None`` where an episode is a coroutine of the adapter's, which the framework awaits.
+    """
+
+    play: Play
+    begin: Begin | None = None
+
+
+Adapt: TypeAlias = Callable[[dict[str, Any]], AbstractAsyncContextManager[Adapted]]
 """Opens an adapter on a pool of browsers, given the arguments of :class:`webgym.EnvironmentPool`, or what
 another backend gives."""
+
+_COLLECTED_SECONDS: Final = 10.0
+"""Longest time from the last reference to an episode to its browser's end."""
 
 Rows: TypeAlias = Callable[[str, RunConfig], Sequence[str]]
 """Ids of the tasks in the adapter's dataset, for a name of tasks and the settings they are drawn with."""
@@ -89,7 +111,8 @@ class CheckBackend(Protocol):
             case: ``right``: the last action is an answer with the reward 1. ``wrong``: an answer with the
                 reward 0. ``spent``: no answer, and the budget is spent, for the reward 0. ``cancelled``: it
                 hangs in a step. Each of ``FAULTS``: it would be right, but meets that fault.
-                ``right`` and ``wrong`` are also played concurrently.
+                ``right`` and ``wrong`` are also played concurrently, and one that is to be forgotten is begun
+                as ``cancelled``, or as ``right`` where the adapter has a ``begin``.
 
         Returns:
             Id of its task, and the actions to play.
@@ -102,7 +125,7 @@ class CheckBackend(Protocol):
         """For each episode so far, the number of actions, without the answer, that a browser carried out."""
 
     async def hangs(self) -> None:
-        """Wait until a ``cancelled`` episode hangs; not called if the check's ``cancels`` is false."""
+        """Wait until a ``cancelled`` episode hangs; not called if there is none."""
 
 
 class _StandIns:
@@ -116,6 +139,7 @@ class _StandIns:
     def prepare(self, case: str) -> tuple[str, Sequence[Action | str]]:
         self._judge.fault = case if case in FAULTS else ""
         self._browsers.fails, self._browsers.hangs = case == "browser", case == "cancelled"
+        self._browsers.entered.clear()
         if case == "wrong":
             return "check-2", [*[Scroll("down")] * 3, Answer("wrong")]
         if case == "spent":
@@ -141,10 +165,11 @@ async def check_adapter(
     rows: Rows | None = None,
     faults: Collection[str] = FAULTS,
     cancels: bool = True,
+    forgets: bool = True,
 ) -> list[str]:
     """Check an adapter for a trainer: an episode has one reward, at its end; a fault is never a reward;
-    browsers are closed after an end, a failure and a cancelled episode; concurrent episodes share no state;
-    the same seed gives the same tasks.
+    browsers are closed after an end, a failure and a cancelled episode, and when all that the framework holds
+    of an episode is garbage-collected; concurrent episodes share no state; the same seed gives the same tasks.
 
     Args:
         adapt: opens the adapter.
@@ -152,18 +177,24 @@ async def check_adapter(
         rows: of its dataset, if it has one.
         faults: what can keep its episodes from a reward; by default everything.
         cancels: whether its framework can cancel an episode.
+        forgets: whether an episode that its framework has dropped can be garbage-collected.
 
     Returns:
         A line for every violation; empty if there is none.
     """
     if backend is not None:
-        return await _check(adapt, backend, rows, faults, cancels)
+        return await _check(adapt, backend, rows, faults, cancels, forgets)
     with tempfile.TemporaryDirectory(prefix="webgym-check-") as folder:
-        return await _check(adapt, _StandIns(Path(folder)), rows, faults, cancels)
+        return await _check(adapt, _StandIns(Path(folder)), rows, faults, cancels, forgets)
 
 
 async def _check(
-    adapt: Adapt, backend: CheckBackend, rows: Rows | None, faults: Collection[str], cancels: bool
+    adapt: Adapt,
+    backend: CheckBackend,
+    rows: Rows | None,
+    faults: Collection[str],
+    cancels: bool,
+    forgets: bool,
 ) -> list[str]:
     found: list[str] = []
 
@@ -171,7 +202,8 @@ async def _check(
         if not holds:
             found.append(rule)
 
-    async with adapt(backend.given) as play:
+    async with adapt(backend.given) as adapted:
+        play = adapted.play
         for case, wanted in (("right", 1.0), ("wrong", 0.0), ("spent", 0.0)):
             task_id, actions = backend.prepare(case)
             told = await play(task_id, actions)
@@ -196,6 +228,11 @@ async def _check(
             await asyncio.wait({playing})
             expect(playing.cancelled(), "an episode that is cancelled goes on")
             expect(not backend.open_browsers(), "an episode that is cancelled keeps its browser")
+        if forgets:
+            held = [await _begun(adapted, backend)]
+            expect(backend.open_browsers() > 0, "an episode that has begun has no browser")
+            await _forget(held, backend)
+            expect(not backend.open_browsers(), "an episode that is forgotten keeps its browser")
     expect(not backend.open_browsers(), "an adapter that is closed keeps its browsers")
     if rows is not None:
         name, config = backend.given["name"], backend.given["config"]
@@ -204,3 +241,27 @@ async def _check(
         expect(drawn[0] == drawn[1], "the same seed gives other tasks")
         expect(drawn[0] != drawn[2], "another seed gives the same tasks")
     return found
+
+
+async def _begun(adapted: Adapted, backend: CheckBackend) -> object:
+    """What a framework holds of an episode that is not over."""
+    if adapted.begin is not None:
+        return await adapted.begin(backend.prepare("right")[0])
+    playing = asyncio.ensure_future(adapted.play(*backend.prepare("cancelled")))
+    await backend.hangs()
+    return playing
+
+
+async def _forget(held: list[object], backend: CheckBackend) -> None:
+    """Drop it, and wait until its browser is closed, but not for ever."""
+    loop = asyncio.get_running_loop()
+    handler = loop.get_exception_handler()
+    loop.set_exception_handler(lambda *_: None)  # asyncio's: a pending task was destroyed, as it should be
+    try:
+        held.clear()
+        until = time.monotonic() + _COLLECTED_SECONDS
+        while backend.open_browsers() and time.monotonic() < until:
+            gc.collect()
+            await asyncio.sleep(0.01)
+    finally:
+        loop.set_exception_handler(handler)

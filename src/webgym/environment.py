@@ -14,6 +14,7 @@ import asyncio
 import contextlib
 import math
 import random
+import sys
 import uuid
 import weakref
 from collections import Counter
@@ -318,7 +319,11 @@ class Environment:
     async def abandon(self) -> None:
         """Abandon the running episode and close its browser session. Safe to call at any time."""
         episode, self._episode = self._episode, None
-        if episode is not None:
+        if episode is None:
+            return
+        if isinstance(sys.exception(), GeneratorExit):  # collected while it waited: it can wait no more
+            episode.give_back_later()
+        else:
             await asyncio.shield(episode.give_back())
 
     def _restart_order(self, seed: int) -> None:
@@ -432,6 +437,12 @@ class _Episode:
         session, self._session = self._session, None
         if session is not None:
             await session.close()
+
+    def give_back_later(self) -> None:
+        """Let the event loop close the browser session. Safe to call twice."""
+        self._session = None
+        if self._finalizer is not None:
+            self._finalizer()
 
     @property
     def is_over(self) -> bool:

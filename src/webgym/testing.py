@@ -15,7 +15,17 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from webgym.adapter_conformance import Adapt, CheckBackend, Play, Rows, Told, check_adapter, stand_in_pool
+from webgym.adapter_conformance import (
+    Adapt,
+    Adapted,
+    Begin,
+    CheckBackend,
+    Play,
+    Rows,
+    Told,
+    check_adapter,
+    stand_in_pool,
+)
 from webgym.agent.solver import Solver
 from webgym.browser_check import check_in_browsers
 from webgym.conformance import FAULTS, check_environment, stand_in_environment
@@ -33,6 +43,8 @@ from webgym.validation import judged
 __all__ = [
     "FAULTS",
     "Adapt",
+    "Adapted",
+    "Begin",
     "CheckBackend",
     "Play",
     "Rows",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, contextmanager
@@ -14,7 +15,7 @@ from playwright.sync_api import Browser
 
 from webgym import Action, Answer, Navigate, RunConfig, Scroll, Wait
 from webgym.integrations.browsergym import BrowserGymEnv, NoReward
-from webgym.testing import FAULTS, Play, Told, check_adapter
+from webgym.testing import FAULTS, Adapted, Told, check_adapter
 
 T = TypeVar("T")
 BUDGET = 4
@@ -76,9 +77,9 @@ class Adapter:
         self._options: dict[str, Any] = {}
 
     @asynccontextmanager
-    async def __call__(self, given: dict[str, Any]) -> AsyncIterator[Play]:
+    async def __call__(self, given: dict[str, Any]) -> AsyncIterator[Adapted]:
         self._options = given["options"]
-        yield self.play
+        yield Adapted(self.play)
 
     def run(self, function: Callable[..., T], *given: Any) -> T:
         """Call a function in Playwright's thread."""
@@ -139,6 +140,8 @@ def playwright_in(adapter: Adapter, patch: pytest.MonkeyPatch) -> Iterator[None]
 
 
 def checked(adapter: Adapter, backend: Backend, **more: Any) -> list[str]:
-    """What is found, in a thread of its own, as this one may have an event loop of Playwright's."""
+    """What is found, in a thread of its own, as this one may have an event loop of Playwright's. Playwright holds
+    every browser, and only the thread that started it can close it, so that none is garbage-collected."""
+    check = functools.partial(check_adapter, adapter, backend=backend, forgets=False, **more)
     with ThreadPoolExecutor(1) as pool:
-        return pool.submit(lambda: asyncio.run(check_adapter(adapter, backend=backend, **more))).result()
+        return pool.submit(lambda: asyncio.run(check())).result()

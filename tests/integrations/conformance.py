@@ -41,6 +41,9 @@ async def check_in_browsers(adapt: Adapt) -> list[Told]:
         What was told of them: 1 and 0, if all is well.
     """
     given, [(first, right), (second, _)] = in_browsers()
-    async with adapt(given) as play:
-        both = play(first, right), play(second, [Scroll("down"), Answer("no idea")])
+    async with adapt(given) as adapted:
+        both = (
+            adapted.play(first, right),
+            adapted.play(second, [Scroll("down"), Answer("no idea")]),
+        )
         return list(await asyncio.gather(*both))

@@ -22,7 +22,7 @@ from areal.api.cli_args import GenerationHyperparameters
 from areal.api.io_struct import ModelRequest, ModelResponse
 
 from webgym.integrations.areal import WebGymWorkflow
-from webgym.testing import Play, Told, check_adapter, stand_in_pool
+from webgym.testing import Adapted, Told, check_adapter, stand_in_pool
 
 renderer = functools.cache(tiny_renderer)  # by the first test that needs it
 RIGHT = (reply_text(Scroll("down")), reply_text(Answer("right")))
@@ -54,7 +54,7 @@ def workflow_on(given: dict[str, Any]) -> WebGymWorkflow:
 
 
 @asynccontextmanager
-async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
+async def adapter(given: dict[str, Any]) -> AsyncIterator[Adapted]:
     flow = workflow_on(given)
 
     async def play(task_id: str, actions: Sequence[Action | str]) -> Told:
@@ -62,7 +62,7 @@ async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
         return Told([] if found is None else found["rewards"].tolist())
 
     async with flow.pool:
-        yield play
+        yield Adapted(play)
 
 
 async def test_it_keeps_the_environments_promises() -> None:

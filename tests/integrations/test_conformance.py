@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import math
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
@@ -12,9 +13,9 @@ from typing import Any
 import pytest
 
 import webgym
-from webgym import Action, RunConfig
+from webgym import Action, RunConfig, adapter_conformance
 from webgym.adapter_conformance import _StandIns
-from webgym.testing import Play, Told, check_adapter
+from webgym.testing import Adapted, Told, check_adapter
 
 
 async def played(env: webgym.Environment, task_id: str, actions: Sequence[Action | str]) -> list[float]:
@@ -62,6 +63,11 @@ async def cannot_be_cancelled(pool: webgym.EnvironmentPool, *given: Any) -> Told
     return await asyncio.shield(asyncio.ensure_future(right(pool, *given)))
 
 
+async def is_remembered(pool: webgym.EnvironmentPool, *given: Any) -> Told:
+    KEPT.append(asyncio.current_task())
+    return await right(pool, *given)
+
+
 async def all_share_one(pool: webgym.EnvironmentPool, task_id: str, actions: Sequence[Action | str]) -> Told:
     return await right(pool, task_id, actions if task_id == "check-3" else [*actions[:1], actions[-1]])
 
@@ -71,11 +77,30 @@ KEPT: list[Any] = []
 
 def adapter(play: Callable[..., Any]) -> Any:
     @asynccontextmanager
-    async def adapt(given: dict[str, Any]) -> AsyncIterator[Play]:
+    async def adapt(given: dict[str, Any]) -> AsyncIterator[Adapted]:
         async with webgym.EnvironmentPool(**given) as pool:
-            yield lambda task_id, actions: play(pool, task_id, actions)
+            yield Adapted(functools.partial(play, pool))
 
     return adapt
+
+
+@asynccontextmanager
+async def holds_environments(given: dict[str, Any]) -> AsyncIterator[Adapted]:
+    async with webgym.EnvironmentPool(**given) as pool:
+
+        async def begin(task_id: str) -> webgym.Environment:
+            KEPT.append(pool.environment())
+            env: webgym.Environment = await KEPT[-1].__aenter__()
+            await env.reset(options={"task_id": task_id})
+            return env
+
+        yield Adapted(functools.partial(right, pool), begin)
+
+
+@asynccontextmanager
+async def begins_nothing(given: dict[str, Any]) -> AsyncIterator[Adapted]:
+    async with webgym.EnvironmentPool(**given) as pool:
+        yield Adapted(functools.partial(right, pool), functools.partial(asyncio.sleep, 0))
 
 
 def rows(name: str, config: RunConfig) -> list[str]:
@@ -86,6 +111,13 @@ async def test_a_right_one_passes() -> None:
     assert await check_adapter(adapter(right), rows=rows) == []
 
 
+@pytest.fixture(autouse=True)
+def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What stays is waited for, but not long."""
+    monkeypatch.setattr(adapter_conformance, "_COLLECTED_SECONDS", 0.5)
+    KEPT.clear()
+
+
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [
@@ -94,13 +126,19 @@ async def test_a_right_one_passes() -> None:
         (one_row_has_another, "is told as [0.0, 1.0], not as 1.0"),
         (keeps_its_browser, "an episode that is over keeps its browser"),
         (cannot_be_cancelled, "an episode that is cancelled keeps its browser"),
+        (is_remembered, "an episode that is forgotten keeps its browser"),
         (all_share_one, "two episodes of [1, 3] steps have taken [1, 1]"),
     ],
 )
 async def test_one_that_breaks_a_promise_is_found(wrong: Callable[..., Any], told: str) -> None:
-    KEPT.clear()
     found = await check_adapter(adapter(wrong))
     assert any(told in line for line in found), found
+
+
+async def test_one_that_holds_what_its_framework_has_dropped_is_found() -> None:
+    found = await check_adapter(holds_environments)
+    assert "an episode that is forgotten keeps its browser" in found
+    assert await check_adapter(begins_nothing) == ["an episode that has begun has no browser"]
 
 
 class NeverClosed(_StandIns):

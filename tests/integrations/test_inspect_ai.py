@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import types
 import warnings
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
@@ -15,7 +16,7 @@ from tests.integrations.engine import example, reply_text, texts_of
 
 import webgym
 from webgym import Action, Answer, RunConfig, Scroll
-from webgym.testing import Play, Told, check_adapter, stand_in_pool
+from webgym.testing import Adapted, Told, check_adapter, stand_in_pool
 
 pytest.importorskip("inspect_ai", reason="inspect_ai is not installed")
 
@@ -25,6 +26,7 @@ with warnings.catch_warnings():
     from inspect_ai import eval_async
     from inspect_ai.log import EvalLog
     from inspect_ai.model import ChatMessage, ContentImage, ModelOutput, ModelUsage, get_model
+    from inspect_ai.solver import TaskState
 
     from webgym.integrations import inspect_ai
     from webgym.integrations.inspect_ai import webgym_task
@@ -67,7 +69,7 @@ def run(folder: Path, answers: list[str], **more: Any) -> tuple[EvalLog, list[li
 
 
 @asynccontextmanager
-async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
+async def adapter(given: dict[str, Any]) -> AsyncIterator[Adapted]:
     one_at_a_time = asyncio.Lock()  # as inspect wants it
     stand_ins = {key: given[key] for key in ("browsers", "judge", "config")}
 
@@ -88,9 +90,24 @@ async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
         score = (sample.scores or {})["web_judge"].as_float()
         return Told([] if math.isnan(score) else [score])
 
+    async def begin(task_id: str) -> asyncio.Future[TaskState]:
+        asked = asyncio.Event()
+
+        async def hang(messages: list[ChatMessage]) -> None:
+            asked.set()
+            await asyncio.Event().wait()
+
+        pool = (webgym_task(given["name"], split="all", browsers=1).metadata or {})["webgym"]
+        state = TaskState("mockllm/model", task_id, 1, "", [])
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(inspect_ai, "get_model", lambda: types.SimpleNamespace(generate=hang))
+            solving = asyncio.ensure_future(inspect_ai.web_agent(pool)(state, None))
+            await asked.wait()
+        return solving
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(inspect_ai, "EnvironmentPool", made)
-        yield play
+        yield Adapted(play, begin)
 
 
 async def test_it_keeps_the_environments_promises() -> None:

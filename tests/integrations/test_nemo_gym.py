@@ -16,7 +16,7 @@ from tests.integrations.engine import example, texts_of
 
 import webgym
 from webgym import Action, Answer, RunConfig, Scroll
-from webgym.testing import Play, Told, check_adapter, stand_in_pool
+from webgym.testing import Adapted, Told, check_adapter, stand_in_pool
 
 pytest.importorskip("nemo_gym", reason="nemo-gym is not installed")
 
@@ -100,14 +100,14 @@ async def ran(made: WebGymAgent, task_id: str) -> dict[str, Any]:
 
 
 @asynccontextmanager
-async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
+async def adapter(given: dict[str, Any]) -> AsyncIterator[Adapted]:
     async with webgym.EnvironmentPool(**given) as pool:
 
         async def play(task_id: str, actions: Sequence[Action | str]) -> Told:
             told = await ran(agent(pool, ModelServer(texts_of(actions))), task_id)
             return Told([] if told["mask_sample"] else [told["reward"]])
 
-        yield play
+        yield Adapted(play)
 
 
 async def test_it_keeps_the_environments_promises() -> None:

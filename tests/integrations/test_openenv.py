@@ -19,13 +19,13 @@ from tests.serving import serving_sockets
 
 import webgym
 from webgym import Action, Answer
-from webgym.testing import Play, Told, check_adapter, stand_in_pool
+from webgym.testing import Adapted, Told, check_adapter, stand_in_pool
 
 pytest.importorskip("openenv", reason="openenv is not installed")
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of its imports
-    from webgym.integrations.openenv import WebGymAction, WebGymClient, create_app
+    from webgym.integrations.openenv import WebGymAction, WebGymClient, WebGymEnvironment, create_app
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # its own
 
@@ -43,7 +43,7 @@ async def served(folder: Path, **more: Any) -> AsyncIterator[tuple[str, Any]]:
 
 
 @asynccontextmanager
-async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
+async def adapter(given: dict[str, Any]) -> AsyncIterator[Adapted]:
     async with (
         webgym.EnvironmentPool(**given) as pool,
         serving_sockets(create_app(pool=pool, size=given["size"])) as url,
@@ -61,7 +61,12 @@ async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
                         break
             return told
 
-        yield play
+        async def begin(task_id: str) -> WebGymEnvironment:  # what its server holds of a session
+            env = WebGymEnvironment(pool)
+            await env.reset_async(task_id=task_id)
+            return env
+
+        yield Adapted(play, begin)
 
 
 async def test_it_keeps_the_environments_promises() -> None:

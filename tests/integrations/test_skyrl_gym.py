@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import functools
 import io
 from collections.abc import AsyncIterator, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager
@@ -21,7 +22,7 @@ skyrl_gym = pytest.importorskip("skyrl_gym", reason="skyrl-gym is not installed"
 
 from webgym.integrations import skyrl_gym as integration  # noqa: E402
 from webgym.integrations.skyrl_gym import ENV_CLASS, Browsers, NoReward, skyrl_rows  # noqa: E402
-from webgym.testing import Play, Told, check_adapter, stand_in_pool  # noqa: E402
+from webgym.testing import Adapted, Told, check_adapter, stand_in_pool  # noqa: E402
 
 ENTRY = "webgym.integrations.skyrl_gym:WebGymEnv"
 
@@ -45,16 +46,20 @@ def made(folder: Path, size: int = 4, **more: Any) -> Iterator[tuple[Any, Any]]:
 
 
 @asynccontextmanager
-async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
+async def adapter(given: dict[str, Any]) -> AsyncIterator[Adapted]:
     browsers = Browsers(**given)
     if ENV_CLASS not in skyrl_gym.registry:
         skyrl_gym.register(id=ENV_CLASS, entry_point=ENTRY)
 
-    def play(task_id: str, actions: Sequence[Action | str]) -> Told:
+    def begin(task_id: str) -> Any:
         env = skyrl_gym.make(ENV_CLASS, env_config={}, extras={"task_id": task_id}, browsers=browsers)
+        env.init([])
+        return env
+
+    def play(task_id: str, actions: Sequence[Action | str]) -> Told:
         told = Told()
         try:
-            env.init([])
+            env = begin(task_id)
             for text in texts_of(actions):
                 step = env.step(text)
                 (told.final if step["done"] else told.early).append(step["reward"])
@@ -63,7 +68,7 @@ async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
         return told
 
     try:
-        yield lambda task_id, actions: asyncio.to_thread(play, task_id, actions)
+        yield Adapted(functools.partial(asyncio.to_thread, play), functools.partial(asyncio.to_thread, begin))
     finally:
         await asyncio.to_thread(browsers.close)
 

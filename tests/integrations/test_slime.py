@@ -10,7 +10,7 @@ import importlib
 import json
 import types
 from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
@@ -28,7 +28,7 @@ from tests.serving import serving
 import webgym
 from webgym import Action, Answer, Scroll
 from webgym.integrations import slime
-from webgym.testing import Play, Told, check_adapter, stand_in_pool
+from webgym.testing import Adapted, Told, check_adapter, stand_in_pool
 
 renderer = functools.cache(tiny_renderer)  # by the first test that needs it
 RIGHT = (reply_text(Scroll("down")), reply_text(Answer("right")))
@@ -82,47 +82,51 @@ class SGLang:
         await response(scope, receive, send)
 
 
-async def generated(texts: Sequence[str], task_id: str) -> tuple[SGLang, list[Sample]]:
+async def generated(
+    servers: AsyncExitStack, texts: Sequence[str], task_id: str
+) -> tuple[SGLang, list[Sample]]:
     ports: list[int] = []
 
     def made(port: int) -> SGLang:
         ports.append(port)
         return SGLang(texts)
 
-    async with serving(made, lambda one: one) as served:
-        args = types.SimpleNamespace(
-            hf_checkpoint="model", sglang_router_ip="127.0.0.1", sglang_router_port=ports[0]
-        )
-        sample = Sample(index=5, metadata={"task_id": task_id})
-        return served, await slime.generate(args, sample, {"temperature": 1.0})
+    served = await servers.enter_async_context(serving(made, lambda one: one))
+    args = types.SimpleNamespace(
+        hf_checkpoint="model", sglang_router_ip="127.0.0.1", sglang_router_port=ports[0]
+    )
+    sample = Sample(index=5, metadata={"task_id": task_id})
+    return served, await slime.generate(args, sample, {"temperature": 1.0})
 
 
 @asynccontextmanager
-async def process(given: dict[str, Any]) -> AsyncIterator[None]:
-    """The pool and the renderer that slime's process would have."""
+async def process(given: dict[str, Any]) -> AsyncIterator[AsyncExitStack]:
+    """The pool and the renderer that slime's process would have; what is given closes servers."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(slime, "_renderers", {"model": renderer()})
-        async with webgym.EnvironmentPool(**given) as pool:
+        async with webgym.EnvironmentPool(**given) as pool, AsyncExitStack() as servers:
             patch.setattr(slime, "_pool", pool)
-            yield
+            yield servers
 
 
 async def played(folder: Path, texts: Sequence[str] = RIGHT, **more: Any) -> tuple[SGLang, list[Sample]]:
-    async with process(stand_in_pool(folder, **more)):
-        return await generated(texts, "check-3")
+    async with process(stand_in_pool(folder, **more)) as servers:
+        return await generated(servers, texts, "check-3")
 
 
 @asynccontextmanager
-async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
-    async def play(task_id: str, actions: Sequence[Action | str]) -> Told:
-        _, samples = await generated(texts_of(actions), task_id)
-        assert slime.has_rewards(None, samples) != any(each.remove_sample for each in samples)
-        return Told([each.reward for each in samples if each.reward is not None])
+async def adapter(given: dict[str, Any]) -> AsyncIterator[Adapted]:
+    async with process(given) as servers:
 
-    async with process(given):
-        yield play
+        async def play(task_id: str, actions: Sequence[Action | str]) -> Told:
+            _, samples = await generated(servers, texts_of(actions), task_id)
+            assert slime.has_rewards(None, samples) != any(each.remove_sample for each in samples)
+            return Told([each.reward for each in samples if each.reward is not None])
+
+        yield Adapted(play)
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # aiohttp's session, forgotten
 async def test_it_keeps_the_environments_promises() -> None:
     assert await check_adapter(adapter) == []
 

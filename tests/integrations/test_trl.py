@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import json
 import warnings
 from collections.abc import AsyncIterator, Iterator, Sequence
@@ -19,7 +20,7 @@ from webgym import Action, Answer, RunConfig, Scroll
 from webgym.conformance import StandInJudge
 from webgym.core.errors import JudgeError
 from webgym.core.verdict import Verdict
-from webgym.testing import FAULTS, Play, Told, check_adapter, stand_in_pool
+from webgym.testing import FAULTS, Adapted, Told, check_adapter, stand_in_pool
 
 pytest.importorskip("trl", reason="trl is not installed")
 
@@ -61,7 +62,7 @@ def played(tools: BrowserTools, answer: str | None) -> float | None:
 
 
 @asynccontextmanager
-async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
+async def adapter(given: dict[str, Any]) -> AsyncIterator[Adapted]:
     browsers = Browsers(**given)
     free: list[BrowserTools] = []
 
@@ -78,8 +79,13 @@ async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
         free.append(tools)
         return Told([] if reward is None else [reward])
 
+    def begin(task_id: str) -> BrowserTools:
+        tools = browsers()
+        tools.reset(task_id=task_id)
+        return tools
+
     try:
-        yield lambda task_id, actions: asyncio.to_thread(play, task_id, actions)
+        yield Adapted(functools.partial(asyncio.to_thread, play), functools.partial(asyncio.to_thread, begin))
     finally:
         await asyncio.to_thread(browsers.close)
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import importlib
 import json
+import os
+import shutil
 import sys
+import types
 import uuid
 import warnings
 from collections.abc import AsyncIterator, Iterator, Sequence
@@ -13,13 +17,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.documented import documented
 from tests.integrations.engine import reply_text, texts_of
 from tests.llm import endpoint
 
 import webgym
 from webgym import Action, Answer, Scroll
 from webgym.conformance import STAND_IN_TASKS
-from webgym.testing import Play, Told, check_adapter, stand_in_pool
+from webgym.testing import Adapted, Told, check_adapter, stand_in_pool
 
 pytest.importorskip("verifiers.v1", reason="verifiers is not installed")
 
@@ -75,9 +80,25 @@ def the_example(given: dict[str, Any]) -> Iterator[Any]:
         yield importlib.import_module("verifiers_tasks")
 
 
+class Player:
+    """An agent of verifiers that does not answer."""
+
+    def __init__(self) -> None:
+        self.asked = asyncio.Event()
+
+    @asynccontextmanager
+    async def interaction(self, task: Any) -> AsyncIterator[Any]:
+        yield self
+
+    async def turn(self, messages: Any) -> None:
+        self.asked.set()
+        await asyncio.Event().wait()
+
+
 @asynccontextmanager
-async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
+async def adapter(given: dict[str, Any]) -> AsyncIterator[Adapted]:
     folder = Path(given["name"]).parent
+    begun: list[integration.WebGymEnv] = []
 
     with the_example(given) as example:
 
@@ -90,7 +111,20 @@ async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
                 (episode,) = await example.main(*place, tasks=str(tasks), split="all", count=1)
             return Told([episode.traces[0].reward] if episode.ok else [])
 
-        yield play
+        async def begin(task_id: str) -> asyncio.Future[None]:
+            taskset = {"id": "verifiers_tasks", "tasks": given["name"], "split": "all", "count": "all"}
+            env = integration.WebGymEnv(integration.WebGymEnvConfig(taskset=taskset, browsers=1))
+            begun.append(env)
+            await env.start()
+            task = next(task for task in env.taskset.load() if task.data.id == task_id)
+            player = Player()
+            running = asyncio.ensure_future(env.run(task, types.SimpleNamespace(player=player)))
+            await player.asked.wait()
+            return running
+
+        yield Adapted(play, begin)
+        for env in begun:
+            await env.stop()
 
 
 async def test_it_keeps_the_environments_promises() -> None:
@@ -143,6 +177,34 @@ async def test_replies_without_actions_are_an_error(tmp_path: Path) -> None:
     episodes, requests, _ = await run(tmp_path, ["I would click there."] * 4, 1)
     assert_no_reward(episodes[0], "NoReward")
     assert len(requests) == 4
+
+
+@pytest.mark.browser
+async def test_the_documented_command(tmp_path: Path) -> None:
+    words = documented(
+        "vf-eval verifiers-tasks --model MODEL --client.base-url http://127.0.0.1:8000/v1 --max-concurrent 8 "
+        "--env.taskset.tasks offline-v1 --env.taskset.count 50 --env.browsers 8"
+    )
+    shutil.copy(EXAMPLES / "verifiers_tasks.py", tmp_path)
+    path = os.pathsep.join([".", os.environ.get("PYTHONPATH", "")])
+    async with endpoint.serve() as served:
+        served.text = reply_text(Answer("no idea"))
+        smaller = {"offline-v1": "offline-small-v1", "50": "2", "8": "1", words[4]: served.url()}
+        command = await asyncio.create_subprocess_exec(
+            Path(sys.executable).with_name("vf-eval"),
+            *(smaller.get(word, word) for word in words),
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": path, "HOME": str(tmp_path)},
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.STDOUT,
+        )
+        printed, _ = await command.communicate()
+    assert command.returncode == 0, printed.decode()
+    (record,) = (tmp_path / "outputs").glob("*/traces.jsonl")
+    written = [json.loads(line) for line in record.read_text().splitlines()]
+    assert [each["ok"] for each in written] == [True, True], printed.decode()
+    assert [each["traces"][0]["rewards"]["webgym"]["score"] for each in written] == [0.0, 0.0]
+    assert [each["model"] for each in served.requests] == ["MODEL"] * 2
 
 
 def assert_no_reward(episode: Episode, first_error: str) -> None:

@@ -19,7 +19,7 @@ from tests.integrations.engine import Engine, example, reply_text, texts_of
 
 import webgym
 from webgym import Action, Answer, RunConfig, Scroll
-from webgym.testing import Play, Told, check_adapter, stand_in_pool
+from webgym.testing import Adapted, Told, check_adapter, stand_in_pool
 
 pytest.importorskip("verl", reason="verl is not installed")
 
@@ -78,14 +78,14 @@ async def played(folder: Path, server: Server, **more: Any) -> list[AgentLoopOut
 
 
 @asynccontextmanager
-async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
+async def adapter(given: dict[str, Any]) -> AsyncIterator[Adapted]:
     async with webgym.EnvironmentPool(**given) as pool:
 
         async def play(task_id: str, actions: Sequence[Action | str]) -> Told:
             outputs = await loop(Server(texts_of(actions)), pool).run(SAMPLING, task_id=task_id)
             return Told([output.reward_score for output in outputs])
 
-        yield play
+        yield Adapted(play)
 
 
 async def test_it_keeps_the_environments_promises(tmp_path: Path) -> None:

@@ -15,7 +15,10 @@ no advantage. A model that stops calling tools or runs out of tokens before it a
 
 from __future__ import annotations
 
+import functools
 import math
+import weakref
+from collections.abc import Iterable
 from contextlib import AsyncExitStack
 from io import BytesIO
 from typing import Any, Literal, TypeAlias
@@ -232,9 +235,10 @@ class Browsers:
     def __init__(self, name: str = "offline-v1", *, size: int = 8, **options: Any) -> None:
         self.pool = EnvironmentPool(name, size=size, **options)
         self._name, self._size = name, size
-        self._made: list[BrowserTools] = []
+        self._made: weakref.WeakSet[BrowserTools] = weakref.WeakSet()
         self.begun = self.unanswered = 0
-        self.loop = LoopThread(self._close_all)
+        # Of what it closes, and not of this: the thread would keep this alive, and so itself.
+        self.loop = LoopThread(functools.partial(_close_all, self._made, self.pool))
 
     def __call__(self) -> BrowserTools:
         """Create an environment.
@@ -247,8 +251,9 @@ class Browsers:
                 f"TRL needs more than {self._size} concurrent episodes; set Browsers(size=...) to the "
                 "generation batch size of a process"
             )
-        self._made.append(BrowserTools(self))
-        return self._made[-1]
+        tools = BrowserTools(self)
+        self._made.add(tools)
+        return tools
 
     def rows(self, **options: Any) -> list[dict[str, Any]]:
         """A dataset: rows with ``prompt`` and ``task_id``.
@@ -266,10 +271,11 @@ class Browsers:
         """Stop the browsers. May be called twice."""
         self.loop.close()
 
-    async def _close_all(self) -> None:
-        for tools in self._made:
-            await tools._stack.aclose()
-        await self.pool.close()
+
+async def _close_all(made: Iterable[BrowserTools], pool: EnvironmentPool) -> None:
+    for tools in list(made):
+        await tools._stack.aclose()
+    await pool.close()
 
 
 def _content(view: View) -> Content:

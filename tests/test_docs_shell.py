@@ -310,13 +310,19 @@ def test_commands_run(
 @pytest.mark.parametrize("name", IN_A_SHELL)
 def test_lines_run_in_a_shell(name: str, held: Path) -> None:
     blocks = [code.replace("\\\n", " ") for page in PAGES for _, code in blocks_of(page, *SHELL)]
-    lines = [line for code in blocks for line in code.splitlines() if name in (call[0] for call in calls(line))]
+    lines = [
+        line for code in blocks for line in code.splitlines() if name in (call[0] for call in calls(line))
+    ]
     assert lines
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     for line in lines:
         script = f"set -euo pipefail\n{line}\n{IN_A_SHELL[name]}"
         ran = subprocess.run(
-            ["bash", "-c", script], cwd=held, env=os.environ | {"PATH": path}, capture_output=True, check=False
+            ["bash", "-c", script],
+            cwd=held,
+            env=os.environ | {"PATH": path},
+            capture_output=True,
+            check=False,
         )
         assert ran.returncode == 0, ran.stderr.decode()
         assert ran.stdout.strip(), line

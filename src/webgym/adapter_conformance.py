@@ -54,7 +54,7 @@ class Adapted(msgspec.Struct):
     Attributes:
         play: plays an episode.
         begin: begins an episode as the framework does, where it holds an object of each episode: the
-            environment. ``None`` where an episode is a coroutine of the adapter's, which the framework awaits.
+            environment. ``None`` where an episode is a coroutine that the framework awaits.
     """
 
     play: Play
@@ -168,8 +168,9 @@ async def check_adapter(
     forgets: bool = True,
 ) -> list[str]:
     """Check an adapter for a trainer: an episode has one reward, at its end; a fault is never a reward;
-    browsers are closed after an end, a failure and a cancelled episode, and when all that the framework holds
-    of an episode is garbage-collected; concurrent episodes share no state; the same seed gives the same tasks.
+    browsers are closed after an end, a failure and a cancelled episode, and when all that the framework
+    holds of an episode is garbage-collected; concurrent episodes share no state; the same seed gives the same
+    tasks.
 
     Args:
         adapt: opens the adapter.

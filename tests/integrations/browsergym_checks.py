@@ -140,8 +140,10 @@ def playwright_in(adapter: Adapter, patch: pytest.MonkeyPatch) -> Iterator[None]
 
 
 def checked(adapter: Adapter, backend: Backend, **more: Any) -> list[str]:
-    """What is found, in a thread of its own, as this one may have an event loop of Playwright's. Playwright holds
-    every browser, and only the thread that started it can close it, so that none is garbage-collected."""
+    """What is found, in a thread of its own, as this one may have an event loop of Playwright's.
+
+    Playwright holds every browser, and only the thread that started it can close it: none is collected.
+    """
     check = functools.partial(check_adapter, adapter, backend=backend, forgets=False, **more)
     with ThreadPoolExecutor(1) as pool:
         return pool.submit(lambda: asyncio.run(check())).result()

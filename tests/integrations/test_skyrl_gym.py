@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import base64
-import functools
 import io
 from collections.abc import AsyncIterator, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager
@@ -68,7 +67,10 @@ async def adapter(given: dict[str, Any]) -> AsyncIterator[Adapted]:
         return told
 
     try:
-        yield Adapted(functools.partial(asyncio.to_thread, play), functools.partial(asyncio.to_thread, begin))
+        yield Adapted(
+            lambda task_id, actions: asyncio.to_thread(play, task_id, actions),
+            lambda task_id: asyncio.to_thread(begin, task_id),
+        )
     finally:
         await asyncio.to_thread(browsers.close)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import functools
 import json
 import warnings
 from collections.abc import AsyncIterator, Iterator, Sequence
@@ -85,7 +84,10 @@ async def adapter(given: dict[str, Any]) -> AsyncIterator[Adapted]:
         return tools
 
     try:
-        yield Adapted(functools.partial(asyncio.to_thread, play), functools.partial(asyncio.to_thread, begin))
+        yield Adapted(
+            lambda task_id, actions: asyncio.to_thread(play, task_id, actions),
+            lambda task_id: asyncio.to_thread(begin, task_id),
+        )
     finally:
         await asyncio.to_thread(browsers.close)
 
@@ -114,10 +116,11 @@ def test_a_reward_is_the_judges_and_a_fault_is_none(browsers: Browsers) -> None:
 
 
 def test_more_episodes_than_browsers_are_refused(browsers: Browsers) -> None:
-    for _ in range(4):
-        browsers()
+    held = [browsers() for _ in range(4)]
     with pytest.raises(RuntimeError, match="more than 4 concurrent episodes"):
         browsers()
+    held.clear()  # a trainer that is dropped
+    held.append(browsers())
 
 
 class Processor(Qwen3VLProcessor):

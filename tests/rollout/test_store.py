@@ -98,6 +98,24 @@ async def test_each_line_is_plain_json_with_its_checksum(tmp_path: Path) -> None
     assert record["trajectory"]["episode"]["attempt_id"] == "t/1#0.0"
 
 
+async def test_folders_of_pictures_are_synced_with_the_first_record_that_needs_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced: list[str] = []
+    monkeypatch.setattr("webgym.rollout.store.sync_folder", lambda path: synced.append(path.name))
+    needed = {"screenshots", *(name[:2] for name in NAMES[:3])}
+    async with await begun(tmp_path) as writer:
+        assert {path.name for path in (tmp_path / "screenshots").iterdir()} == {name[:2] for name in NAMES}
+        for number in range(2):
+            synced.clear()
+            await writer.append(made(number))
+            assert sorted(synced) == ([] if number else sorted(needed))
+    async with await RunWriter.reopen(tmp_path) as writer:
+        synced.clear()  # the earlier writer may have died before it synced
+        await writer.append(made(2))
+        assert sorted(synced) == sorted(needed)
+
+
 async def test_many_tasks_write_at_once(tmp_path: Path) -> None:
     limits = StoreLimits(shard_bytes=4_000)
     async with await begun(tmp_path, limits=limits) as writer, asyncio.TaskGroup() as group:
@@ -243,6 +261,7 @@ async def test_leftovers_of_a_dead_writer_are_swept(tmp_path: Path) -> None:
     await (await begun(tmp_path, 0)).aclose()
     torn = [tmp_path / ".summary.json.abc.tmp", tmp_path / "screenshots/ab/.abcd.png.123.tmp"]
     for file in torn:
+        file.parent.mkdir(exist_ok=True)
         file.write_bytes(b"half")
     (tmp_path / "metrics.jsonl").write_bytes(b'{"a":1}\n{"b":')
     await (await RunWriter.reopen(tmp_path)).aclose()

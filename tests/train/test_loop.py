@@ -129,15 +129,24 @@ def test_iterations_follow_each_other_and_each_is_collected_by_the_weights_befor
     assert all(each.id.startswith("t/a") for number in (1, 2, 3) for each in folder.tasks(number))
 
 
+@pytest.fixture(scope="module")
+def whole_training(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What a training leaves that nothing happened to."""
+    path = tmp_path_factory.mktemp("whole")
+    run(path, World(), config())
+    return made(path)
+
+
 @pytest.mark.parametrize("steps", [0, 1, 3, 6, 7, 8, 11, 13, 15, 18, 24, 25])
-def test_a_training_that_is_killed_anywhere_ends_as_if_it_had_not_been(tmp_path: Path, steps: int) -> None:
-    whole, killed = World(), World(kill_before=steps)
-    run(tmp_path / "whole", whole, config())
+def test_a_training_that_is_killed_anywhere_ends_as_if_it_had_not_been(
+    tmp_path: Path, whole_training: dict[str, Any], steps: int
+) -> None:
+    killed = World(kill_before=steps)
     with suppress(Killed, BaseExceptionGroup):
         run(tmp_path / "killed", killed, config())
     again = World()
     rows = run(tmp_path / "killed", again, config())
-    assert made(tmp_path / "killed") == made(tmp_path / "whole")
+    assert made(tmp_path / "killed") == whole_training
     assert [row["trajectories"] for row in rows] == [4, 8, 12]
     attempts = [line for line in (*killed.log, *again.log) if line.startswith("attempt")]
     assert len(attempts) == len({line.split(" by ")[0] for line in attempts}) == 12 + 6, "made once each"

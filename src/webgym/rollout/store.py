@@ -138,7 +138,8 @@ class RunWriter:
         self._lock = lock
         self._index = Index(path / TRAJECTORIES)
         self._images: set[str] = set()
-        self._unsynced: set[str] = set()
+        self._unsynced: set[str] = set()  # folders of pictures that have entries which are not synced
+        self._folders: set[str] = set()  # folders of pictures whose own entries are synced
         self._shard: Log | None = None
         self._metrics: Log | None = None
         self._append_thread = ThreadPoolExecutor(1, thread_name_prefix="store-journal")
@@ -246,10 +247,8 @@ class RunWriter:
 
     def _make_folders(self) -> None:
         delete_torn(self.path, "", f"{SCREENSHOTS}/*/")
-        for byte in range(256):
-            (self.path / SCREENSHOTS / f"{byte:02x}").mkdir(parents=True, exist_ok=True)
+        (self.path / SCREENSHOTS).mkdir(exist_ok=True)
         self._folder.mkdir(exist_ok=True)
-        sync_folder(self.path / SCREENSHOTS)
 
     @staticmethod
     def _cut(path: Path, end: int) -> int:
@@ -298,6 +297,7 @@ class RunWriter:
             raise StoreCorrupt(f"the SHA-256 of a picture of {len(data)} bytes is not its name {name[:80]}")
         path = image_path(self.path, name)
         with disk_errors("writing a screenshot"):
+            path.parent.mkdir(exist_ok=True)
             write_whole(path, data)
         self._unsynced.add(path.parent.name)
         self._images.add(name)
@@ -331,8 +331,12 @@ class RunWriter:
             if not gets_verdict or recorded.episode != episode:
                 raise StoreError(f"{episode.attempt_id} is already recorded, with other content")
         with disk_errors("writing a trajectory"):
-            for prefix in {name[:2] for name in names} & self._unsynced:
+            prefixes = {name[:2] for name in names}
+            for prefix in prefixes & self._unsynced:
                 self._sync_pictures(prefix)
+            if not prefixes <= self._folders:
+                sync_folder(self.path / SCREENSHOTS)
+                self._folders |= prefixes
             if self._shard.size >= self._limits.shard_bytes:
                 full = self._shard
                 self._shard = Log(self._folder / f"{int(full.path.stem) + 1:05d}.jsonl")

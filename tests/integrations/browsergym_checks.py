@@ -6,12 +6,12 @@ import asyncio
 import functools
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager, contextmanager, suppress
 from typing import Any, TypeVar
 
 import browsergym.core
+import psutil
 import pytest
-from playwright.sync_api import Browser
 
 from webgym import Action, Answer, Navigate, RunConfig, Scroll, Wait
 from webgym.integrations.browsergym import BrowserGymEnv, NoReward
@@ -24,6 +24,20 @@ APPLICABLE = {"browser", "judge", "no_reward", "blocked"}
 assert set(FAULTS) - APPLICABLE == {"unreadable"}  # BrowserGym is given code, and what fails of it is told
 
 
+def browsers() -> list[int]:
+    """Ids of the browsers' main processes that Playwright has started and that have not ended.
+
+    Playwright itself learns of one that has ended only when its thread calls it.
+    """
+    found = []
+    for process in psutil.Process().children(recursive=True):
+        with suppress(psutil.NoSuchProcess):  # of a zombie, too
+            command = process.cmdline()
+            if any(word.startswith("--remote-debugging-") for word in command):
+                found.append(process.pid)
+    return found
+
+
 class Backend:
     """Browsers of BrowserGym, which it starts itself, and one of its tasks.
 
@@ -31,7 +45,6 @@ class Backend:
         name: of the task.
         right: what solves it.
         steps: steps of every episode so far.
-        started: all browsers that were started.
         options: of the environment.
 
     Attributes:
@@ -43,13 +56,12 @@ class Backend:
         name: str,
         right: Sequence[Action],
         steps: Callable[[], list[int]],
-        started: list[Browser],
         **options: Any,
     ) -> None:
         self.given: dict[str, Any] = {"name": name, "config": RunConfig(), "options": options}
         self.case = ""
         self.steps = steps
-        self._right, self._started = right, started
+        self._right = right
 
     def prepare(self, case: str) -> tuple[str, Sequence[Action | str]]:
         self.case = case
@@ -62,7 +74,7 @@ class Backend:
         return self.given["name"], actions.get(case, self._right)
 
     def open_browsers(self) -> int:
-        return sum(browser.is_connected() for browser in self._started)
+        return len(browsers())
 
     async def hangs(self) -> None:
         while not self.open_browsers():
@@ -79,7 +91,16 @@ class Adapter:
     @asynccontextmanager
     async def __call__(self, given: dict[str, Any]) -> AsyncIterator[Adapted]:
         self._options = given["options"]
-        yield Adapted(self.play)
+        yield Adapted(self.play, self.begin)
+
+    async def begin(self, name: str) -> Any:
+        """The environment of an episode that has begun."""
+        env = self._env(name)
+        await asyncio.get_running_loop().run_in_executor(self._thread, env.reset)
+        return env
+
+    def _env(self, name: str) -> BrowserGymEnv:
+        return BrowserGymEnv(name, pre_observation_delay=0.1, **self._options)
 
     def run(self, function: Callable[..., T], *given: Any) -> T:
         """Call a function in Playwright's thread."""
@@ -92,7 +113,7 @@ class Adapter:
             return asyncio.get_running_loop().run_in_executor(self._thread, function, *given)
 
         told = Told()
-        env = BrowserGymEnv(name, pre_observation_delay=0.1, **self._options)
+        env = self._env(name)
         try:
             await call(env.reset)
             for action in actions:
@@ -140,10 +161,7 @@ def playwright_in(adapter: Adapter, patch: pytest.MonkeyPatch) -> Iterator[None]
 
 
 def checked(adapter: Adapter, backend: Backend, **more: Any) -> list[str]:
-    """What is found, in a thread of its own, as this one may have an event loop of Playwright's.
-
-    Playwright holds every browser, and only the thread that started it can close it: none is collected.
-    """
-    check = functools.partial(check_adapter, adapter, backend=backend, forgets=False, **more)
+    """What is found, in a thread of its own, as this one may have an event loop of Playwright's."""
+    check = functools.partial(check_adapter, adapter, backend=backend, **more)
     with ThreadPoolExecutor(1) as pool:
         return pool.submit(lambda: asyncio.run(check())).result()

@@ -99,9 +99,8 @@ class PageTask(AbstractBrowserTask):  # type: ignore[misc, unused-ignore]
 
 
 @pytest.fixture(autouse=True)
-def started(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """Browsers of the test."""
-    return use_installed_browser(monkeypatch)
+def installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    use_installed_browser(monkeypatch)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -131,20 +130,19 @@ class PageBackend(Backend):
         return super().prepare(case)
 
 
-def backend(started: list[Any]) -> PageBackend:
+def backend() -> PageBackend:
     actions: list[Action] = [Scroll("down"), Answer("right")]
     return PageBackend(
         "webgym-test.page",
         actions,
         steps,
-        started,
         max_episode_steps=BUDGET,
         task_kwargs={"wanted": "right"},
     )
 
 
 @pytest.mark.timeout(300)
-def test_it_keeps_the_environments_promises(started: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_keeps_the_environments_promises(monkeypatch: pytest.MonkeyPatch) -> None:
     adapter = Adapter()
 
     def drawn(seed: int) -> list[str]:
@@ -156,7 +154,7 @@ def test_it_keeps_the_environments_promises(started: list[Any], monkeypatch: pyt
 
     faults = APPLICABLE - {"blocked"}  # BrowserGym's tasks do not say that
     with playwright_in(adapter, monkeypatch):
-        assert checked(adapter, backend(started), rows=rows, faults=faults) == []
+        assert checked(adapter, backend(), rows=rows, faults=faults) == []
 
 
 @pytest.mark.timeout(300)
@@ -169,10 +167,10 @@ def test_it_keeps_the_environments_promises(started: list[Any], monkeypatch: pyt
     ids=["a_fault_is_0", "keeps_its_browser"],
 )
 def test_one_that_breaks_a_promise_is_found(
-    adapter: Adapter, told: str, started: list[Any], monkeypatch: pytest.MonkeyPatch
+    adapter: Adapter, told: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with playwright_in(adapter, monkeypatch):
-        found = checked(adapter, backend(started), faults=["browser", "judge"])
+        found = checked(adapter, backend(), faults=["browser", "judge"])
     assert any(told in line for line in found), found
 
 

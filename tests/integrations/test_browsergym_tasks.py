@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import warnings
 from typing import Any
 from unittest.mock import AsyncMock
 from urllib.parse import urlsplit
 
+import gymnasium
 import pytest
 from tests.integrations.engine import example
 from tests.integrations.installed_browser import use_installed_browser
@@ -56,9 +58,8 @@ def names() -> list[str]:
 
 
 @pytest.fixture(autouse=True)
-def started(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """Browsers of the test."""
-    return use_installed_browser(monkeypatch)
+def installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    use_installed_browser(monkeypatch)
 
 
 def played(task: webgym.Task, actions: list[Action]) -> tuple[list[float], bool, bool]:
@@ -75,8 +76,17 @@ def played(task: webgym.Task, actions: list[Action]) -> tuple[list[float], bool,
     return rewards, terminated, truncated
 
 
+class DropsBrowserGymsOwn(Adapter):
+    """Begins an episode as a user of BrowserGym does, without WebGym's environment."""
+
+    async def begin(self, name: str) -> Any:
+        env = gymnasium.make(f"browsergym/{name}")
+        await asyncio.get_running_loop().run_in_executor(self._thread, env.reset)
+        return env
+
+
 @pytest.mark.timeout(300)
-def test_they_keep_the_environments_promises(started: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_they_keep_the_environments_promises(monkeypatch: pytest.MonkeyPatch) -> None:
     episodes: list[browsergym_tasks.WebGymTask] = []
     init, judge = browsergym_tasks.WebGymTask.__init__, webgym.OfflineJudge.judge
     right = solution(STATEFUL)
@@ -96,8 +106,8 @@ def test_they_keep_the_environments_promises(started: list[Any], monkeypatch: py
     def steps() -> list[int]:
         return [len(task._observations) - 1 for task in episodes]  # without the start page
 
-    adapter = Adapter()
-    backend = Backend(browsergym_tasks.env_name(STATEFUL.id), right, steps, started)
+    adapter = DropsBrowserGymsOwn()
+    backend = Backend(browsergym_tasks.env_name(STATEFUL.id), right, steps)
     monkeypatch.setattr(browsergym_tasks.WebGymTask, "__init__", watched)
     monkeypatch.setattr(webgym.OfflineJudge, "judge", judged)
     with playwright_in(adapter, monkeypatch):

@@ -15,15 +15,19 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+import weakref
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from io import BytesIO
-from typing import Any, Final, Self
+from typing import Any, Final, ParamSpec, Self, TypeVar
 
+import greenlet
 import gymnasium
 import msgspec
+import psutil
 from browsergym.core.observation import extract_screenshot
 from PIL import Image
+from playwright.sync_api import Error
 
 from webgym import (
     Action,
@@ -41,6 +45,9 @@ from webgym import (
     WebGymError,
 )
 
+P = ParamSpec("P")
+T = TypeVar("T")
+
 _GRID: Final = 1000
 _LONGEST_WAIT: Final = 10.0  # seconds
 _SCROLLED: Final = 0.8
@@ -51,6 +58,68 @@ class NoReward(WebGymError):
     """Browser, page or task failed, or the task gave no reward: it is neither a success nor a failure."""
 
     code = "no_reward"
+
+
+class ClosedWhenDropped(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Ends the browsers of an environment of BrowserGym that is garbage-collected instead of closed.
+
+    Playwright holds every browser that it has started, and only the thread that started it may close it,
+    but garbage is collected in any thread. So the browsers' processes are killed.
+
+    Args:
+        env: an environment of BrowserGym, as it is or wrapped.
+    """
+
+    def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
+        super().__init__(env)
+        self._processes: list[psutil.Process] = []
+        weakref.finalize(self, _kill, self._processes).atexit = False  # Playwright ends with the interpreter
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start an episode, in new browsers: one for the page and one for the chat."""
+        try:
+            return _apart(self.env.reset, seed=seed, options=options)
+        finally:
+            self._processes[:] = _apart(_main_processes, self.unwrapped)
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Carry out an action."""
+        return _apart(self.env.step, action)
+
+    def close(self) -> None:
+        """Close the browsers. May be called twice."""
+        super().close()
+        self._processes.clear()
+
+
+def _apart(function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+    """Call a function on a stack of its own.
+
+    Playwright keeps the stack of its latest call, and with it the variables of all callers: an environment
+    that they have dropped would not be collected.
+    """
+    result: T = greenlet.greenlet(function).switch(*args, **kwargs)
+    return result
+
+
+def _main_processes(env: Any) -> list[psutil.Process]:
+    """Those of the environment's browsers that run."""
+    found = []
+    for browser in [owner.browser for owner in (env, env.chat) if owner and owner.browser]:
+        with suppress(Error, psutil.NoSuchProcess):
+            session = browser.new_browser_cdp_session()
+            processes = session.send("SystemInfo.getProcessInfo")["processInfo"]
+            session.detach()
+            found += [psutil.Process(each["id"]) for each in processes if each["type"] == "browser"]
+    return found
+
+
+def _kill(processes: list[psutil.Process]) -> None:
+    for process in processes:
+        with suppress(psutil.NoSuchProcess):
+            process.kill()
 
 
 class BrowserGymEnv:
@@ -66,16 +135,18 @@ class BrowserGymEnv:
 
     def __init__(self, name: str, **options: Any) -> None:
         self.name = name
-        self._env = gymnasium.make(
-            f"browsergym/{name}",
-            disable_env_checker=True,
-            action_mapping=None,  # actions are the code of `playwright_code`
-            use_raw_page_output=True,  # the page itself, without BrowserGym's marks
-            **options,
+        self._env = ClosedWhenDropped(
+            gymnasium.make(
+                f"browsergym/{name}",
+                disable_env_checker=True,
+                action_mapping=None,  # actions are the code of `playwright_code`
+                use_raw_page_output=True,  # the page itself, without BrowserGym's marks
+                **options,
+            )
         )
         self._page: Any = None
         self._instruction = ""
-        self._has_crashed = False
+        self._crashed: list[Any] = []  # pages
 
     def __enter__(self) -> Self:
         return self
@@ -100,9 +171,7 @@ class BrowserGymEnv:
         """
         with self._faults():
             raw, env_info = self._env.reset(seed=seed or 0)
-            self._watch(raw["page"])
-            raw["page"].context.on("page", self._watch)
-            view = _view(raw)
+            view = _apart(_first_view, raw, self._crashed)
         self._instruction, self._page = raw["goal"], raw["page"]
         return view, self._info(env_info, is_over=False)
 
@@ -129,7 +198,7 @@ class BrowserGymEnv:
         code = playwright_code(action, (size["width"], size["height"]))
         with self._faults():
             raw, reward, terminated, truncated, env_info = self._env.step(code)
-            view = _view(raw)
+            view = _apart(_view, raw)
         if reward is None or not math.isfinite(reward):
             raise NoReward(f"the task {self.name} gave the reward {reward}")
         truncated = not terminated and (truncated or isinstance(action, Answer))
@@ -142,20 +211,13 @@ class BrowserGymEnv:
         self._page = None
         self._env.close()
 
-    def _watch(self, page: Any) -> None:
-        page.on("crash", self._close_crashed)
-
-    def _close_crashed(self, page: Any) -> None:
-        self._has_crashed = True
-        page.close()  # calls that wait for it never end otherwise; BrowserGym goes on with an empty page
-
     @contextmanager
     def _faults(self) -> Iterator[None]:
         self._page = None  # an interrupted episode cannot be continued
-        self._has_crashed = False
+        self._crashed.clear()
         try:
             yield
-            if self._has_crashed:
+            if self._crashed:
                 raise RuntimeError("the page crashed")
         except Exception as error:  # of Playwright or of the task
             reason = " ".join(str(error).split())[:300]
@@ -163,6 +225,21 @@ class BrowserGymEnv:
 
     def _info(self, env_info: dict[str, Any], *, is_over: bool) -> dict[str, Any]:
         return {"instruction": self._instruction, "is_over": is_over, "task_info": env_info["task_info"]}
+
+
+def _first_view(raw: dict[str, Any], crashed: list[Any]) -> View:
+    """Look at the page; from now on, pages that crash are closed and added to the list."""
+
+    def watch(page: Any) -> None:
+        page.on("crash", close)
+
+    def close(page: Any) -> None:
+        crashed.append(page)
+        page.close()  # calls that wait for it never end otherwise; BrowserGym goes on with an empty page
+
+    watch(raw["page"])
+    raw["page"].context.on("page", watch)
+    return _view(raw)
 
 
 def _view(raw: dict[str, Any]) -> View:

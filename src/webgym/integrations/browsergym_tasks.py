@@ -29,6 +29,7 @@ import httpx
 import msgspec
 from browsergym.core.registration import register_task
 from browsergym.core.task import AbstractBrowserTask
+from gymnasium.envs.registration import WrapperSpec
 from playwright.sync_api import Error
 
 from webgym import Episode, OfflineJudge, OfflineWeb, RunConfig, Task, WebGymError
@@ -39,6 +40,9 @@ _VISITOR: Final = "webgym_visitor"
 _TIMEOUT_SECONDS: Final = 60.0
 """Longest time for a website's response, seconds."""
 _READ_ATTEMPTS: Final = 10
+_CLOSED_WHEN_DROPPED: Final = WrapperSpec(
+    "ClosedWhenDropped", "webgym.integrations.browsergym:ClosedWhenDropped", {}
+)
 
 # The text visible in the viewport, which is the judge's evidence, and the page that it belongs to. They are
 # read at once: the next page may come at any time.
@@ -314,7 +318,7 @@ def register_tasks(
             break
         name = env_name(task.id)
         given = {"task": task, "collection": collection, "per_family": per_family}
-        register_task(name, WebGymTask, task_kwargs=given)
+        register_task(name, WebGymTask, task_kwargs=given, additional_wrappers=(_CLOSED_WHEN_DROPPED,))
         names.append(f"browsergym/{name}")
     return names
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import warnings
 from collections.abc import AsyncIterator, Sequence
@@ -24,7 +25,13 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of its imports
     from nemo_gym.server_utils import ServerClient
 
-    from webgym.integrations.nemo_gym import WebGymAgent, WebGymAgentConfig, nemo_gym_rows
+    from webgym.integrations.nemo_gym import (
+        WebGymAgent,
+        WebGymAgentConfig,
+        WebGymRunRequest,
+        WebGymRunResponse,
+        nemo_gym_rows,
+    )
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # its own
 
@@ -41,6 +48,18 @@ class ModelServer:
         text = self.texts[min(len(self.requests), len(self.texts) - 1)]
         self.requests.append(json.model_dump())
         return Answered(text)
+
+
+class SilentModelServer(ModelServer):
+    """Never answers."""
+
+    def __init__(self) -> None:
+        super().__init__([])
+        self.asked = asyncio.Event()
+
+    async def post(self, **given: Any) -> Any:
+        self.asked.set()
+        await asyncio.Event().wait()
 
 
 class Answered:
@@ -89,12 +108,15 @@ def agent(pool: webgym.EnvironmentPool, model: ModelServer) -> WebGymAgent:
     return made
 
 
+def row(task_id: str) -> dict[str, Any]:
+    return {"responses_create_params": {"input": []}, "task_id": task_id}
+
+
 async def ran(made: WebGymAgent, task_id: str) -> dict[str, Any]:
     """The server's answer to ``/run``."""
     transport = httpx.ASGITransport(made.setup_webserver())
-    row = {"responses_create_params": {"input": []}, "task_id": task_id}
     async with httpx.AsyncClient(transport=transport, base_url="http://agent.test") as http:
-        answered = await http.post("/run", json=row)
+        answered = await http.post("/run", json=row(task_id))
     assert answered.status_code == 200, answered.text
     return answered.json()
 
@@ -107,7 +129,15 @@ async def adapter(given: dict[str, Any]) -> AsyncIterator[Adapted]:
             told = await ran(agent(pool, ModelServer(texts_of(actions))), task_id)
             return Told([] if told["mask_sample"] else [told["reward"]])
 
-        yield Adapted(play)
+        async def begin(task_id: str) -> asyncio.Future[WebGymRunResponse]:
+            # The handler alone: NeMo Gym's web server holds every request until it is answered.
+            model = SilentModelServer()
+            body = WebGymRunRequest.model_validate(row(task_id))
+            running = asyncio.ensure_future(agent(pool, model).run(body))
+            await model.asked.wait()
+            return running
+
+        yield Adapted(play, begin)
 
 
 async def test_it_keeps_the_environments_promises() -> None:

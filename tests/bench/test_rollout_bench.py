@@ -16,7 +16,7 @@ from benchmarks import collector
 from tests.documented import documented
 
 from webgym.agent.parser import ParsedReply, parse_reply
-from webgym.bench.rollout.compare import compare, comparison_table, service_times
+from webgym.bench.rollout.compare import compare, comparison_table, loaded_service_times, service_times
 from webgym.bench.rollout.endpoint import Script, serving_endpoint
 from webgym.bench.rollout.engine import Engine, PrefixCache
 from webgym.bench.rollout.measure import Load, Measured, begin, file_of, measure_into, read_bench
@@ -25,7 +25,8 @@ from webgym.bench.rollout.tables import draw_rollout, rollout_tables
 from webgym.cli import main
 from webgym.core.errors import ConfigError, RunFolderError, UsageError
 from webgym.offline.web import OfflineWeb
-from webgym.simulate.config import Costs
+from webgym.simulate.config import Costs, Workload
+from webgym.simulate.questions import Questions
 from webgym.simulate.resources import Inference, Process
 
 COSTS = Costs(
@@ -316,6 +317,18 @@ def test_the_simulation_is_held_against_the_measurement() -> None:
     assert len(comparison_table(compared).rows) == 2 * len(MODES)
     with pytest.raises(ConfigError, match="calibration"):
         service_times(PLAN, found[1:])
+
+
+def test_sizes_are_simulated_with_what_was_measured() -> None:
+    alone, *schedules = [measured(cell, 30.0) for cell in PLAN.cells(["calibration", "schedules"])]
+    crowded = [msgspec.structs.replace(one, cpu_seconds=1.4 * one.steps) for one in schedules]
+    costs = loaded_service_times(PLAN, [alone, *crowded])
+    assert costs.act_cpu + costs.look_cpu == pytest.approx(1.4)
+    assert loaded_service_times(PLAN, [alone]) == service_times(PLAN, [alone])  # no async cell yet
+    given = Questions(costs=Costs(page_seconds=9.0), workload=Workload(trajectories=5))
+    asked = given.over(costs, PLAN.workload)
+    assert asked.costs == costs.model_copy(update={"page_seconds": 9.0})
+    assert asked.workload == PLAN.workload.model_copy(update={"trajectories": 5})
 
 
 @pytest.mark.slow

@@ -34,6 +34,12 @@ def command(
         help="Folder of webgym bench rollout: compare its results with simulated ones instead.",
         show_default=False,
     ),
+    bench: Path | None = typer.Option(
+        None,
+        "--bench",
+        help="Folder of webgym bench rollout: its service times and trajectory lengths are the defaults.",
+        show_default=False,
+    ),
     config: list[Path] = typer.Option(
         [],
         "--config",
@@ -48,9 +54,9 @@ def command(
 ) -> None:
     """Simulate a rollout system: its throughput, its bottleneck, and the gain from one more of each resource.
 
-    A discrete-event simulation without browsers and models. Service times are read from --config; the
-    defaults are those of real websites and a model of eight billion parameters on H100s. A system of up to
-    10,000 CPUs and 1,000 GPUs takes less than a minute.
+    A discrete-event simulation without browsers and models. Service times are read from --bench and
+    --config; the defaults are those of real websites and a model of eight billion parameters on H100s. A
+    system of up to 10,000 CPUs and 1,000 GPUs takes less than a minute.
     """
     import msgspec
     from rich.console import Console
@@ -67,6 +73,12 @@ def command(
     from webgym.tables import markdown, show
 
     questions = read_questions(config)
+    if bench is not None:
+        from webgym.bench.rollout.compare import loaded_service_times
+        from webgym.bench.rollout.measure import read_bench
+
+        plan, measured = read_bench(bench)
+        questions = questions.over(loaded_service_times(plan, measured), plan.workload)
     progress = Console(stderr=True)
     results: object
     if compare is not None:

@@ -22,6 +22,14 @@ class Questions(Section):
     workload: Workload = Workload()
     prices: Prices = Prices()
 
+    def over(self, costs: Costs, workload: Workload) -> Questions:
+        """These settings with other defaults of costs and workload."""
+        update = {
+            "costs": costs.model_copy(update=self.costs.model_dump(exclude_unset=True)),
+            "workload": workload.model_copy(update=self.workload.model_dump(exclude_unset=True)),
+        }
+        return self.model_copy(update=update)
+
     def sizes(
         self, cpus: Sequence[int], gpus: Sequence[float], environments: int | None = None
     ) -> Iterator[System]:

@@ -9,7 +9,7 @@ from typing import Final
 
 import msgspec
 
-from webgym.bench.rollout.measure import Measured, by_cell, over_async
+from webgym.bench.rollout.measure import CellResult, Measured, by_cell, over_async
 from webgym.bench.rollout.plan import Cell, RolloutPlan
 from webgym.core.errors import ConfigError
 from webgym.simulate.config import Costs, System
@@ -82,6 +82,28 @@ def _cpu_costs(seconds: float) -> dict[str, float]:
     return {"act_cpu": seconds * (1 - _SCREENSHOT_SHARE), "look_cpu": seconds * _SCREENSHOT_SHARE}
 
 
+def loaded_service_times(plan: RolloutPlan, measured: Sequence[Measured]) -> Costs:
+    """:func:`service_times`, with the CPU time of a step when many browsers share caches and memory.
+
+    That is the mean of the async cells; without such cells it is that of the calibration.
+
+    Raises:
+        ConfigError: the results contain no calibration.
+    """
+    costs = service_times(plan, measured)
+    loaded = _loaded_cpu_seconds([one for one in by_cell(measured) if one.cell.part == "schedules"])
+    return costs.model_copy(update=_cpu_costs(mean(loaded.values()))) if loaded else costs
+
+
+def _loaded_cpu_seconds(schedules: Sequence[CellResult]) -> dict[int, float]:
+    """CPU seconds of a step of the async cells, by number of processors."""
+    return {
+        result.cell.cpus: median(measurement.cpu_seconds / measurement.steps for measurement in result.rounds)
+        for result in schedules
+        if result.cell.mode == "async"
+    }
+
+
 def compare(plan: RolloutPlan, measured: Sequence[Measured]) -> Iterator[Compared]:
     """Simulate every cell of the part ``schedules``, with the same trajectory lengths.
 
@@ -93,11 +115,7 @@ def compare(plan: RolloutPlan, measured: Sequence[Measured]) -> Iterator[Compare
     """
     costs = service_times(plan, measured)
     schedules = [result for result in by_cell(measured) if result.cell.part == "schedules"]
-    cpu_seconds = {
-        result.cell.cpus: median(measurement.cpu_seconds / measurement.steps for measurement in result.rounds)
-        for result in schedules
-        if result.cell.mode == "async"
-    }
+    cpu_seconds = _loaded_cpu_seconds(schedules)
     simulated = {
         result.cell: _simulated(
             result.cell, costs.model_copy(update=_cpu_costs(cpu_seconds[result.cell.cpus])), plan

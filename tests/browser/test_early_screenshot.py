@@ -57,6 +57,27 @@ async def test_what_is_quiet_at_once_is_pictured_during_the_wait(
     assert sum(ended) >= 3  # a machine that is starved may be late
 
 
+async def test_a_page_that_is_busy_for_a_moment_is_pictured_too(
+    site: Site, open_tab: Open, ended: list[bool]
+) -> None:
+    tab = await open_tab()
+    await tab.goto(
+        site.page(
+            "<button id=b style='width:200px;height:80px'>Do</button><script>"
+            "const { port1, port2 } = new MessageChannel();"
+            "port2.onmessage = () => { const end = performance.now() + 15;"
+            "while (performance.now() < end); };"
+            "b.onclick = () => port1.postMessage(0)</script>"
+        )
+    )
+    ended.clear()
+    for _ in range(12):
+        await tab.step(LeftClick(HERE))
+        if any(ended):
+            break
+    assert any(ended)  # a machine that is starved may be late
+
+
 LATE = {
     "a message after messages": "<input id=b type=checkbox><script>"
     "const { port1, port2 } = new MessageChannel(); let end = 0;"

@@ -25,7 +25,7 @@
   const isEqual = (a, b) => a.length === b.length && a.every((one, index) => one === b[index]);
 
   // Whether no task is left to do: one that lets all others go first has its turn.
-  const PATIENCE = 10; // ms
+  const PATIENCE = 30; // ms: the frame that an input event causes takes longer than 10
   const isIdle = () =>
     Promise.race([
       scheduler.postTask(() => true, { priority: 'background' }),

@@ -25,7 +25,7 @@ NOTHING = Costs(
 )
 
 
-def costs(**changes: float) -> Costs:
+def costs(**changes: object) -> Costs:
     return NOTHING.model_copy(update=changes)
 
 
@@ -142,6 +142,15 @@ def test_environments_that_only_wait_are_independent() -> None:
     page = costs(page_seconds=2.0, page_sigma=0.0)
     found = simulate(System(cpus=64, environments=10), page, short(2000))
     assert found.rate == pytest.approx(10 / 2.0, rel=0.02)
+
+
+def test_measured_waits_are_drawn_as_they_are() -> None:
+    """A barrier of many meets the longest of them in every round, one environment their mean."""
+    page = costs(page_waits=(0.0, 0.0, 0.0, 8.0))
+    assert simulate(System(cpus=64, environments=1), page, short(2000)).rate == pytest.approx(0.5, rel=0.1)
+    workload = Workload(trajectories=640, mean_steps=2.9, budgets=(2, 2, 2), mix=(1, 1, 1))
+    barrier = System(cpus=256, environments=64, schedule="step_barrier")
+    assert simulate(barrier, page, workload).seconds == pytest.approx(10 * 2 * 8.0, rel=0.01)
 
 
 def test_a_step_barrier_waits_for_the_slowest_of_all() -> None:

@@ -67,6 +67,10 @@ class Costs(Settings):
     page_longest: float = Field(default=60.0, gt=0)
     """When a page that does not come is given up."""
 
+    page_waits: tuple[float, ...] = ()
+    """Measured waits for the network, seconds. If there are any, waits are drawn from these, and are not
+    log-normal."""
+
     prompt_tokens: int = Field(default=6000, ge=1)
     """Of a request that are not in the prefix cache: pictures of the window, and the text."""
 

@@ -88,11 +88,15 @@ def demand(workload: Workload, costs: Costs, number: int, steps: int) -> Demand:
         steps: of the trajectory.
     """
     generator = np.random.default_rng([workload.seed, 3, number])
-    page = costs.page_seconds * np.exp(costs.page_sigma * generator.normal(size=steps))
+    if costs.page_waits:
+        page = generator.choice(costs.page_waits, steps)
+    else:
+        page = costs.page_seconds * np.exp(costs.page_sigma * generator.normal(size=steps))
+        page = np.minimum(page, costs.page_longest)
     return Demand(
         steps,
         _lognormal(generator, costs.act_cpu, costs.cpu_sigma, steps),
         _lognormal(generator, costs.look_cpu, costs.cpu_sigma, steps),
-        np.minimum(page, costs.page_longest).tolist(),
+        page.tolist(),
         _lognormal(generator, costs.reply_tokens, costs.reply_sigma, steps),
     )

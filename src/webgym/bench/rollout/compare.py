@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
-from statistics import mean, median, stdev
+from statistics import mean, median
 from typing import Final
 
 import msgspec
@@ -18,7 +17,6 @@ from webgym.tables import Table
 
 _SCREENSHOT_SHARE: Final = 0.25
 """Assumed share of a step's CPU time for the screenshot, which the benchmark does not measure separately."""
-_LEAST_SECONDS: Final = 0.001
 
 
 class Compared(msgspec.Struct, frozen=True):
@@ -47,10 +45,10 @@ class Compared(msgspec.Struct, frozen=True):
 
 
 def service_times(plan: RolloutPlan, results: Sequence[Measured]) -> Costs:
-    """The costs of a step, from the calibration, which attempts one task at a time.
+    """The costs of a step, from the calibration, which attempts few tasks at a time.
 
-    The time of a step beyond its CPU time is that of the network: log-normal, with the same mean and standard
-    deviation of the logarithm. The CPU time of steps includes opening and cleaning sessions.
+    The time of a step beyond its CPU time is that of the network. The CPU time of steps includes opening and
+    cleaning sessions.
 
     Raises:
         ConfigError: the results contain no calibration.
@@ -63,14 +61,11 @@ def service_times(plan: RolloutPlan, results: Sequence[Measured]) -> Costs:
             "the benchmark has no service times", hint="run its part calibration, with the same --out"
         )
     cpu = calibration.cpu_seconds / calibration.steps
-    waits = [math.log(max(_LEAST_SECONDS, seconds - cpu)) for seconds in calibration.between]
     return plan.costs.model_copy(
         update={
             "open_cpu": 0.0,
             **_cpu_costs(cpu),
-            "page_seconds": math.exp(mean(waits)),
-            "page_sigma": stdev(waits),
-            "page_longest": max(calibration.between),
+            "page_waits": tuple(max(0.0, seconds - cpu) for seconds in calibration.between),
             "prompt_tokens": max(1, round(calibration.read_tokens / calibration.steps)),
             "judge_seconds": 0.0,
         }

@@ -122,7 +122,8 @@ class RolloutPlan(msgspec.Struct, frozen=True, kw_only=True):
         """
         most = max(self.cpus)
         if "calibration" in parts:
-            yield Cell(part="calibration", cpus=most, sessions=1, trajectories=min(4, self.trajectories))
+            count = min(CALIBRATED_TRAJECTORIES, self.trajectories)
+            yield Cell(part="calibration", cpus=most, sessions=CALIBRATED_AT_ONCE, trajectories=count)
         for number in range(self.rounds):
             cells = list(self._round(number, parts, modes))
             yield from cells if number % 2 == 0 else reversed(cells)
@@ -157,6 +158,12 @@ class RolloutPlan(msgspec.Struct, frozen=True, kw_only=True):
                     seconds=self.overload_seconds,
                 )
 
+
+CALIBRATED_TRAJECTORIES: Final = 24
+"""Number of trajectories of the calibration: some 300 steps, with a few of the slowest pages among them."""
+
+CALIBRATED_AT_ONCE: Final = 4
+"""Number of their parallel environments: few, so that they hardly wait for each other's processor."""
 
 CAPACITY_SLOWDOWN: Final = 4.0
 """How much slower the GPUs of the part ``capacity`` are, so that the policy is the bottleneck."""

@@ -99,7 +99,7 @@ def _calibration(result: Measured) -> Table:
         ("prompt tokens of a step", f"{result.prompt_tokens / result.steps:.0f}"),
         ("of them not in the prefix cache", f"{result.read_tokens / result.steps:.0f}"),
     ]
-    return Table("Service times: one episode at a time", ("", "measured"), rows)
+    return Table("Service times: a few episodes at a time", ("", "measured"), rows)
 
 
 def draw_rollout(measured: Sequence[Measured], path: Path) -> None:

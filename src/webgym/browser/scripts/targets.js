@@ -301,7 +301,7 @@
   const FILL_CHILDREN = 3;
 
   // What its slides are drawn by listens, and is named so: what can be clicked on a slide says so itself.
-  const CAROUSEL = /(?<![a-z])(carousel|slick|swiper|splide|glide|flickity|embla|keen|siema|tns)(?![a-z])/i;
+  const CAROUSEL = /(?<![a-z])(carousel|slick-(list|track|slider)|swiper|splide|glide|flickity|embla|keen|siema|tns)(?![a-z])/i;
   const isCarousel = (element) => Boolean(classLike(element, CAROUSEL));
 
   const ITEMS = 3; // of one kind, and of one size: then not what is around them is meant
@@ -487,7 +487,7 @@
     const isControl = Boolean(role && widgetOf(element));
     const isPointer = Boolean(style && startsPointer(element, style));
     const isPart = Boolean(style) && !role && !isItem && (isIcon(element) || isSorter(element));
-    const isTold = Boolean(style) && !role && !isPointer && !isItem && isToldByData(element, style);
+    const isTold = Boolean(style) && !role && !isPointer && isToldByData(element, style);
     const isUsed = () => isItem || isPart || isTold || hears(element) || isHeardAround(element) || isCell(element, style);
     if (!role && !isPointer && !(style && isUsed())) return null;
     if (isOff(element) || (!isControl && isOfLabel(element))) return null;
@@ -597,11 +597,15 @@
   const isThinField = ({ isControl, role, boxes: [box] }) => isControl && TEXTS.has(role) && box.right - box.left <= THIN;
   const THIN = 8; // pixels
 
-  // An arrow in a list or a button that opens: it does the same.
+  // The arrow in a list or a button that opens: it does the same.
   const OPENS = new Set(['button', 'combobox', 'listbox', 'tab']);
   const OPENER = /(?<![a-z])(dropdown|caret|chevron|angle|arrow)(?![a-z])/i;
-  const isOpenerOf = (one, { element, isControl }) =>
-    OPENS.has(one.role) && !isControl && !nameOf(element, 'button') && Boolean(classLike(element, OPENER));
+  const openerOf = (one, within) => {
+    const isOpener = ({ element, isControl }) =>
+      !isControl && !nameOf(element, 'button') && Boolean(classLike(element, OPENER));
+    const found = OPENS.has(one.role) ? within.filter(isOpener) : [];
+    return found.length === 1 ? found[0] : null; // two sort by what is above them
+  };
 
   // Which of `kids`, the candidates that lie in `one`, are kept beside it; null where they are kept in its stead.
   const keptBeside = (one, kids) => {
@@ -644,7 +648,8 @@
     if (same.some(isField) && !WITHOUT_PARTS.has(one.role)) return null;
     const isNamesake = (kid) => !kid.isControl && Boolean(nameOf(kid.element, kid.role)) && isOfName(kid);
     const isOfName = (kid) => one.role === 'button' && nameOf(kid.element, kid.role) === nameOf(one.element, one.role);
-    const isOwn = (kid) => same.includes(kid) || isPartOf(one, kid) || isNamesake(kid) || isOpenerOf(one, kid);
+    const opener = openerOf(one, within);
+    const isOwn = (kid) => same.includes(kid) || isPartOf(one, kid) || isNamesake(kid) || kid === opener;
     const isArrow = (kid) => one.role === 'treeitem' && kid.isPointer && Boolean(classLike(kid.element, ICON));
     const isOther = (kid) => kid.isControl || !within.includes(kid) || kid.isHeard() || isArrow(kid);
     return kids.filter((kid) => !isOwn(kid) && isOther(kid));

@@ -301,7 +301,7 @@
   const FILL_CHILDREN = 3;
 
   // What its slides are drawn by listens, and is named so: what can be clicked on a slide says so itself.
-  const CAROUSEL = /(?<![a-z])(carousel|slick-(list|track|slider)|swiper|splide|glide|flickity|embla|keen|siema|tns)(?![a-z])/i;
+  const CAROUSEL = /(?<![a-z])(carousel|slick-(list|track|slide|slider)|swiper|splide|glide|flickity|embla|keen|siema|tns)(?![a-z])/i;
   const isCarousel = (element) => Boolean(classLike(element, CAROUSEL));
 
   const ITEMS = 3; // of one kind, and of one size: then not what is around them is meant

@@ -6,7 +6,7 @@ divided at random: the rules of marks and text were corrected by the results on 
 by `half_b`. The pages in `unseen` were written after that and measured once before rules were corrected by
 them; those in `unseen_2` and then those in `unseen_3` were written after that, and measured once before, too.
 Those in `unseen_4` were written before the rules were corrected by `unseen_3`, and rules were corrected by
-them later. Those in `unseen_5` were written last: no rule was corrected by them.
+them later. Those in `unseen_5` were written after that, and measured once before, too.
 """
 
 from __future__ import annotations

@@ -63,8 +63,14 @@ LOOKS = frozenset({"class", "part", "style", "focus"})
 KIN = 3
 """Number of similar elements that are clicked before a mark without reaction is clicked again."""
 
+FIELD_ENDS = " |"
+"""Ends the name of a field that has the focus; what else has changed follows it."""
+
 SLACK = 8
 """Margin in CSS pixels around a mark that belongs to it."""
+
+DRAGGED = (10, 20, 30)
+"""Distances from the middle of a slider's handle, CSS pixels."""
 
 CALL_SECONDS = 30.0
 REACTION_SECONDS = 0.09
@@ -171,7 +177,7 @@ class Trier:
         if changes is None or address != self.url:
             return f"left {address}"
         if field and (changes or focused != before or is_in_field):
-            return str(field)
+            return "; ".join([str(field) + FIELD_ENDS, *changes])
         return "; ".join([*changes, *([focused] if focused != before else [])])
 
     async def _press(self, x: float, y: float, button: str = "left") -> None:
@@ -223,6 +229,21 @@ class Trier:
             await asyncio.sleep(LATE_SECONDS)
             if not press:
                 await self.evaluate("__trial.take()")
+        return bool((await self._came())[0])
+
+    async def is_dragged(self, x: float, y: float) -> bool:
+        """Whether the page reacts to a drag, such as that of a slider's handle, whose middle is its value."""
+        await self.load()
+        self._is_fresh = False
+        await self.mouse("mouseMoved", x, y)
+        await self._reaction()
+        await self.evaluate("__trial.take()")
+        await self.mouse("mousePressed", x, y, button="left", clickCount=1)
+        for distance in DRAGGED:
+            await self.mouse("mouseMoved", x + distance, y + distance, button="left", buttons=1)
+            await self._reaction()
+        await self.mouse("mouseReleased", x + distance, y + distance, button="left", clickCount=1)
+        await self._reaction()
         return bool((await self._came())[0])
 
     async def _came(self) -> tuple[list[str], str]:
@@ -312,8 +333,21 @@ def middle(element: Element) -> tuple[float, float]:
     return x + width / 2, y + height / 2
 
 
+def place_of(signature: str) -> str:
+    """The signature without what depends on where in a field one clicks."""
+    return signature.split(FIELD_ENDS)[0]
+
+
 def nodes_of(signature: str) -> set[str]:
-    return {change.split("=")[0] for change in signature.split("; ")}
+    return {change.split("=")[0] for change in place_of(signature).split("; ")}
+
+
+def is_twin(one: str, other: str) -> bool:
+    """Whether two marks do the same; buttons in a field, such as one that clears it, do something else."""
+    if place_of(one) != place_of(other) or not one:
+        return False
+    changes = [{each.split("=")[0] for each in signature.split("; ")[1:]} for signature in (one, other)]
+    return one == other or 2 * len(changes[0] & changes[1]) >= len(changes[0] | changes[1])
 
 
 def deeds_of(signature: str) -> set[str]:
@@ -350,7 +384,7 @@ async def measure(ours: Slot, trier: Trier, say: Any) -> Counter[str]:
             (
                 other
                 for other, same in zip(marks, signatures, strict=False)
-                if signature == same != "" and (inside(*middle(mark), other) or inside(*middle(other), mark))
+                if is_twin(signature, same) and (inside(*middle(mark), other) or inside(*middle(other), mark))
             ),
             None,
         )
@@ -360,6 +394,7 @@ async def measure(ours: Slot, trier: Trier, say: Any) -> Counter[str]:
             or await trier.is_current(*middle(mark), reacting)
             or await trier.is_right_clicked(*middle(mark))
             or await trier.is_lasting(*middle(mark))
+            or (mark.role == "slider" and await trier.is_dragged(*middle(mark)))
         )
         is_right = reacts and twin is None and not (is_large and mark.role != "textbox")
         counts["marks"] += 1
@@ -369,7 +404,7 @@ async def measure(ours: Slot, trier: Trier, say: Any) -> Counter[str]:
             say(f"  wrong   {mark.number:3} {mark.role} {mark.name[:30]!r} {mark.box}: {why}")
     for x, y in points:
         signature = tried[x, y]
-        is_found = signature in signatures or any(
+        is_found = place_of(signature) in map(place_of, signatures) or any(
             (inside(x, y, mark, SLACK) and (mark.role == "slider" or is_alike(signature, other)))
             or is_done_by(signature, other)
             for mark, other in zip(marks, signatures, strict=True)

@@ -5,8 +5,8 @@ bundled with its imports. The pages in `half_a` and `half_b` were written before
 divided at random: the rules of marks and text were corrected by the results on `half_a`, those of marks later
 by `half_b`. The pages in `unseen` were written after that and measured once before rules were corrected by
 them; those in `unseen_2` and then those in `unseen_3` were written after that, and measured once before, too.
-Those in `unseen_4` were written last, before the rules were corrected by `unseen_3`: no rule was corrected by
-them.
+Those in `unseen_4` were written before the rules were corrected by `unseen_3`, and rules were corrected by
+them later. Those in `unseen_5` were written after that, and measured once before, too.
 """
 
 from __future__ import annotations
@@ -55,7 +55,15 @@ PACKAGES = (
     "treeselectjs@0.14 ion-rangeslider@2 jquery-contextmenu@2 metismenu@3.0 lightgallery@2 flickity@3 "
     "viewerjs@1 dragula@3 gridstack@12 mediaelement@7 wavesurfer.js@7 react-aria-components@1 "
     "@internationalized/date@3 @arco-design/web-react@2 react-big-calendar@1 moment@2 "
-    "@xyflow/react@12 @types/react@18 @types/react-dom@18 filepond@4 muuri@0.9"
+    "@xyflow/react@12 @types/react@18 @types/react-dom@18 filepond@4 muuri@0.9 "
+    # of the fifth set of unseen pages
+    "@awesome.me/webawesome@3 @vaadin/menu-bar@24 @vaadin/accordion@24 @vaadin/multi-select-combo-box@24 "
+    "@vaadin/time-picker@24 @vaadin/integer-field@24 @duetds/date-picker@1 vanilla-colorful@0.7 "
+    "tui-date-picker@4 tui-pagination@3 bootstrap-datepicker@1 color-calendar@1 echarts@5 frappe-charts@1 "
+    "cytoscape@3 konva@9 drawflow@0.0.60 tiny-slider@2 slick-carousel@1 medium-editor@5 suneditor@2 "
+    "clusterize.js@1 react-window@1 react-select@5 react-datepicker@8 @headlessui/react@2 rc-tree@5 vant@4 "
+    "@selectize/selectize@0.15 multiple-select@2 bootstrap-slider@11 glightbox@3 @ztree/ztree_v3@3 "
+    "canvas-datagrid@0.4 pivottable@2 flowbite@3 semantic-ui-react@2 semantic-ui-css@2"
 ).split()
 
 FOLDER = Path(__file__).with_name("npm_pages")
@@ -71,6 +79,7 @@ PAGES = {
     "unseen_2": [name for name, file in FILES.items() if file.parent.name == "unseen_2"],
     "unseen_3": [name for name, file in FILES.items() if file.parent.name == "unseen_3"],
     "unseen_4": [name for name, file in FILES.items() if file.parent.name == "unseen_4"],
+    "unseen_5": [name for name, file in FILES.items() if file.parent.name == "unseen_5"],
 }
 """Names of pages by set."""
 CACHE = Path.home() / ".cache/webgym/npm_pages"

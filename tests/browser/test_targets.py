@@ -279,6 +279,54 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         "<script>document.addEventListener('mousedown', () => {})</script>",
         ["Colours"],
     ),
+    "items of a list that keeps room before and after those in view": (
+        "<ul class=on style='margin:0;padding:0'><li style='height:40px'></li>"
+        + "".join(f"<li style='height:20px' data-id={n}>Row {n}</li>" for n in range(3))
+        + "<li style='height:900px'></li></ul>"
+        + LISTENS.format("click"),
+        ["Row 0", "Row 1", "Row 2"],
+    ),
+    "slides of a carousel, which is dragged": (
+        "<div class='slick-list on' style='overflow:hidden'><div class=slick-track style='display:flex'>"
+        + "".join(f"<p style='width:100px'>{name}</p>" for name in ("One", "Two", "Three"))
+        + "</div></div>"
+        + LISTENS.format("click"),
+        [],
+    ),
+    "a field as narrow as its caret, and what is around it": (
+        "<div class=on style='border:1px solid;width:200px;padding:4px'><b>Apple</b>"
+        "<input style='width:4px;border:0;padding:0'></div>" + LISTENS.format("mousedown"),
+        ["Apple"],
+    ),
+    "a track of two pixels under a handle": (
+        "<p style='padding:20px'><div class=on style='position:relative;width:300px;height:2px;"
+        "cursor:pointer;background:silver'><i role=slider tabindex=0 style='position:absolute;left:100px;"
+        "top:-12px;width:24px;height:24px;background:red'></i></div>" + LISTENS.format("click"),
+        ["", ""],
+    ),
+    "ends of lines that are only dragged": (
+        "<div class=on style='width:300px;height:200px'><i style='position:absolute;left:40px;top:40px;"
+        "width:20px;height:20px;cursor:crosshair;background:red'></i><button>Mail</button></div>"
+        + LISTENS.format("mousedown"),
+        ["Mail"],
+    ),
+    "an arrow in a button that opens": (
+        "<div role=button class=on tabindex=0 style='width:90px'>Fruit <i class='dropdown icon on' "
+        "style='display:inline-block;width:14px;height:14px;background:red'></i></div>"
+        + LISTENS.format("click"),
+        ["Fruit"],
+    ),
+    "an item of a tree whose arrow has a pointer": (
+        "<div role=tree class=on><div role=treeitem tabindex=0>One <i class=expand-button style='display:"
+        "inline-block;width:14px;height:14px;background:red;cursor:pointer'></i></div></div>"
+        + LISTENS.format("click"),
+        ["One", ""],
+    ),
+    "jQuery that listens for whatever lies in a box": (
+        "<div id=box><b>Apple</b> <i>Pear</i></div><script>box.jQuery3 = {events: {mousedown: Object.assign("
+        "[{selector: '*:not(input)', handler: () => {}}], {delegateCount: 1})}}</script>",
+        [],
+    ),
     "boxes to tick and arrows of rows that a tree listens for": (
         ICON
         + "<style>s::before{content:'\\a0'}</style><div class=on>"

@@ -83,7 +83,8 @@
       for (let k = 0; events && k < PRESSES.length; k++) {
         const handlers = own(events, PRESSES[k]) || [];
         for (let n = 0; n < handlers.length; n++) {
-          if (!handlers[n].selector || !matches(element, handlers[n].selector)) continue;
+          const { selector } = handlers[n];
+          if (!selector || startsWith(selector, '*') || !matches(element, selector)) continue; // "*": of anything
           if (k < FIRST_DOWN) return CLICK;
           found = DOWN;
         }

@@ -218,16 +218,24 @@
     return known.get(sheet).selectors;
   };
 
-  const AIMED = new Set(['pointer', 'crosshair', 'cell']);
+  const AIMED = new Set(['pointer', 'cell']);
   let hovers = new Map(); // by document or shadow root: the selectors in this look, null if there are none
   const showsPointer = (element, style) => {
     if (AIMED.has(style.cursor)) return true;
+    if (style.cursor === 'crosshair') return isAimedAt(element);
     const root = getRootNode(element);
     if (!hovers.has(root)) {
       const sheets = nodeType(root) === Node.ELEMENT_NODE ? [] : [...styleSheets(root), ...adoptedStyleSheets(root)];
       hovers.set(root, sheets.flatMap(selectorsOf).join(',') || null);
     }
     return hovers.get(root) !== null && matches(element, hovers.get(root));
+  };
+
+  // A crosshair is for drags, too, such as that of a line from one box to another.
+  const isAimedAt = (element) => {
+    const around = parentOf(element);
+    if (around && getComputedStyle(around).cursor === 'crosshair') return isAimedAt(around);
+    return hears(element) || Boolean(nameOf(element, 'button'));
   };
 
   // What only its script and its cursor make clickable is found by them.
@@ -292,8 +300,13 @@
   };
   const FILL_CHILDREN = 3;
 
+  // What its slides are drawn by listens, and is named so: what can be clicked on a slide says so itself.
+  const CAROUSEL = /(?<![a-z])(carousel|slick-(list|track|slide|slider)|swiper|splide|glide|flickity|embla|keen|siema|tns)(?![a-z])/i;
+  const isCarousel = (element) => Boolean(classLike(element, CAROUSEL));
+
   const ITEMS = 3; // of one kind, and of one size: then not what is around them is meant
   const itemsOf = (element, depth = 0) => {
+    if (isCarousel(element)) return [];
     const fills = depth < FILL_DEPTH ? fillsOf(element) : [];
     for (const fill of fills) {
       const found = itemsOf(fill, depth + 1);
@@ -301,7 +314,10 @@
     }
     return fills.length ? [] : alikeIn([...children(element)]);
   };
-  const alikeIn = (inner) => {
+  const alikeIn = (all) => {
+    const inner = [...all];
+    if (keepsRoom(inner[0], inner[1])) inner.shift();
+    if (keepsRoom(inner.at(-1), inner.at(-2))) inner.pop();
     if (inner.length < ITEMS) return [];
     const [{ width, height }, name] = [getBoundingClientRect(inner[0]), localName(inner[0])];
     const isAlike = (child) => {
@@ -311,6 +327,13 @@
     };
     const isWhole = width >= 8 && height >= 8 && inner.every(isAlike);
     return isWhole && !GRIPS.test(getComputedStyle(inner[0]).cursor) ? inner : [];
+  };
+
+  // What a list that draws only what is in view puts before or after it: of another size, and nothing is to be seen.
+  const keepsRoom = (element, beside) => {
+    if (!beside || childElementCount(element) || textContent(element).trim()) return false;
+    const isAsTall = Math.abs(getBoundingClientRect(element).height - getBoundingClientRect(beside).height) <= 2;
+    return !isAsTall && !hasPaint(getComputedStyle(element)) && !hasParts(element);
   };
 
   // One of several things with a name that lie in a box by themselves, as long as each is: a bar of a plan.
@@ -391,9 +414,9 @@
     return Boolean(isOfField) && !hears(element);
   };
 
-  // The class of an element that fits `pattern`, one of several such words in a name: `listArrow`, `tree-arrow`.
+  // The class or part of an element that fits `pattern`, one of several such words in a name: `listArrow`, `tree-arrow`.
   const classLike = (element, pattern) =>
-    (getAttribute(element, 'class') || '')
+    `${getAttribute(element, 'class') || ''} ${getAttribute(element, 'part') || ''}`
       .split(/\s+/)
       .find((name) => pattern.test(name.replace(/([a-z])(?=[A-Z])/g, '$1-')));
 
@@ -464,7 +487,7 @@
     const isControl = Boolean(role && widgetOf(element));
     const isPointer = Boolean(style && startsPointer(element, style));
     const isPart = Boolean(style) && !role && !isItem && (isIcon(element) || isSorter(element));
-    const isTold = Boolean(style) && !role && !isPointer && !isItem && isToldByData(element, style);
+    const isTold = Boolean(style) && !role && !isPointer && isToldByData(element, style);
     const isUsed = () => isItem || isPart || isTold || hears(element) || isHeardAround(element) || isCell(element, style);
     if (!role && !isPointer && !(style && isUsed())) return null;
     if (isOff(element) || (!isControl && isOfLabel(element))) return null;
@@ -472,7 +495,7 @@
     const isText = !role && !isPointer && isPlainText(element, style);
     if (isText && hasPointedKin(element)) return null;
     const isPlain = !role && !isPointer && !isPart && !isCell(element, style);
-    if (isPlain && (isGrip(element, style) || isIdlePart(element))) return null;
+    if (isPlain && (isGrip(element, style) || isIdlePart(element) || isCarousel(element))) return null;
     if (role === 'listbox' && localName(element) !== 'select') return null; // its options are what one clicks
     const list = role === 'option' && localName(element) === 'option' ? closest(element, 'select') : null;
     if (list && roleOf(list) !== 'listbox') return null;
@@ -503,6 +526,7 @@
     return one.boxes.length > 0;
   };
 
+  const NOTHING = { left: 0, top: 0, right: 0, bottom: 0 };
   const COVER = 0.5; // of its box: what covers that much of an element is the element
   const [SMALL, LARGE] = [0.03, 0.25]; // of the viewport
   const GIVES_WAY = new Set(['gridcell', 'treeitem', 'combobox', 'option', 'tab']);
@@ -560,7 +584,8 @@
 
   // Does a part of this item, by a script of its own, do what the item itself does not?
   const isItemOf = (one, kid) => {
-    const name = kid.role !== one.role && (kid.isPointer || kid.isHeard()) && nameOf(kid.element, kid.role);
+    const isPart = kid.role === one.role || Boolean(classLike(kid.element, ICON)); // its arrow
+    const name = !isPart && (kid.isPointer || kid.isHeard()) && nameOf(kid.element, kid.role);
     return Boolean(name) && nameOf(one.element, one.role).includes(name);
   };
 
@@ -568,12 +593,26 @@
   const isBoard = (element) =>
     WHOLE.has(localName(element)) && !(localName(element) === 'svg' && querySelector(element, 'text'));
 
+  // A field that is no wider than its caret: a click on what is around it gets there.
+  const isThinField = ({ isControl, role, boxes: [box] }) => isControl && TEXTS.has(role) && box.right - box.left <= THIN;
+  const THIN = 8; // pixels
+
+  // The arrow in a list or a button that opens: it does the same.
+  const OPENS = new Set(['button', 'combobox', 'listbox', 'tab']);
+  const OPENER = /(?<![a-z])(dropdown|caret|chevron|angle|arrow)(?![a-z])/i;
+  const openerOf = (one, within) => {
+    const isOpener = ({ element, isControl }) =>
+      !isControl && !nameOf(element, 'button') && Boolean(classLike(element, OPENER));
+    const found = OPENS.has(one.role) ? within.filter(isOpener) : [];
+    return found.length === 1 ? found[0] : null; // two sort by what is above them
+  };
+
   // Which of `kids`, the candidates that lie in `one`, are kept beside it; null where they are kept in its stead.
   const keptBeside = (one, kids) => {
     const box = rectOf(one);
     const area = areaOf(box);
     const within = kids.filter((kid) => isIn(middle(kid.boxes[0]), box));
-    const share = (kid) => areaOf(kid.boxes[0]) / area;
+    const share = ({ boxes }) => areaOf(intersect(boxes[0], box) || NOTHING) / area;
     if (!one.isControl) {
       const isHeading = ({ element, isPart }) => isPart && matches(element, HEADING);
       if (!one.isPointer && (isNothing(one) || within.some(isHeading))) return null;
@@ -587,7 +626,7 @@
       const isWrapper = within.length === 1 && isWrapperOf(one, within[0], share(within[0]));
       if (isCovered || isWrapper || !(one.isHeard() || within.every(({ isPart }) => isPart))) return null;
       const isComponent = isComponentOf(one, within);
-      if (isComponent && !within[0].isControl) return kids.filter((kid) => kid !== within[0]);
+      if (isComponent && !within[0].isControl && !classLike(within[0].element, ICON)) return kids.filter((kid) => kid !== within[0]);
       if (isComponent || isSliderOf(box, within)) {
         within[0].boxes = one.boxes;
         return null;
@@ -597,7 +636,10 @@
         !(kid.isControl || nameOf(kid.element, kid.role) || (kid.isHeard() && !kid.isPart));
       const isTrack = area < LARGE * innerWidth * innerHeight && within.every(isHandle);
       const isSmall = area < SMALL * innerWidth * innerHeight;
-      return one.isPointer || isTrack || (isSmall && hasOtherText(one, within)) ? kids : null;
+      if (!(one.isPointer || isTrack || (isSmall && hasOtherText(one, within)))) return null;
+      const thin = within.find(isThinField);
+      if (thin) Object.assign(one, { role: thin.role, field: thin.element });
+      return kids.filter((kid) => kid !== thin);
     }
     const isInert = one.role === 'treeitem' && !one.isPointer && !one.isHeard();
     if (isInert && within.some((kid) => isItemOf(one, kid))) return null;
@@ -606,8 +648,11 @@
     if (same.some(isField) && !WITHOUT_PARTS.has(one.role)) return null;
     const isNamesake = (kid) => !kid.isControl && Boolean(nameOf(kid.element, kid.role)) && isOfName(kid);
     const isOfName = (kid) => one.role === 'button' && nameOf(kid.element, kid.role) === nameOf(one.element, one.role);
-    const isOwn = (kid) => same.includes(kid) || isPartOf(one, kid) || isNamesake(kid);
-    return kids.filter((kid) => !isOwn(kid) && (kid.isControl || !within.includes(kid) || kid.isHeard()));
+    const opener = openerOf(one, within);
+    const isOwn = (kid) => same.includes(kid) || isPartOf(one, kid) || isNamesake(kid) || kid === opener;
+    const isArrow = (kid) => one.role === 'treeitem' && kid.isPointer && Boolean(classLike(kid.element, ICON));
+    const isOther = (kid) => kid.isControl || !within.includes(kid) || kid.isHeard() || isArrow(kid);
+    return kids.filter((kid) => !isOwn(kid) && isOther(kid));
   };
 
   // The candidates that are elements of their own, in the order of the document.
@@ -639,10 +684,10 @@
     return shorten(typeof href === 'string' ? href : new URL(href.baseVal, baseURI(element)).href, 'address');
   };
 
-  const describe = ({ element, role }) => ({
+  const describe = ({ element, role, field }) => ({
     role,
-    name: shorten(nameOf(element, role), 'name'),
-    value: valueOf(element, role) ?? undefined,
+    name: shorten(nameOf(field || element, role) || (field ? nameOf(element, 'button') : ''), 'name'),
+    value: valueOf(field || element, role) ?? undefined,
     href: role === 'link' ? hrefOf(element) : undefined,
   });
 

@@ -286,12 +286,15 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         + LISTENS.format("click"),
         ["Row 0", "Row 1", "Row 2"],
     ),
-    "slides of a carousel, which is dragged": (
+    "slides of a carousel, which is dragged, and one that listens": (
         "<div class='slick-list on' style='overflow:hidden'><div class=slick-track style='display:flex'>"
-        + "".join(f"<p style='width:100px'>{name}</p>" for name in ("One", "Two", "Three"))
-        + "</div></div>"
+        + "".join(
+            f"<p tabindex=-1 data-slick-index={n} style='width:100px;user-select:none'>{n}</p>"
+            for n in range(3)
+        )
+        + "<p class='slick-slide on'>Four</p></div></div>"
         + LISTENS.format("click"),
-        [],
+        ["Four"],
     ),
     "a field as narrow as its caret, and what is around it": (
         "<div class=on style='border:1px solid;width:200px;padding:4px'><b>Apple</b>"

@@ -106,13 +106,14 @@ def _apart(function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
 
 def _main_processes(env: Any) -> list[psutil.Process]:
     """Those of the environment's browsers that run."""
-    found = []
+    found, ours = [], {process.pid: process for process in psutil.Process().children(recursive=True)}
     for browser in [owner.browser for owner in (env, env.chat) if owner and owner.browser]:
-        with suppress(Error, psutil.NoSuchProcess):
+        with suppress(Error):
             session = browser.new_browser_cdp_session()
             processes = session.send("SystemInfo.getProcessInfo")["processInfo"]
             session.detach()
-            found += [psutil.Process(each["id"]) for each in processes if each["type"] == "browser"]
+            numbers = [each["id"] for each in processes if each["type"] == "browser"]
+            found += [ours[number] for number in numbers if number in ours]  # in this namespace of processes
     return found
 
 

@@ -288,7 +288,8 @@
   const isHeardAround = (element) => {
     if (getAttribute(element, 'tabindex') !== '-1' || childElementCount(element) || isStructure(element)) return false;
     const parent = parentOf(element);
-    return Boolean(parent) && (hears(parent) || Boolean(parentOf(parent) && hears(parentOf(parent))));
+    if (!parent || isCarousel(parent)) return false;
+    return hears(parent) || Boolean(parentOf(parent) && hears(parentOf(parent)));
   };
 
   const FILLS = 0.9; // of its parent's box: what it holds is what the parent holds
@@ -300,8 +301,11 @@
   };
   const FILL_CHILDREN = 3;
 
-  // What its slides are drawn by listens, and is named so: what can be clicked on a slide says so itself.
-  const CAROUSEL = /(?<![a-z])(carousel|slick-(list|track|slide|slider)|swiper|splide|glide|flickity|embla|keen|siema|tns)(?![a-z])/i;
+  // What slides lie in listens, to be dragged, and is named so. What can be clicked on a slide, or is one, says so itself.
+  const CAROUSEL = new RegExp(
+    '^(slick-(list|track|slider)|swiper(-wrapper|-container)?|splide(__(track|list|slider))?|glide(__(track|slides))?|' +
+    'flickity-(enabled|viewport|slider)|embla(__(viewport|container))?|keen-slider|siema|tns-(inner|ovh|slider|carousel)|' +
+    'carousel(-(inner|track|viewport))?)$', 'i');
   const isCarousel = (element) => Boolean(classLike(element, CAROUSEL));
 
   const ITEMS = 3; // of one kind, and of one size: then not what is around them is meant
@@ -460,7 +464,7 @@
     if (!ofKind(element, 'ownerSVGElement') && !nameOf(element, 'button')) return false; // a background
     let around = parentOf(element);
     for (let n = 0; around && n < AROUND && !hearsClicks(around); n++) around = parentOf(around);
-    if (!around || !hearsClicks(around)) return false;
+    if (!around || !hearsClicks(around) || isCarousel(around)) return false;
     const scope = getRootNode(around) === getRootNode(element) ? around : getRootNode(element);
     const [first] = (getAttribute(element, 'class') || '').trim().split(/\s+/);
     const kind = CSS.escape(localName(element)) + (first && `.${CSS.escape(first)}`);

@@ -180,6 +180,14 @@ class Trier:
             return "; ".join([str(field) + FIELD_ENDS, *changes])
         return "; ".join([*changes, *([focused] if focused != before else [])])
 
+    async def _arrive(self, x: float, y: float) -> None:
+        """Load the page and move the mouse there; changes from then on count."""
+        await self.load()
+        self._is_fresh = False
+        await self.mouse("mouseMoved", x, y)
+        await self._reaction()
+        await self.evaluate("__trial.take()")
+
     async def _press(self, x: float, y: float, button: str = "left") -> None:
         """Click like a person: the page draws while the button is down."""
         for kind in ("mousePressed", "mouseReleased"):
@@ -188,11 +196,7 @@ class Trier:
 
     async def is_right_clicked(self, x: float, y: float) -> bool:
         """Whether the page reacts to a click with the right button."""
-        await self.load()
-        self._is_fresh = False
-        await self.mouse("mouseMoved", x, y)
-        await self._reaction()
-        await self.evaluate("__trial.take()")
+        await self._arrive(x, y)
         await self._press(x, y, "right")
         return bool((await self._came())[0])
 
@@ -233,11 +237,7 @@ class Trier:
 
     async def is_dragged(self, x: float, y: float) -> bool:
         """Whether the page reacts to a drag, such as that of a slider's handle, whose middle is its value."""
-        await self.load()
-        self._is_fresh = False
-        await self.mouse("mouseMoved", x, y)
-        await self._reaction()
-        await self.evaluate("__trial.take()")
+        await self._arrive(x, y)
         await self.mouse("mousePressed", x, y, button="left", clickCount=1)
         for distance in DRAGGED:
             await self.mouse("mouseMoved", x + distance, y + distance, button="left", buttons=1)
@@ -254,13 +254,9 @@ class Trier:
         """Whether the page reacts in the same way to the mouse without a click, such as with a tooltip."""
         key = (round(x, 1), round(y, 1), 0.0)
         if key not in self.known:
-            await self.load()
-            await self.mouse("mouseMoved", x, y)
-            await self._reaction()
-            await self.evaluate("__trial.take()")
+            await self._arrive(x, y)
             await asyncio.sleep(LATE_SECONDS)
             self.known[key] = "; ".join((await self._came())[0])
-            self._is_fresh = False
         return nodes_of(signature) <= nodes_of(self.known[key])
 
     async def _reaction(self) -> None:

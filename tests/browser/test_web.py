@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import io
 import socket
 import ssl
 import struct
@@ -13,12 +14,15 @@ from datetime import UTC, datetime
 
 import pytest
 import trustme
+from PIL import Image
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, RedirectResponse, Response
+from starlette.responses import HTMLResponse, RedirectResponse, Response, StreamingResponse
 
-from webgym.core.action import GoBack, LeftClick
+from webgym.browser.config import BrowserConfig
+from webgym.browser.observe import Look
+from webgym.core.action import GoBack, LeftClick, Wait
 
-from .conftest import Site, Tab
+from .conftest import VIEWPORT, Open, Site, Tab
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
@@ -206,6 +210,98 @@ async def test_a_page_that_breaks_off(site: Site, tab: Tab) -> None:
             [(kind, text)] = tab.notices
             assert kind == "navigation_failed"
             assert "net::ERR_CONTENT_LENGTH_MISMATCH" in text
+
+
+IMPATIENT = BrowserConfig(settle_seconds=0.6, screenshot_try_seconds=0.6)
+COMMENTS = "<!-- -->" * 300  # Chromium reads the first part of a page when it has this much
+
+
+def is_white(look: Look) -> bool:
+    with Image.open(io.BytesIO(look.image)) as image:
+        assert image.size == VIEWPORT
+        return image.convert("L").getextrema() == (255, 255)
+
+
+HEADS = {
+    "nothing at all": "",
+    "a part of its head": f"<!doctype html><title>Late</title>{COMMENTS}",
+    "a script to wait for": f"<!doctype html><title>Late</title><script src='/late.js'></script>{COMMENTS}",
+}
+
+
+@pytest.mark.parametrize("head", HEADS.values(), ids=HEADS.keys())
+async def test_a_page_that_is_late_with_its_body(site: Site, open_tab: Open, head: str) -> None:
+    """Chromium draws nothing before there is a body, and answers no request for a picture."""
+    going_on = asyncio.Event()
+
+    async def page(_: Request) -> Response:
+        async def parts() -> AsyncIterator[str]:
+            yield head
+            if "/late.js" not in head:
+                await going_on.wait()
+            yield "<body><p>here it is</p>"
+
+        return StreamingResponse(parts(), media_type="text/html")
+
+    async def late(_: Request) -> Response:
+        await going_on.wait()
+        return Response("", media_type="text/javascript")
+
+    site.on("/late.js", late)
+    tab = await open_tab(config=IMPATIENT, jpeg_quality=None if head else 80)
+    look = await tab.goto(site.on("/late", page))
+    assert is_white(look)
+    assert [kind for kind, _ in tab.notices] == ["still_loading"]
+    assert look.observation.url == site.url("/late")
+    going_on.set()
+    look = await tab.step(Wait(time=1))
+    assert not is_white(look)
+    assert tab.text == ["here it is"]
+
+
+BLOCKING = {
+    "a style sheet": "<link rel=stylesheet href=/late.css>",
+    "an imported one": "<style>@import url(/late.css)</style>",
+    "a script": "<script async blocking=render src=/late.js></script>",
+}
+
+
+@pytest.mark.parametrize("blocking", BLOCKING.values(), ids=BLOCKING.keys())
+async def test_a_page_is_shown_while_it_waits_for(site: Site, open_tab: Open, blocking: str) -> None:
+    going_on = asyncio.Event()
+
+    async def late(request: Request) -> Response:
+        await going_on.wait()
+        if request.url.path == "/late.css":
+            return Response("p { display: none }", media_type="text/css")
+        return Response("document.querySelector('p').textContent = 'new'", media_type="text/javascript")
+
+    for path in ("/late.css", "/late.js"):
+        site.on(path, late)
+    tab = await open_tab(config=IMPATIENT)
+    url = site.page(f"<head><title>T</title>{blocking}</head><body><p>here</p><button>b</button>")
+    assert not is_white(await tab.goto(url))
+    assert tab.text == ["here", "b"]
+    assert [kind for kind, _ in tab.notices] == ["still_loading"]
+    await tab.step(LeftClick(tab.at("b")))
+    assert "action_failed" not in [kind for kind, _ in tab.notices]
+    going_on.set()
+    await tab.step(Wait(time=1))
+    assert tab.text == (["new", "b"] if "script" in blocking else ["b"])
+    assert site.hits.count("/late.css") + site.hits.count("/late.js") == 1
+
+
+@pytest.mark.parametrize("part", ["", "<!doctype html>", f"<!doctype html><title>Half</title>{COMMENTS}"])
+async def test_a_page_that_breaks_off_before_its_body(site: Site, open_tab: Open, part: str) -> None:
+    head = b"HTTP/1.1 200 OK\r\nContent-Type: text/html\r\nContent-Length: 90000\r\n\r\n"
+    tab = await open_tab(config=IMPATIENT)
+    async with raw(says(head + part.encode())) as place:
+        async for home in both_ways(site, tab, f"http://{place}/"):
+            assert tab.last is not None
+            assert is_white(tab.last)
+            assert "navigation_failed" in [kind for kind, _ in tab.notices]
+            await tab.step(GoBack())
+            assert tab.last.observation.url == home
 
 
 async def test_names_that_do_not_exist(site: Site, tab: Tab) -> None:

@@ -450,8 +450,9 @@ def test_our_server_takes_adapters_and_has_them_again_after_a_crash(tmp_path: Pa
             watch.cancel()
 
     asyncio.run(go())
-    (line, _) = (tmp_path / "training" / "vllm.log").read_text().splitlines()
-    assert "--enable-lora --max-lora-rank 32 --max-loras 2" in line
+    started = (tmp_path / "training" / "vllm.log").read_text().splitlines()
+    first, _ = (line for line in started if line.startswith("INFO starting"))
+    assert "--enable-lora --max-lora-rank 32 --max-loras 2" in first
 
 
 @pytest.mark.parametrize(

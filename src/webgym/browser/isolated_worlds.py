@@ -54,6 +54,7 @@ _FILES = (
     "pointer",
     "effect",
     "early",
+    "drawing",
     "boxes",
     "sight",
     "targets",

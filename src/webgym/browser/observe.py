@@ -260,6 +260,7 @@ async def capture(page: Page) -> bytes:
     params: dict[str, object] = {"format": "png", "optimizeForSpeed": True}
     if quality is not None:
         params = {"format": "jpeg", "quality": quality}
+    picture_type = f"image/{params['format']}"
     try:
         async with asyncio.timeout(config.screenshot_seconds):
             while True:
@@ -270,8 +271,10 @@ async def capture(page: Page) -> bytes:
                         reply=Screenshot,
                         seconds=config.screenshot_try_seconds,
                     )
-                except BrowserTimeout:  # the request was lost with a replaced frame,
-                    await page.complete()  # or there is nothing to draw
+                except BrowserTimeout:  # the request was lost with a replaced frame, or nothing is drawn yet
+                    undrawn = await page.picture_if_undrawn(picture_type, quality and quality / 100)
+                    if undrawn is not None:
+                        return undrawn
                     continue
                 except CommandFailed as error:
                     if not any(words in error.message for words in _NO_FRAME_YET):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import contextlib
 import logging
 import time
@@ -341,15 +342,29 @@ class Page:
         """Terminate the running script, which keeps the page from answering."""
         self.session.send("Runtime.terminateExecution")
 
-    async def complete(self) -> None:
-        """Add an empty body to a document that ended before its body: Chromium never draws it otherwise.
+    async def picture_if_undrawn(self, picture_type: str, quality: float | None) -> bytes | None:
+        """A white picture of a document without a body, which Chromium does not draw.
 
-        This happens if a script in its head opens another program, such as for mail: the rest is not parsed.
+        Documents that ended before their body get one: a script in the head may open another program, such as
+        for mail, and then the rest is not parsed; or the connection broke. Documents that are held back by a style
+        sheet that is still loading are drawn without it until it has loaded.
+
+        Args:
+            picture_type: its media type.
+            quality: of a JPEG, 0 to 1.
+
+        Returns:
+            The picture; ``None`` if there is something to draw now.
         """
+        options = {"hasEnded": self.loader in self._failures, "type": picture_type, "quality": quality}
         with contextlib.suppress(DocumentGone, CommandFailed, BrowserTimeout):
-            if await self.run("isCutOff", reply=bool):
+            found = await self.run("drawn", options, reply=str)
+            if found == "cut off":
                 content = {"frameId": self.target_id, "html": ""}
                 await self.session.do("Page.setDocumentContent", content, seconds=self.config.execute_seconds)
+            elif found:
+                return base64.b64decode(found.partition(",")[2])
+        return None
 
     # --- navigation ---------------------------------------------------------------------------------
 

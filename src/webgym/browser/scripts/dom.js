@@ -41,7 +41,7 @@
     Element,
     'localName namespaceURI shadowRoot assignedSlot nextElementSibling clientLeft clientTop clientWidth clientHeight ' +
       'scrollWidth scrollHeight scrollTop scrollLeft getAttribute getAttributeNames hasAttribute setAttribute removeAttribute matches closest ' +
-      'checkVisibility getBoundingClientRect getClientRects computedStyleMap scrollBy scrollIntoView',
+      'checkVisibility getBoundingClientRect getClientRects computedStyleMap scrollBy scrollIntoView replaceWith',
   );
   take(
     Document,

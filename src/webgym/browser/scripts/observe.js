@@ -4,7 +4,7 @@
   if (webgym.observe) return;
   const {
     nodeType, parentNode, childNodes, firstChild, localName, nextElementSibling, firstElementChild, scrollHeight,
-    getBoundingClientRect, body, title, documentElement, scrollingElement, readyState, isContentEditable,
+    getBoundingClientRect, body, title, documentElement, scrollingElement, isContentEditable,
   } = webgym.dom;
   const { fold, rootOf, frameIn, isFrame, shorten } = webgym;
   const { roleOf, valueOf } = webgym.roles;
@@ -157,8 +157,6 @@
     webgym.watch(root);
     if (place.isSurveyed) near(root);
   };
-
-  webgym.isCutOff = () => readyState(document) === 'complete' && !body(document);
 
   // --- what a walk finds --------------------------------------------------------------------------
 

@@ -346,8 +346,8 @@ class Page:
         """A white picture of a document without a body, which Chromium does not draw.
 
         Documents that ended before their body get one: a script in the head may open another program, such as
-        for mail, and then the rest is not parsed; or the connection broke. Documents that are held back by a style
-        sheet that is still loading are drawn without it until it has loaded.
+        for mail, and then the rest is not parsed; or the connection broke. Documents that are held back by a
+        style sheet that is still loading are drawn without it until it has loaded.
 
         Args:
             picture_type: its media type.

@@ -20,10 +20,20 @@ from webgym.bench.rollout.compare import compare, comparison_table, loaded_servi
 from webgym.bench.rollout.endpoint import Script, serving_endpoint
 from webgym.bench.rollout.engine import Engine, PrefixCache
 from webgym.bench.rollout.measure import Load, Measured, begin, file_of, measure_into, read_bench
-from webgym.bench.rollout.plan import MODES, PARTS, Cell, RolloutPlan, scripts_of
+from webgym.bench.rollout.plan import (
+    MODES,
+    PAGE_LATENCIES,
+    PARTS,
+    Cell,
+    PageLatency,
+    RolloutPlan,
+    scripts_of,
+)
 from webgym.bench.rollout.tables import draw_rollout, rollout_tables
+from webgym.browser.config import BrowserConfig
 from webgym.cli import main
 from webgym.core.errors import ConfigError, RunFolderError, UsageError
+from webgym.offline import latency
 from webgym.offline.web import OfflineWeb
 from webgym.simulate.config import Costs, Workload
 from webgym.simulate.questions import Questions
@@ -195,6 +205,25 @@ def measured(cell: Cell, seconds: float) -> Measured:
         loads=[Load(1.0, 0.5, 0.5, 2), Load(2.0, 0.9, 0.1, 1)],
         machine_load=0.5,
     )
+
+
+@pytest.mark.parametrize(("name", "longest", "median"), [("paper", 60.0, 1.0), ("paper_cut", 10.0, 1.0)])
+def test_pages_are_as_late_as_the_simulation_says_and_browsers_wait_for_them(
+    name: PageLatency, longest: float, median: float
+) -> None:
+    network = PAGE_LATENCIES[name]
+    sites = network.sites
+    drawn = [
+        latency.seconds(
+            0, "a.test", "/", nth, sites.latency, sigma=sites.latency_sigma, longest=sites.latency_longest
+        )
+        for nth in range(4000)
+    ]
+    assert max(drawn) == pytest.approx(longest)
+    assert sorted(drawn)[2000] == pytest.approx(median, rel=0.1)
+    browsers = BrowserConfig.model_validate(network.deadlines)
+    assert browsers.navigate_seconds > longest
+    assert browsers.settle_seconds >= longest
 
 
 def test_every_mode_is_measured_at_every_number_of_processors() -> None:

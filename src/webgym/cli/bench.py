@@ -239,8 +239,9 @@ def rollout(
     page_latency: str = typer.Option(
         "offline",
         "--page-latency",
-        help="Latency of pages: offline (that of the offline web) or paper (that of the simulation that is "
-        "fitted to the paper, with a median of 1 s and a much heavier tail).",
+        help="Latency of pages: offline (that of the offline web), paper (that of the simulation that is "
+        "fitted to the paper: a median of 1 s, a much heavier tail, at most 60 s, with browsers that wait "
+        "for it) or paper_cut (at most 10 s, with the usual deadlines).",
     ),
     rounds: int = typer.Option(
         3,

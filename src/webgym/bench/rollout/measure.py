@@ -7,7 +7,7 @@ import os
 import shutil
 import time
 from collections import Counter
-from collections.abc import AsyncIterator, Iterator, Sequence
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 from typing import Final
@@ -174,13 +174,15 @@ def _confined(cpus: int) -> Iterator[None]:
 
 
 @asynccontextmanager
-async def _browsers(cell: Cell, sites: RunningSites) -> AsyncIterator[ServerAddress]:
+async def _browsers(
+    cell: Cell, sites: RunningSites, deadlines: Mapping[str, float]
+) -> AsyncIterator[ServerAddress]:
     """Run a browser server on the cell's processors until the block ends; all of its slots are ready."""
     with _confined(cell.cpus):  # also for the settings, whose defaults depend on the number of processors
         config = ServerConfig(
             slots=cell.sessions,
             admission=Admission(queues=cell.queues),
-            browser=BrowserConfig().allowing(*sites.allowed_hosts),
+            browser=BrowserConfig.model_validate(deadlines).allowing(*sites.allowed_hosts),
         )
         process, address = await start_server(config)
     try:
@@ -200,7 +202,8 @@ async def measure(plan: RolloutPlan, cell: Cell, scratch: Path) -> Measured:
         cell: the measurement.
         scratch: folder of the run, which is removed afterwards; it must not exist.
     """
-    web = OfflineWeb(plan.sites.seed)
+    network = plan.network
+    web = OfflineWeb(network.sites.seed)
     scripts = await asyncio.to_thread(scripts_of, plan, web, cell.trajectories)
     costs = plan.costs
     slower = {
@@ -210,9 +213,9 @@ async def measure(plan: RolloutPlan, cell: Cell, scratch: Path) -> Measured:
     }
     machine_load = os.getloadavg()[0]
     async with (
-        serving(plan.sites, web) as sites,
+        serving(network.sites, web) as sites,
         serving_endpoint(scripts, costs.model_copy(update=slower), cell.gpus) as endpoint,
-        _browsers(cell, sites) as browsers,
+        _browsers(cell, sites, network.deadlines) as browsers,
     ):
         config = _run_config(plan, cell, sites, endpoint, browsers)
         secrets = Secrets(server_token=SecretStr(browsers.token), sites_token=SecretStr(sites.token))

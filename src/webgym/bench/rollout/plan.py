@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, Literal, TypeAlias
 
 import msgspec
@@ -17,20 +17,39 @@ from webgym.simulate.config import Costs, Queues, Schedule, Workload
 from webgym.simulate.demand import demand, draw_levels, draw_steps
 
 PARTS: Final = ("calibration", "schedules", "capacity", "overload")
-PageLatency: TypeAlias = Literal["offline", "paper"]
-PAPER_LONGEST_SECONDS: Final = 10.0
-"""Longest answer of the latency ``paper``. Slow websites take 4 s more, and one that does not answer within
-15 s counts as broken."""
-_PAPER_FACTOR = Costs().page_seconds / MEDIAN_SECONDS
-PAGE_LATENCIES: Final[dict[PageLatency, SitesConfig]] = {
-    "offline": SitesConfig(),
-    "paper": SitesConfig(
-        latency=_PAPER_FACTOR,
-        latency_sigma=Costs().page_sigma,
-        latency_longest=PAPER_LONGEST_SECONDS / _PAPER_FACTOR,
-    ),
+PageLatency: TypeAlias = Literal["offline", "paper_cut", "paper"]
+
+
+class Network(msgspec.Struct, frozen=True):
+    """A latency of pages, and deadlines of the browser server that leave it as it is.
+
+    Attributes:
+        sites: settings of the offline web.
+        deadlines: settings of the browsers.
+    """
+
+    sites: SitesConfig = SitesConfig()
+    deadlines: Mapping[str, float] = {}
+
+
+def _paper(longest: float, deadlines: Mapping[str, float]) -> Network:
+    """The latency of the simulation that is fitted to the paper, at most ``longest`` seconds."""
+    costs = Costs()
+    factor = costs.page_seconds / MEDIAN_SECONDS
+    sites = SitesConfig(latency=factor, latency_sigma=costs.page_sigma, latency_longest=longest / factor)
+    return Network(sites, deadlines)
+
+
+_PATIENCE = Costs().page_longest + 10.0
+
+PAGE_LATENCIES: Final[dict[PageLatency, Network]] = {
+    "offline": Network(),
+    "paper_cut": _paper(10.0, {}),
+    "paper": _paper(Costs().page_longest, {"navigate_seconds": _PATIENCE, "settle_seconds": _PATIENCE}),
 }
-"""By name: the offline web's own latency, and that of the simulation that is fitted to the paper."""
+"""By name: the offline web's own; that of the simulation that is fitted to the paper, but at most 10 s, as a
+website that does not answer within the usual 15 s counts as broken; and the same with the fit's own 60 s, for
+which browsers wait here."""
 
 
 class Mode(msgspec.Struct, frozen=True):
@@ -109,8 +128,8 @@ class RolloutPlan(msgspec.Struct, frozen=True, kw_only=True):
         return Costs(reply_tokens=self.reply_tokens)
 
     @property
-    def sites(self) -> SitesConfig:
-        """Settings of the offline web."""
+    def network(self) -> Network:
+        """The latency of pages, with the deadlines."""
         return PAGE_LATENCIES[self.page_latency]
 
     def cells(self, parts: Sequence[str], modes: Sequence[str] = MODE_NAMES) -> Iterator[Cell]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import base64
 import hashlib
+from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from typing import Any, Final
@@ -46,19 +47,29 @@ class StandInBrowsers:
     Args:
         step_seconds: returns the time of the next step.
         queued_seconds: queueing time that is reported for each step, in addition to that.
+        open_seconds: time to open a session, and to release it.
 
     Attributes:
         sessions: number of pages shown so far, by session.
         log: opened and closed sessions in order: ``("open" or "close", session)``.
         most: maximum number of parallel sessions so far.
+        most_of: maximum number of parallel calls so far, by operation.
         opened: number of sessions opened so far.
         steps: number of steps so far.
     """
 
-    def __init__(self, step_seconds: Callable[[], float] = lambda: 0.0, queued_seconds: float = 0.0) -> None:
+    def __init__(
+        self,
+        step_seconds: Callable[[], float] = lambda: 0.0,
+        queued_seconds: float = 0.0,
+        open_seconds: float = 0.0,
+    ) -> None:
         self.sessions: dict[str, int] = {}
         self.log: list[tuple[str, str]] = []
         self.most = self.opened = self.steps = 0
+        self.most_of: Counter[str] = Counter()
+        self._running: Counter[str] = Counter()
+        self._open_seconds = open_seconds
         self._step_seconds = step_seconds
         self._queued_seconds = queued_seconds
 
@@ -80,7 +91,22 @@ class StandInBrowsers:
     async def _info(self, _: web.Request) -> web.Response:
         return _json(ServerInfo("0", 10_000, "none", "none", sandboxed=True, sandbox_reason=""))
 
+    @asynccontextmanager
+    async def _during(self, operation: str, seconds: float) -> AsyncIterator[None]:
+        """Sleep as long as the operation takes; the block makes its reply."""
+        self._running[operation] += 1
+        self.most_of[operation] = max(self.most_of[operation], self._running[operation])
+        try:
+            await asyncio.sleep(seconds)
+            yield
+        finally:
+            self._running[operation] -= 1
+
     async def _open(self, _: web.Request) -> web.Response:
+        async with self._during("allocate", self._open_seconds):
+            return self._opened()
+
+    def _opened(self) -> web.Response:
         self.opened += 1
         name = f"s{self.opened}"
         self.sessions[name] = 0
@@ -96,8 +122,9 @@ class StandInBrowsers:
 
     async def _step(self, request: web.Request) -> web.Response:
         name = self._named(request)
-        await asyncio.sleep(seconds := self._step_seconds())
-        self._named(request)
+        operation, seconds = "execute" if self.sessions[name] else "navigate", self._step_seconds()
+        async with self._during(operation, seconds):
+            self._named(request)
         self.sessions[name] += 1
         self.steps += 1
         image = _PNG + b"page %d" % self.sessions[name]
@@ -117,7 +144,8 @@ class StandInBrowsers:
         return _json(Renewed(_TTL_SECONDS, self._queued_seconds))
 
     async def _close(self, request: web.Request) -> web.Response:
-        del self.sessions[name := self._named(request)]
+        async with self._during("release", self._open_seconds):
+            del self.sessions[name := self._named(request)]
         self.log.append(("close", name))
         return _json(Closed(name))
 

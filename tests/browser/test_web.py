@@ -20,7 +20,7 @@ from starlette.responses import HTMLResponse, RedirectResponse, Response, Stream
 
 from webgym.browser.config import BrowserConfig
 from webgym.browser.observe import Look
-from webgym.core.action import GoBack, LeftClick, Wait
+from webgym.core.action import GoBack, LeftClick, Target, Wait
 
 from .conftest import VIEWPORT, Open, Site, Tab
 
@@ -302,6 +302,33 @@ async def test_a_page_that_breaks_off_before_its_body(site: Site, open_tab: Open
             assert "navigation_failed" in [kind for kind, _ in tab.notices]
             await tab.step(GoBack())
             assert tab.last.observation.url == home
+
+
+SYNCHRONOUS = "const ask = new XMLHttpRequest(); ask.open('GET', '/late', false); ask.send()"
+
+
+@pytest.mark.parametrize("when", ["onclick", "onload", "later"])
+async def test_a_script_that_waits_for_a_synchronous_request(site: Site, open_tab: Open, when: str) -> None:
+    """Nothing ends it but the end of the request."""
+
+    async def late(_: Request) -> Response:
+        await asyncio.sleep(60)
+        return Response()
+
+    site.on("/late", late)
+    script = {
+        "onclick": "document.querySelector('button').onclick = ask",
+        "onload": "ask()",
+        "later": "setTimeout(ask, 50)",
+    }[when]
+    page = f"<p>here</p><button>b</button><script>function ask() {{ {SYNCHRONOUS} }} {script}</script>"
+    tab = await open_tab(config=BrowserConfig(settle_seconds=1, execute_seconds=1))
+    look = await tab.goto(site.page(page))
+    look = await tab.step(LeftClick(Target(coordinate=(30, 90))) if when == "onclick" else Wait(time=1))
+    assert look.observation.text == "here\nb"
+    await tab.goto(site.page("<p>another"))
+    assert tab.text == ["another"]
+    assert site.hits.count("/late") >= 1
 
 
 async def test_names_that_do_not_exist(site: Site, tab: Tab) -> None:

@@ -336,6 +336,19 @@ async def test_what_calls_wait_and_take_is_recorded(tmp_path: Path, world: World
     assert isinstance(json.loads(lines[-1])["loop_lag_milliseconds"]["p99"], float)
 
 
+@pytest.mark.parametrize("operation", ["allocate", "navigate", "execute", "release"])
+async def test_operations_of_a_kind_have_a_limit_that_holds_up_no_others(
+    tmp_path: Path, world: World, operation: str
+) -> None:
+    world.browsers._step_seconds = lambda: 0.05
+    world.browsers._open_seconds = 0.05
+    limits = ClientLimits.model_validate({operation: 1})
+    await Run().start(world.config(tmp_path, 8, limits=limits), tmp_path / "run").end()
+    assert outcomes(tmp_path / "run") == {"success": 8}
+    assert world.browsers.most_of[operation] == 1
+    assert max(world.browsers.most_of.values()) > 1
+
+
 async def test_prometheus_reads_a_collectors_figures() -> None:
     from webgym.core.calls import call_queues
     from webgym.core.outcome import Outcome

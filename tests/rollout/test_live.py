@@ -21,6 +21,7 @@ from webgym.rollout.progress import STATES, Progress, Queue
 
 SCRIPT = """
 import asyncio
+import sys
 from rich.console import Console
 from webgym.core.outcome import Outcome
 from webgym.rollout import live
@@ -38,7 +39,7 @@ async def main():
         progress.outcomes[Outcome.FAILURE] += 1
         progress.last.appendleft((Outcome.SUCCESS, "offline/fernhill-books/price-1", 7))
         progress.done = 10
-        await asyncio.sleep(0.7)
+        await asyncio.sleep(float(sys.argv[1]))
 
 asyncio.run(main())
 """
@@ -47,7 +48,8 @@ asyncio.run(main())
 def test_a_terminal_shows_a_panel_that_is_gone_at_the_end() -> None:
     ours, theirs = pty.openpty()
     environment = os.environ | {"TERM": "xterm-256color", "COLUMNS": "100", "LINES": "30"}
-    process = subprocess.Popen([sys.executable, "-c", SCRIPT], stdout=theirs, stderr=theirs, env=environment)
+    script = [sys.executable, "-c", SCRIPT, "0.7"]
+    process = subprocess.Popen(script, stdout=theirs, stderr=theirs, env=environment)
     os.close(theirs)
     shown = b""
     while True:
@@ -85,7 +87,7 @@ def test_a_task_id_is_text_and_neither_markup_nor_commands() -> None:
 
 
 def test_a_pipe_gets_plain_lines(tmp_path: Path) -> None:
-    done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-c", SCRIPT, "2"], capture_output=True, text=True, check=True)
     lines = done.stdout.splitlines()
     assert len(lines) >= 3
     assert all("10/40 done" in each for each in lines)

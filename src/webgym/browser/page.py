@@ -31,7 +31,7 @@ from webgym.browser.cdp_messages import (
     ScheduledNavigation,
 )
 from webgym.browser.config import BrowserConfig, PageOptions
-from webgym.browser.egress.proxy import Egress
+from webgym.browser.egress.proxy import ProxyListener
 from webgym.browser.isolated_worlds import DocumentGone, Worlds
 from webgym.browser.popups import Popups
 from webgym.browser.timers import IdleTimers, Timers
@@ -62,6 +62,9 @@ addEventListener('copy', (event) => {
 document.execCommand('copy');
 """
 """Clears the clipboard, which all contexts of a browser share: the next episode must not paste from it."""
+
+_REPEATED_SECONDS = 0.5
+"""Until a request that the browser repeats after a cut is in flight again."""
 
 _SCHEMES = ("http://", "https://")
 _NAVIGABLE_SCHEMES = frozenset({"http", "https", "about", "blob", "javascript"})
@@ -101,18 +104,23 @@ class Page:
         session: session attached to the tab, which waits for the debugger.
         target_id: target id of the tab; also the id of its main frame.
         config: the slot's limits.
-        egress: the proxy, which knows why a connection failed.
+        listener: the proxy of its connections, which knows why one failed.
         timers: the pending timers of the browser's pages.
     """
 
     def __init__(
-        self, session: Session, target_id: str, config: BrowserConfig, egress: Egress, timers: Timers
+        self,
+        session: Session,
+        target_id: str,
+        config: BrowserConfig,
+        listener: ProxyListener,
+        timers: Timers,
     ) -> None:
         self.session = session
         self.target_id = target_id
         self.config = config
         self.options = PageOptions()
-        self._egress = egress
+        self._listener = listener
         self.url = BLANK
         self.status: int | None = None
         self.changes = -1
@@ -339,8 +347,15 @@ class Page:
         self.worlds.post(function)
 
     def end_script(self) -> None:
-        """Terminate the running script, which keeps the page from answering."""
+        """Terminate the running script, which keeps the page from answering.
+
+        Nothing terminates one that waits for a synchronous request: all connections of the session are cut.
+        """
         self.session.send("Runtime.terminateExecution")
+        if self.traffic.has_xhr:
+            self._listener.cut()
+            # The browser repeats a request if its connection had been used before.
+            asyncio.get_running_loop().call_later(_REPEATED_SECONDS, self._listener.cut)
 
     async def picture_if_undrawn(self, picture_type: str, quality: float | None) -> bytes | None:
         """A white picture of a document without a body, which Chromium does not draw.
@@ -430,7 +445,7 @@ class Page:
         """The reason for a browser's error, and whether the egress policy refused the connection."""
         if error == _FORM_RESULT:
             return f"{error}, this page was the answer to a form, which is not sent again", False
-        failure = self._egress.failure(url) if error in _PROXY_ERRORS else None
+        failure = self._listener.failure(url) if error in _PROXY_ERRORS else None
         return (failure.message, failure.is_refusal) if failure is not None else (error, False)
 
     async def revive(self, why: str) -> None:

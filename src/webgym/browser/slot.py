@@ -339,7 +339,8 @@ class Slot:
         attached = await self._attached
         session = Session(connection, attached.session_id)
         assert self._timers is not None
-        page = Page(session, attached.target_info.target_id, self.config, self._egress, self._timers)
+        assert self._listener is not None
+        page = Page(session, attached.target_info.target_id, self.config, self._listener, self._timers)
         await page.prepare()
         page.timers.start()
         return page

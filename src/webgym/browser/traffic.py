@@ -61,6 +61,7 @@ class _InFlight(msgspec.Struct):
         is_request: whether it counts as an open request after the limit.
         has_answer: whether the response's headers have arrived. Its body does not end while the page does not
             read it, as with responses to reports.
+        kind: of a request, as the browser names it.
     """
 
     since: float
@@ -69,6 +70,7 @@ class _InFlight(msgspec.Struct):
     is_patient: bool = False
     is_request: bool = True
     has_answer: bool = False
+    kind: str = ""
 
     def until(self, patience: float) -> float:
         return self.since + (max(self.seconds, patience) if self.is_patient else self.seconds)
@@ -141,16 +143,19 @@ class Traffic:
         endpoint: str = "",
         is_patient: bool = False,
         is_request: bool = True,
+        kind: str = "",
     ) -> None:
         """Record that something is in flight.
 
         Args:
             key: identifies it, for :meth:`end`.
             seconds: time limit of the wait for it.
-            endpoint, is_patient, is_request: see :class:`_InFlight`.
+            endpoint, is_patient, is_request, kind: see :class:`_InFlight`.
         """
         limit = 0.0 if endpoint in self._too_slow else seconds
-        self._in_flight[key] = _InFlight(self._clock(), limit, endpoint, is_patient and limit > 0, is_request)
+        self._in_flight[key] = _InFlight(
+            self._clock(), limit, endpoint, is_patient and limit > 0, is_request, kind=kind
+        )
         self._changed.set()
 
     def end(self, key: str) -> None:
@@ -191,6 +196,11 @@ class Traffic:
     @staticmethod
     def _give_up(activity: _InFlight) -> None:
         activity.seconds, activity.is_patient = 0.0, False
+
+    @property
+    def has_xhr(self) -> bool:
+        """Whether an XMLHttpRequest is in flight."""
+        return any(activity.kind == "XHR" for activity in self._in_flight.values())
 
     def is_idle(self, patience: float = 0.0) -> bool:
         """Whether nothing is awaited.
@@ -293,6 +303,7 @@ class Traffic:
             0.0 if address in self._polled else seconds,
             endpoint=f"{request.request.method} {request.request.url.partition('?')[0]}",
             is_patient=not (is_minor or is_foreign),
+            kind=request.type,
         )
 
     def _on_response(self, event: ResponseReceived) -> None:

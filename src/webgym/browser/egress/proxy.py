@@ -12,6 +12,7 @@ from collections import OrderedDict
 from collections.abc import Coroutine
 from typing import Any, cast
 from urllib.parse import urlsplit
+from weakref import WeakSet
 
 import msgspec
 
@@ -186,6 +187,7 @@ class ProxyListener:
     def __init__(self, egress: Egress) -> None:
         self._egress = egress
         self._tasks: set[asyncio.Task[None]] = set()
+        self._joined: WeakSet[BrowserEnd] = WeakSet()
         self._server: asyncio.Server | None = None
         self.budget = Budget(egress.config)
 
@@ -211,6 +213,13 @@ class ProxyListener:
         for task in self._tasks:
             task.cancel()
         self.budget = Budget(self._egress.config)
+
+    def cut(self) -> None:
+        """Abort the session's connections. Unlike :meth:`renew`, its budget stays."""
+        for task in self._tasks:
+            task.cancel()
+        for browser in tuple(self._joined):
+            browser.transport.abort()
 
     @property
     def port(self) -> int:
@@ -323,6 +332,9 @@ class _Handshake(asyncio.Protocol):
         except NotConnected as failure:
             self._answer(reply(_REPLIES.get(failure.reason, FAILED)))
             return
+        except asyncio.CancelledError:
+            self._transport.abort()
+            raise
         if self._transport.is_closing():
             budget.leave()
             server.transport.abort()
@@ -333,5 +345,6 @@ class _Handshake(asyncio.Protocol):
         self._transport.set_protocol(browser)
         self._transport.write(reply(SUCCEEDED))
         server.join(browser)
+        self._listener._joined.add(browser)
         if self._buffer:
             browser.data_received(self._buffer)

@@ -331,6 +331,29 @@ async def test_a_script_that_waits_for_a_synchronous_request(site: Site, open_ta
     assert site.hits.count("/late") >= 1
 
 
+async def test_a_service_worker_that_never_answers(site: Site, open_tab: Open) -> None:
+    """While the page is replaced by what the worker does not give, Chromium asks it nothing."""
+
+    async def worker(_: Request) -> Response:
+        script = "onfetch = (event) => event.respondWith(new Promise(() => {}))"
+        return Response(script, media_type="text/javascript")
+
+    site.on("/worker.js", worker)
+    page = site.page(
+        "<p>here</p><script>navigator.serviceWorker.register('/worker.js')"
+        ".then(() => setTimeout(() => location.reload(), 500))</script>"
+    )
+    tab = await open_tab(config=BrowserConfig(settle_seconds=2, execute_seconds=1))
+    await tab.goto(page)
+    await tab.step(Wait(time=1))
+    assert tab.text == ["here"]
+    await tab.step(Wait(time=1))
+    assert tab.text == ["here"]
+    await tab.goto("about:blank")
+    await tab.goto(site.elsewhere(page))
+    assert tab.text == ["here"]
+
+
 async def test_names_that_do_not_exist(site: Site, tab: Tab) -> None:
     async for _ in both_ways(site, tab, "http://no-such-host.invalid/"):
         [(kind, text)] = tab.notices

@@ -200,8 +200,7 @@ async def with_retries(page: Page, question: Callable[[], Awaitable[T]]) -> T:
                     if has_waited:
                         raise
                     has_waited = True
-                    page.end_script()
-                    page.note("still_loading", "the page did not react; the script that ran was ended")
+                    page.unblock()
     except TimeoutError:
         raise BrowserTimeout(f"the page could not be looked at within {seconds:g} s") from None
 

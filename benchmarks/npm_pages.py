@@ -6,7 +6,8 @@ divided at random: the rules of marks and text were corrected by the results on 
 by `half_b`. The pages in `unseen` were written after that and measured once before rules were corrected by
 them; those in `unseen_2` and then those in `unseen_3` were written after that, and measured once before, too.
 Those in `unseen_4` were written before the rules were corrected by `unseen_3`, and rules were corrected by
-them later. Those in `unseen_5` were written after that, and measured once before, too.
+them later. Those in `unseen_5` and then those in `unseen_6` were written after that, and measured once
+before, too.
 """
 
 from __future__ import annotations
@@ -63,7 +64,19 @@ PACKAGES = (
     "cytoscape@3 konva@9 drawflow@0.0.60 tiny-slider@2 slick-carousel@1 medium-editor@5 suneditor@2 "
     "clusterize.js@1 react-window@1 react-select@5 react-datepicker@8 @headlessui/react@2 rc-tree@5 vant@4 "
     "@selectize/selectize@0.15 multiple-select@2 bootstrap-slider@11 glightbox@3 @ztree/ztree_v3@3 "
-    "canvas-datagrid@0.4 pivottable@2 flowbite@3 semantic-ui-react@2 semantic-ui-css@2"
+    "canvas-datagrid@0.4 pivottable@2 flowbite@3 semantic-ui-react@2 semantic-ui-css@2 "
+    # of the sixth set of unseen pages
+    "bulma@1 alpinejs@3 @tabler/core@1 list.js@2 @primer/css@20 @github/tab-container-element@4 "
+    "@coreui/coreui@5 notyf@3 govuk-frontend@6 accessible-autocomplete@2 daisyui@5 @tailwindcss/browser@4 "
+    "@telekom/scale-components@3.0.0-beta.161 @cds/core@6 @siemens/ix@4 @siemens/ix-icons@3 "
+    "@patternfly/elements@4 emoji-mart@5 @emoji-mart/data@1 ninja-keys@1 @fluentui/react-components@9 "
+    "react-bootstrap@2 react-paginate@8 @cloudscape-design/components@3 @cloudscape-design/global-styles@1 "
+    "react-day-picker@9 react-colorful@5 react-tag-autocomplete@7 cmdk@1 react-tabs@6 "
+    "@tanstack/react-table@8 @hello-pangea/dnd@18 primevue@4 @primevue/themes@4 primeicons@7 "
+    "vue-select@4.0.0-beta.6 @vueform/multiselect@2 @vuepic/vue-datepicker@11 v-calendar@3 ckeditor5@48 "
+    "@tiptap/core@3 @tiptap/pm@3 @tiptap/starter-kit@3 @eonasdan/tempus-dominus@6 daterangepicker@3 "
+    "bootstrap-select@1.14.0-beta3 chosen-js@1 virtual-select-plugin@1 photoswipe@5 embla-carousel@8 "
+    "keen-slider@6 highcharts@12 recharts@2 @cubone/react-file-manager@1"
 ).split()
 
 FOLDER = Path(__file__).with_name("npm_pages")
@@ -80,6 +93,7 @@ PAGES = {
     "unseen_3": [name for name, file in FILES.items() if file.parent.name == "unseen_3"],
     "unseen_4": [name for name, file in FILES.items() if file.parent.name == "unseen_4"],
     "unseen_5": [name for name, file in FILES.items() if file.parent.name == "unseen_5"],
+    "unseen_6": [name for name, file in FILES.items() if file.parent.name == "unseen_6"],
 }
 """Names of pages by set."""
 CACHE = Path.home() / ".cache/webgym/npm_pages"

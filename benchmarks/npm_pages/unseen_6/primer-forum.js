@@ -1,0 +1,1 @@
+import '@github/tab-container-element'

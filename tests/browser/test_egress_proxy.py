@@ -593,6 +593,30 @@ def test_a_page_whose_names_are_never_answered_holds_up_no_other_session(run: Ru
     run(scene())
 
 
+def test_what_a_session_has_open_is_cut_and_what_it_repeats_at_once(run: Run) -> None:
+    async def scene() -> None:
+        async with serve(echo) as port, proxy("*", machine=Silent({"here.test": [HERE]})) as egress:
+            listener, neighbour = await egress.open_listener(), await egress.open_listener()
+            for is_same_session in (True, False):
+                _, one = await ask(listener, "here.test", port)
+                opening = await knock(listener, request("a.slow.test", 80))
+                _, other = await ask(neighbour, "here.test", port)
+                await until(lambda: egress.waiting)
+                listener.cut()
+                assert await closed(one) == b""
+                assert b"\5\0\0" not in await closed(opening)
+                if not is_same_session:
+                    listener.renew()
+                _, again = await ask(listener, "here.test", port)
+                await asyncio.sleep(0.7)
+                for streams, is_open in ((again, not is_same_session), (other, True)):
+                    streams[1].write(b"x")
+                    assert (await streams[0].read(1) == b"x") is is_open
+                await hang_up(again, other)
+
+    run(scene())
+
+
 def test_a_session_has_so_many_connections_names_and_bytes(run: Run) -> None:
     async def scene() -> None:
         limits = {"session_connections": 3, "session_names": 2, "session_bytes": 100_000}

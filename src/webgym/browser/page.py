@@ -63,9 +63,6 @@ document.execCommand('copy');
 """
 """Clears the clipboard, which all contexts of a browser share: the next episode must not paste from it."""
 
-_REPEATED_SECONDS = 0.5
-"""Until a request that the browser repeats after a cut is in flight again."""
-
 _SCHEMES = ("http://", "https://")
 _NAVIGABLE_SCHEMES = frozenset({"http", "https", "about", "blob", "javascript"})
 """Schemes that a page can navigate to; for any other, Chromium stays on the page."""
@@ -354,8 +351,6 @@ class Page:
         self.session.send("Runtime.terminateExecution")
         if self.traffic.has_xhr:
             self._listener.cut()
-            # The browser repeats a request if its connection had been used before.
-            asyncio.get_running_loop().call_later(_REPEATED_SECONDS, self._listener.cut)
 
     def unblock(self) -> None:
         """Free a page that does not answer, with a notice.

@@ -42,6 +42,8 @@ from webgym.browser.egress.splice import BrowserEnd, Connections, ServerEnd
 
 _LOOPBACK = "127.0.0.1"
 _BACKLOG = 1024
+_REPEATED_SECONDS = 0.5
+"""After a cut, until the browser has opened the connection of a repeated request."""
 _DEFAULT_PORTS = {"http": 80, "https": 443, "ws": 80, "wss": 443}
 _REPLIES: dict[Reason, int] = {"forbidden": FORBIDDEN, "too_many": FORBIDDEN, "no_such_name": NO_HOST}
 
@@ -215,7 +217,15 @@ class ProxyListener:
         self.budget = Budget(self._egress.config)
 
     def cut(self) -> None:
-        """Abort the session's connections. Unlike :meth:`renew`, its budget stays."""
+        """Abort the session's connections, and those over which the browser repeats requests at once, as it
+        does where a connection had been used before. Unlike :meth:`renew`, the session's budget stays."""
+        budget = self.budget
+        self._abort()
+        asyncio.get_running_loop().call_later(
+            _REPEATED_SECONDS, lambda: self._abort() if self.budget is budget else None
+        )
+
+    def _abort(self) -> None:
         for task in self._tasks:
             task.cancel()
         for browser in tuple(self._joined):

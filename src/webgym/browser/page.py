@@ -355,15 +355,17 @@ class Page:
     def unblock(self) -> None:
         """Free a page that does not answer, with a notice.
 
-        Chromium itself asks a page nothing while it is being replaced, which takes as long as a service worker
-        needs for its answer.
+        Chromium itself asks a page nothing while it is being replaced, which takes as long as a service
+        worker needs for its answer.
         """
         self.end_script()
         if self._leaving_for in ("", self.loader):
             self.note("still_loading", "the page did not react; the script that ran was ended")
         else:
             self.session.send("Page.stopLoading")
-            self.note("still_loading", "the page did not react, and the next one, which did not come, was given up")
+            self.note(
+                "still_loading", "the page did not react; the next one, which did not come, was given up"
+            )
 
     async def picture_if_undrawn(self, picture_type: str, quality: float | None) -> bytes | None:
         """A white picture of a document without a body, which Chromium does not draw.

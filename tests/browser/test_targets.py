@@ -127,6 +127,11 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         "<label><input type=checkbox aria-label=Agree><span style='cursor:pointer'>I agree</span></label>",
         ["Agree"],
     ),
+    "a label that the focus stops at": (
+        "<input type=radio id=r style='position:absolute;clip:rect(0,0,0,0);pointer-events:none'>"
+        "<label for=r tabindex=0 style='cursor:pointer'>List</label>",
+        ["List"],
+    ),
     "a part of a label that listens": (
         "<label><input type=checkbox aria-label=Agree><b class=on>Why?</b></label>" + LISTENS.format("click"),
         ["Agree", "Why?"],

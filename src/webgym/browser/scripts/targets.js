@@ -417,6 +417,9 @@
     const isOfField = label && label !== element && label.control && FIELDS.has(localName(label.control));
     return Boolean(isOfField) && !hears(element);
   };
+  // Nor is the label of a box that the focus stops at, such as a button that stays down.
+  const isLabelOfTick = (element) =>
+    localName(element) === 'label' && !hasAttribute(element, 'role') && Boolean(element.control) && isTick(element.control);
 
   // The class or part of an element that fits `pattern`, one of several such words in a name: `listArrow`, `tree-arrow`.
   const classLike = (element, pattern) =>
@@ -494,7 +497,7 @@
     const isTold = Boolean(style) && !role && !isPointer && isToldByData(element, style);
     const isUsed = () => isItem || isPart || isTold || hears(element) || isHeardAround(element) || isCell(element, style);
     if (!role && !isPointer && !(style && isUsed())) return null;
-    if (isOff(element) || (!isControl && isOfLabel(element))) return null;
+    if (isOff(element) || (!isControl && isOfLabel(element)) || isLabelOfTick(element)) return null;
     if (!role && !isPointer && isName(element)) return null; // it is a label, too
     const isText = !role && !isPointer && isPlainText(element, style);
     if (isText && hasPointedKin(element)) return null;

@@ -3,7 +3,8 @@
 Taking a screenshot takes as long as finding out that nothing more is loading, which is the usual case. So if
 an action has started nothing that is still pending, the screenshot is requested at once, and used if the page
 still looks the same when the wait is over (``scripts/early.js``). Otherwise it is discarded and a new one is
-taken as usual.
+taken as usual. On a page whose last early screenshot was used, it is requested without finding out first
+whether tasks are pending, which takes until the next frame.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ class EarlyScreenshot:
         self.content: PageContent | None = None
         """The content of the document, if the screenshot shows its current state."""
         self._page = page
+        self._is_calm, page.is_calm = page.is_calm, False
         self._before = self._state()
         self._task: asyncio.Task[bytes | None] | None = None
 
@@ -58,7 +60,8 @@ class EarlyScreenshot:
         page = self._page
         options = content_options(page) if page.options.mode == "marks" else None
         try:
-            if not await page.run("beginEarly", options, reply=bool, seconds=page.config.busy_seconds):
+            seconds = page.config.busy_seconds
+            if not await page.run("beginEarly", options, self._is_calm, reply=bool, seconds=seconds):
                 return None
         except BrowserError:  # reported by the wait or the observation
             return None
@@ -84,6 +87,7 @@ class EarlyScreenshot:
             return
         complete = (it for it in contents if not (it.unknown or it.missing or it.frames))
         self.content = next(complete, None)
+        page.is_calm = self.result is not None
 
     async def picture(self) -> bytes:
         """The screenshot. Raises as :func:`~webgym.browser.observe.capture` does."""

@@ -169,6 +169,8 @@ class Page:
         """Text of a "no_effect" notice, to be added if the next screenshot equals ``picture``, the last
         one."""
         self.picture = ""
+        self.is_calm = False
+        """Whether the screenshot of the last step was taken while the page was settling, and used."""
         self.choosers: list[FileChooser] | None = None
         """File choosers that were opened, while an action waits for one; else ``None``."""
         self.worlds = Worlds(session, target_id, config)

@@ -36,12 +36,13 @@
 
   // A picture is about to be asked for. Gives whether it is worth it: whether the action set nothing off that is yet
   // to come. `wanted`: what `observe` is to tell of the frame, marks drawn in it; null to ask for it in the end.
+  // `isCalm`: not to wait until nothing is left to do; it is found in the end whether anything was.
   //
   // A picture shows the next frame or a later one, so all that comes up to the next frame is in it. Resizes are told
   // after everything else that a frame lets scripts do, and what is drawn then is in the same frame.
-  webgym.beginEarly = async (wanted) => {
+  webgym.beginEarly = async (wanted, isCalm) => {
     early = null;
-    if (!(await isIdle()) || webgym.hasSetOff() || webgym.isMoving() || webgym.hasDrawn()) return false;
+    if (!(isCalm || (await isIdle())) || webgym.hasSetOff() || webgym.isMoving() || webgym.hasDrawn()) return false;
     const mine = (early = { moment: null, seen: null });
     const observer = new ResizeObserver(() => {
       observer.disconnect();

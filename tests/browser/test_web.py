@@ -331,6 +331,29 @@ async def test_a_script_that_waits_for_a_synchronous_request(site: Site, open_ta
     assert site.hits.count("/late") >= 1
 
 
+async def test_a_script_that_is_ended_costs_no_other_request(site: Site, open_tab: Open) -> None:
+    going_on = asyncio.Event()
+
+    async def late(_: Request) -> Response:
+        await going_on.wait()
+        return Response("the answer")
+
+    site.on("/late", late)
+    page = (
+        "<p>here</p><button onclick='for (;;);'>b</button><script>const ask = new XMLHttpRequest();"
+        "ask.open('GET', '/late'); ask.send();"
+        "ask.onloadend = () => { document.querySelector('p').textContent = ask.responseText }</script>"
+    )
+    tab = await open_tab(config=BrowserConfig(settle_seconds=1, execute_seconds=1))
+    await tab.goto(site.page(page))
+    await tab.step(LeftClick(tab.at("b")))
+    assert "script" in tab.notices[-1][1]
+    await asyncio.sleep(1)
+    going_on.set()
+    await tab.step(Wait(time=1))
+    assert tab.text == ["the answer", "b"]
+
+
 async def test_a_service_worker_that_never_answers(site: Site, open_tab: Open) -> None:
     """While the page is replaced by what the worker does not give, Chromium asks it nothing."""
 

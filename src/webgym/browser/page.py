@@ -351,7 +351,7 @@ class Page:
         Nothing terminates one that waits for a synchronous request: all connections of the session are cut.
         """
         self.session.send("Runtime.terminateExecution")
-        if self.traffic.has_xhr:
+        if self.traffic.is_synchronous:
             self._listener.cut()
 
     def unblock(self) -> None:

@@ -33,6 +33,9 @@ _NEVER_AWAITED = frozenset(
 _OUT_OF_VIEW = frozenset({"Medium", "Low", "VeryLow"})
 """Priorities of pictures outside of the viewport: the browser raises those in the viewport to ``High``."""
 
+_SYNCHRONOUS = "VeryHigh"
+"""Priority of an XMLHttpRequest for which the script waits; that of others is ``High``."""
+
 _READ_BY_SCRIPTS = frozenset({"Fetch", "XHR"})
 
 _POLLS = 6
@@ -61,7 +64,7 @@ class _InFlight(msgspec.Struct):
         is_request: whether it counts as an open request after the limit.
         has_answer: whether the response's headers have arrived. Its body does not end while the page does not
             read it, as with responses to reports.
-        kind: of a request, as the browser names it.
+        is_synchronous: whether it is a request for which the page's script waits.
     """
 
     since: float
@@ -70,7 +73,7 @@ class _InFlight(msgspec.Struct):
     is_patient: bool = False
     is_request: bool = True
     has_answer: bool = False
-    kind: str = ""
+    is_synchronous: bool = False
 
     def until(self, patience: float) -> float:
         return self.since + (max(self.seconds, patience) if self.is_patient else self.seconds)
@@ -143,18 +146,23 @@ class Traffic:
         endpoint: str = "",
         is_patient: bool = False,
         is_request: bool = True,
-        kind: str = "",
+        is_synchronous: bool = False,
     ) -> None:
         """Record that something is in flight.
 
         Args:
             key: identifies it, for :meth:`end`.
             seconds: time limit of the wait for it.
-            endpoint, is_patient, is_request, kind: see :class:`_InFlight`.
+            endpoint, is_patient, is_request, is_synchronous: see :class:`_InFlight`.
         """
         limit = 0.0 if endpoint in self._too_slow else seconds
         self._in_flight[key] = _InFlight(
-            self._clock(), limit, endpoint, is_patient and limit > 0, is_request, kind=kind
+            self._clock(),
+            limit,
+            endpoint,
+            is_patient and limit > 0,
+            is_request,
+            is_synchronous=is_synchronous,
         )
         self._changed.set()
 
@@ -198,9 +206,9 @@ class Traffic:
         activity.seconds, activity.is_patient = 0.0, False
 
     @property
-    def has_xhr(self) -> bool:
-        """Whether an XMLHttpRequest is in flight."""
-        return any(activity.kind == "XHR" for activity in self._in_flight.values())
+    def is_synchronous(self) -> bool:
+        """Whether a script waits for a synchronous request."""
+        return any(activity.is_synchronous for activity in self._in_flight.values())
 
     def is_idle(self, patience: float = 0.0) -> bool:
         """Whether nothing is awaited.
@@ -303,7 +311,7 @@ class Traffic:
             0.0 if address in self._polled else seconds,
             endpoint=f"{request.request.method} {request.request.url.partition('?')[0]}",
             is_patient=not (is_minor or is_foreign),
-            kind=request.type,
+            is_synchronous=request.type == "XHR" and request.request.initial_priority == _SYNCHRONOUS,
         )
 
     def _on_response(self, event: ResponseReceived) -> None:

@@ -92,26 +92,24 @@ class StandInBrowsers:
         return _json(ServerInfo("0", 10_000, "none", "none", sandboxed=True, sandbox_reason=""))
 
     @asynccontextmanager
-    async def _during(self, operation: str, seconds: float) -> AsyncIterator[None]:
-        """Sleep as long as the operation takes; the block makes its reply."""
+    async def _during(self, operation: str, seconds: float = 0.0) -> AsyncIterator[None]:
+        """Count a call during the block, and for ``seconds`` after it."""
         self._running[operation] += 1
         self.most_of[operation] = max(self.most_of[operation], self._running[operation])
         try:
-            await asyncio.sleep(seconds)
             yield
+            if seconds:
+                await asyncio.sleep(seconds)
         finally:
             self._running[operation] -= 1
 
     async def _open(self, _: web.Request) -> web.Response:
         async with self._during("allocate", self._open_seconds):
-            return self._opened()
-
-    def _opened(self) -> web.Response:
-        self.opened += 1
-        name = f"s{self.opened}"
-        self.sessions[name] = 0
-        self.log.append(("open", name))
-        self.most = max(self.most, len(self.sessions))
+            self.opened += 1
+            name = f"s{self.opened}"
+            self.sessions[name] = 0
+            self.log.append(("open", name))
+            self.most = max(self.most, len(self.sessions))
         return _json(SessionGrant(name, f"secret-{name}", 1, "", _TTL_SECONDS))
 
     def _named(self, request: web.Request) -> str:
@@ -122,8 +120,8 @@ class StandInBrowsers:
 
     async def _step(self, request: web.Request) -> web.Response:
         name = self._named(request)
-        operation, seconds = "execute" if self.sessions[name] else "navigate", self._step_seconds()
-        async with self._during(operation, seconds):
+        async with self._during("execute" if self.sessions[name] else "navigate"):
+            await asyncio.sleep(seconds := self._step_seconds())
             self._named(request)
         self.sessions[name] += 1
         self.steps += 1

@@ -84,17 +84,10 @@ REMOTE = {f"remote/{file.stem}": file for file in sorted(FOLDER.glob("remote/*.h
 """Pages by name whose data comes from the server, with a delay of `ms` in their address, milliseconds."""
 FILES = REMOTE | {file.stem: file for file in sorted(FOLDER.rglob("*.html")) if file.parent.name != "remote"}
 """Files of all pages by name."""
-PAGES = {
-    "first": [name for name, file in FILES.items() if file.parent == FOLDER],
-    "half_a": [name for name, file in FILES.items() if file.parent.name == "half_a"],
-    "half_b": [name for name, file in FILES.items() if file.parent.name == "half_b"],
-    "unseen": [name for name, file in FILES.items() if file.parent.name == "unseen"],
-    "unseen_2": [name for name, file in FILES.items() if file.parent.name == "unseen_2"],
-    "unseen_3": [name for name, file in FILES.items() if file.parent.name == "unseen_3"],
-    "unseen_4": [name for name, file in FILES.items() if file.parent.name == "unseen_4"],
-    "unseen_5": [name for name, file in FILES.items() if file.parent.name == "unseen_5"],
-    "unseen_6": [name for name, file in FILES.items() if file.parent.name == "unseen_6"],
-}
+PAGES: dict[str, list[str]] = {"first": []}
+for _name in sorted(FILES.keys() - REMOTE.keys()):
+    _folder = FILES[_name].parent
+    PAGES.setdefault("first" if _folder == FOLDER else _folder.name, []).append(_name)
 """Names of pages by set."""
 CACHE = Path.home() / ".cache/webgym/npm_pages"
 

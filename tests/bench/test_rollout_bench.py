@@ -30,7 +30,6 @@ from webgym.bench.rollout.plan import (
     scripts_of,
 )
 from webgym.bench.rollout.tables import draw_rollout, rollout_tables
-from webgym.browser.config import BrowserConfig
 from webgym.cli import main
 from webgym.core.errors import ConfigError, RunFolderError, UsageError
 from webgym.offline import latency
@@ -221,9 +220,8 @@ def test_pages_are_as_late_as_the_simulation_says_and_browsers_wait_for_them(
     ]
     assert max(drawn) == pytest.approx(longest)
     assert sorted(drawn)[2000] == pytest.approx(median, rel=0.1)
-    browsers = BrowserConfig.model_validate(network.deadlines)
-    assert browsers.navigate_seconds > longest
-    assert browsers.settle_seconds >= longest
+    assert network.browser.navigate_seconds > longest
+    assert network.browser.settle_seconds >= longest
 
 
 def test_every_mode_is_measured_at_every_number_of_processors() -> None:

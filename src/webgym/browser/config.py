@@ -144,7 +144,8 @@ class BrowserConfig(Settings):
 
     screenshot_try_seconds: float = Field(default=3.0, gt=0)
     """One request for a screenshot. After a navigation, about one in two thousand is never answered, but a
-    second request is. On a busy machine the slowest answers take half a second."""
+    second request is; none is while the document has no body. On a busy machine the slowest answers take half
+    a second."""
 
     screenshot_retry_seconds: float = Field(default=0.05, gt=0)
     """Pause after "Unable to capture screenshot", which Chromium replies while a page is being replaced."""

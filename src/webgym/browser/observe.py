@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import base64
+import contextlib
 import hashlib
 import time
 from collections.abc import Awaitable, Callable
@@ -271,7 +273,7 @@ async def capture(page: Page) -> bytes:
                         seconds=config.screenshot_try_seconds,
                     )
                 except BrowserTimeout:  # the request was lost with a replaced frame, or nothing is drawn yet
-                    undrawn = await page.picture_if_undrawn(picture_type, quality and quality / 100)
+                    undrawn = await _have_drawn(page, picture_type, quality and quality / 100)
                     if undrawn is not None:
                         return undrawn
                     continue
@@ -283,3 +285,29 @@ async def capture(page: Page) -> bytes:
                 return shot.data
     except TimeoutError:
         raise BrowserTimeout(f"no screenshot within {config.screenshot_seconds:g} s") from None
+
+
+async def _have_drawn(page: Page, picture_type: str, quality: float | None) -> bytes | None:
+    """Have a document drawn that Chromium does not draw.
+
+    Documents that ended before their body get one: a script in the head may open another program, such as for
+    mail, and then the rest is not parsed; or the connection broke. Documents that are held back by a style
+    sheet that is still loading are drawn without it until it has loaded.
+
+    Args:
+        page: the page.
+        picture_type: media type of the picture.
+        quality: of a JPEG, 0 to 1.
+
+    Returns:
+        A white picture of a document whose body is yet to come; ``None`` if there is something to draw now.
+    """
+    options = {"hasEnded": page.has_broken_off, "type": picture_type, "quality": quality}
+    with contextlib.suppress(DocumentGone, CommandFailed, BrowserTimeout):
+        found = await page.run("drawn", options, reply=str)
+        if found == "cut off":
+            content = {"frameId": page.target_id, "html": ""}
+            await page.session.do("Page.setDocumentContent", content, seconds=page.config.execute_seconds)
+        elif found:
+            return base64.b64decode(found.partition(",")[2])
+    return None

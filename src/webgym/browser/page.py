@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import base64
 import contextlib
 import logging
 import time
@@ -32,7 +31,7 @@ from webgym.browser.cdp_messages import (
 )
 from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.egress.proxy import ProxyListener
-from webgym.browser.isolated_worlds import DocumentGone, Worlds
+from webgym.browser.isolated_worlds import Worlds
 from webgym.browser.popups import Popups
 from webgym.browser.timers import IdleTimers, Timers
 from webgym.browser.traffic import Traffic
@@ -369,29 +368,10 @@ class Page:
                 "still_loading", "the page did not react; the next one, which did not come, was given up"
             )
 
-    async def picture_if_undrawn(self, picture_type: str, quality: float | None) -> bytes | None:
-        """A white picture of a document without a body, which Chromium does not draw.
-
-        Documents that ended before their body get one: a script in the head may open another program, such as
-        for mail, and then the rest is not parsed; or the connection broke. Documents that are held back by a
-        style sheet that is still loading are drawn without it until it has loaded.
-
-        Args:
-            picture_type: its media type.
-            quality: of a JPEG, 0 to 1.
-
-        Returns:
-            The picture; ``None`` if there is something to draw now.
-        """
-        options = {"hasEnded": self.loader in self._failures, "type": picture_type, "quality": quality}
-        with contextlib.suppress(DocumentGone, CommandFailed, BrowserTimeout):
-            found = await self.run("drawn", options, reply=str)
-            if found == "cut off":
-                content = {"frameId": self.target_id, "html": ""}
-                await self.session.do("Page.setDocumentContent", content, seconds=self.config.execute_seconds)
-            elif found:
-                return base64.b64decode(found.partition(",")[2])
-        return None
+    @property
+    def has_broken_off(self) -> bool:
+        """Whether the connection ended before the document did."""
+        return self.loader in self._failures
 
     # --- navigation ---------------------------------------------------------------------------------
 

@@ -7,7 +7,7 @@ import os
 import shutil
 import time
 from collections import Counter
-from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 from typing import Final
@@ -174,15 +174,13 @@ def _confined(cpus: int) -> Iterator[None]:
 
 
 @asynccontextmanager
-async def _browsers(
-    cell: Cell, sites: RunningSites, deadlines: Mapping[str, float]
-) -> AsyncIterator[ServerAddress]:
+async def _browsers(cell: Cell, sites: RunningSites, browser: BrowserConfig) -> AsyncIterator[ServerAddress]:
     """Run a browser server on the cell's processors until the block ends; all of its slots are ready."""
     with _confined(cell.cpus):  # also for the settings, whose defaults depend on the number of processors
         config = ServerConfig(
             slots=cell.sessions,
             admission=Admission(queues=cell.queues),
-            browser=BrowserConfig.model_validate(deadlines).allowing(*sites.allowed_hosts),
+            browser=browser.allowing(*sites.allowed_hosts),
         )
         process, address = await start_server(config)
     try:
@@ -215,7 +213,7 @@ async def measure(plan: RolloutPlan, cell: Cell, scratch: Path) -> Measured:
     async with (
         serving(network.sites, web) as sites,
         serving_endpoint(scripts, costs.model_copy(update=slower), cell.gpus) as endpoint,
-        _browsers(cell, sites, network.deadlines) as browsers,
+        _browsers(cell, sites, network.browser) as browsers,
     ):
         config = _run_config(plan, cell, sites, endpoint, browsers)
         secrets = Secrets(server_token=SecretStr(browsers.token), sites_token=SecretStr(sites.token))

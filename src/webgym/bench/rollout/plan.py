@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final, Literal, TypeAlias
 
 import msgspec
 
 from webgym.bench.rollout.endpoint import Script
+from webgym.browser.config import BrowserConfig
 from webgym.core.task import LEVELS, Task
 from webgym.offline.config import SitesConfig
 from webgym.offline.latency import MEDIAN_SECONDS
@@ -21,31 +22,31 @@ PageLatency: TypeAlias = Literal["offline", "paper_cut", "paper"]
 
 
 class Network(msgspec.Struct, frozen=True):
-    """A latency of pages, and deadlines of the browser server that leave it as it is.
+    """A latency of pages, and browsers that wait for it.
 
     Attributes:
         sites: settings of the offline web.
-        deadlines: settings of the browsers.
+        browser: settings of the browsers.
     """
 
     sites: SitesConfig = SitesConfig()
-    deadlines: Mapping[str, float] = {}
+    browser: BrowserConfig = BrowserConfig()
 
 
-def _paper(longest: float, deadlines: Mapping[str, float]) -> Network:
+def _paper(longest: float) -> SitesConfig:
     """The latency of the simulation that is fitted to the paper, at most ``longest`` seconds."""
     costs = Costs()
     factor = costs.page_seconds / MEDIAN_SECONDS
-    sites = SitesConfig(latency=factor, latency_sigma=costs.page_sigma, latency_longest=longest / factor)
-    return Network(sites, deadlines)
+    return SitesConfig(latency=factor, latency_sigma=costs.page_sigma, latency_longest=longest / factor)
 
 
-_PATIENCE = Costs().page_longest + 10.0
+_LONGEST = Costs().page_longest
+_PATIENT = BrowserConfig(navigate_seconds=_LONGEST + 10.0, settle_seconds=_LONGEST + 10.0)
 
 PAGE_LATENCIES: Final[dict[PageLatency, Network]] = {
     "offline": Network(),
-    "paper_cut": _paper(10.0, {}),
-    "paper": _paper(Costs().page_longest, {"navigate_seconds": _PATIENCE, "settle_seconds": _PATIENCE}),
+    "paper_cut": Network(_paper(10.0)),
+    "paper": Network(_paper(_LONGEST), _PATIENT),
 }
 """By name: the offline web's own; that of the simulation that is fitted to the paper, but at most 10 s, as a
 website that does not answer within the usual 15 s counts as broken; and the same with the fit's own 60 s, for
@@ -129,7 +130,7 @@ class RolloutPlan(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def network(self) -> Network:
-        """The latency of pages, with the deadlines."""
+        """The latency of pages, and the browsers."""
         return PAGE_LATENCIES[self.page_latency]
 
     def cells(self, parts: Sequence[str], modes: Sequence[str] = MODE_NAMES) -> Iterator[Cell]:

@@ -251,12 +251,14 @@ async def test_a_page_that_is_late_with_its_body(site: Site, open_tab: Open, hea
     tab = await open_tab(config=IMPATIENT, jpeg_quality=None if head else 80)
     look = await tab.goto(site.on("/late", page))
     assert is_white(look)
-    assert [kind for kind, _ in tab.notices] == ["still_loading"]
+    assert [kind for kind, _ in tab.notices] == ["still_loading", "navigation_failed"]
+    assert tab.notices[1][1] == f"{site.url('/late')} has nothing to show yet"
     assert look.observation.url == site.url("/late")
     going_on.set()
     look = await tab.step(Wait(time=1))
     assert not is_white(look)
     assert tab.text == ["here it is"]
+    assert tab.notices == []
 
 
 BLOCKING = {

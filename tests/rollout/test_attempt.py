@@ -181,6 +181,9 @@ async def test_who_is_stopped_before_judges_have_the_state_to_look_at_is_not_the
         "http://a.test/2 gave no answer within 15 s",
         "http://b.test/ (which leads to http://a.test/2): net::ERR_CONNECTION_RESET",
         "http://a.test/2: the page broke off, net::ERR_CONNECTION_RESET",
+        "http://a.test/2: the page broke off, net::ERR_CONTENT_LENGTH_MISMATCH",
+        "http://a.test/2 has nothing to show yet",
+        "http://a.test/2?next=http://b.test/: net::ERR_CONNECTION_REFUSED",
     ],
 )
 async def test_a_website_that_goes_away_under_an_attempt_is_no_failure_of_the_agents(told: str) -> None:

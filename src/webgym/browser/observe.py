@@ -309,5 +309,6 @@ async def _have_drawn(page: Page, picture_type: str, quality: float | None) -> b
             content = {"frameId": page.target_id, "html": ""}
             await page.session.do("Page.setDocumentContent", content, seconds=page.config.execute_seconds)
         elif found:
+            page.note("navigation_failed", f"{page.address} has nothing to show yet")
             return base64.b64decode(found.partition(",")[2])
     return None

@@ -23,9 +23,10 @@ from webgym.rollout.config import AttemptConfig
 from webgym.rollout.plan import Planned
 from webgym.server.messages import SessionOptions, View
 
-_ORIGIN = re.compile(r"https?://[^/\s?#\"]+", re.IGNORECASE)
+_ORIGIN = re.compile(r"(?<![^\s(\"])https?://[^/\s?#\"]+", re.IGNORECASE)
+"""The beginning of a URL, and not that of another one in its query."""
 _CONNECTION = re.compile(
-    r"gave no answer within|too many new connections|"
+    r"gave no answer within|the page broke off|has nothing to show yet|too many new connections|"
     r"net::ERR_(CONNECTION|NAME|DNS|ADDRESS|INTERNET|NETWORK|EMPTY_RESPONSE|TIMED_OUT|SOCKS|INSUFFICIENT)"
 )
 """Parts of a browser's error message that mean that the connection to the website failed, not the page."""

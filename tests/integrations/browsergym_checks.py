@@ -143,10 +143,14 @@ class AFaultIs0(Adapter):
 
 
 class KeepsItsBrowser(Adapter):
-    """Breaks a promise."""
+    """Breaks a promise. It holds its environments, as one that is garbage gives its browser back."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._held: list[BrowserGymEnv] = []
 
     def close(self, env: BrowserGymEnv) -> None:
-        """Does nothing."""
+        self._held.append(env)
 
 
 @contextmanager

@@ -15,7 +15,6 @@ import asyncio
 import fcntl
 import hashlib
 import random
-import uuid
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager, nullcontext
 from itertools import groupby
@@ -260,7 +259,6 @@ async def _playing(
             store=_NoStore(),
             config=AttemptConfig(viewport=web.collection.viewport),
             site_state=ServedState(client),
-            run_id=uuid.uuid4().hex,
             seed=0,
         )
         try:

@@ -372,7 +372,6 @@ class _Episode:
             store=self._pictures,
             config=config.attempt,
             site_state=services.site_state,
-            run_id=self.id,
             seed=env._seed,
         )
         mode = env.profile.mode

@@ -271,12 +271,11 @@ async def _carry_out(
             hardest_first=config.collector.order == "hardest_first",
             claims=claims,
         )
-        return await _collected(config, run_id, tasks, run_services, store, plan, show, finishing)
+        return await _collected(config, tasks, run_services, store, plan, show, finishing)
 
 
 async def _collected(
     config: RunConfig,
-    run_id: str,
     tasks: Sequence[Task],
     run_services: _RunServices,
     store: RunWriter,
@@ -299,7 +298,6 @@ async def _collected(
         config=config.attempt,
         progress=progress,
         site_state=run_services.site_state,
-        run_id=run_id,
         seed=config.seed,
         calls=run_services.calls,
         lockstep=Lockstep() if config.collector.schedule == "step_barrier" else None,

@@ -220,7 +220,6 @@ class StaticCollector:
             config=config,
             progress=Progress(total=0),
             site_state=browsers,
-            run_id="static",
             seed=seed,
         )
 

@@ -162,6 +162,9 @@ async def test_a_function_that_fails_or_says_something_else_gives_no_verdict() -
     for said in everything:
         with pytest.raises(JudgeError, match="returned"):
             await run(lambda task, made, found=said: found)
+    for reward in (float("nan"), 0.5, 2, 1.0):
+        with pytest.raises(JudgeError, match="reward is the integer 0 or 1"):
+            await run(lambda task, made, found=reward: Verdict("mine", found, (), Judgement(False, "no")))
 
 
 async def test_a_function_sees_blocking_as_others_do() -> None:

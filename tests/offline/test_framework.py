@@ -348,6 +348,8 @@ def test_the_longest_unused_visitor_is_forgotten_first(monkeypatch: pytest.Monke
     for visitor in ("ann", "bob", "ann", "carl"):
         kept.state(visitor, "a")
     assert [kept.known(visitor, "a") is not None for visitor in ("ann", "bob", "carl")] == [True, False, True]
+    kept.state("bob", "a", was_served=True)
+    assert kept.known("bob", "a") is None
 
 
 # --- latency ---------------------------------------------------------------------------------------------

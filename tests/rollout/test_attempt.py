@@ -11,7 +11,7 @@ import msgspec
 import pytest
 from tests.rollout.test_summary import task
 
-from webgym.agent.agent import Agent
+from webgym.agent.agent import Agent, AgentTraits
 from webgym.agent.config import AgentConfig
 from webgym.agent.policy import BasePolicy, PolicyInput
 from webgym.browser.config import Cookie
@@ -23,6 +23,7 @@ from webgym.core.trajectory import Episode, Reply
 from webgym.core.truth import AnswerTruth, FactTruth, StateCheck, Truth
 from webgym.rollout.attempt import Attempt, AttemptContext
 from webgym.rollout.config import AttemptConfig
+from webgym.rollout.driver import EpisodeContext, EpisodeDriver
 from webgym.rollout.plan import Planned
 from webgym.rollout.progress import Progress
 from webgym.server.messages import SessionOptions, View
@@ -96,7 +97,6 @@ async def made(
         config=AttemptConfig(budget_easy=budget),
         progress=progress,
         site_state=None,
-        run_id="r",
         seed=0,
     )
     attempt = Attempt(context, Planned(task("t", 1), 0))
@@ -148,6 +148,22 @@ class SiteState:
         raise AssertionError
 
 
+async def test_an_attempt_that_is_made_again_is_another_visitor() -> None:
+    """A killed attempt leaves a full cart at an offline web elsewhere, and has the same id again."""
+    visitors = list[str]()
+
+    class Visited(SiteState):
+        def cookies(self, visitor: str) -> tuple[Cookie, ...]:
+            visitors.append(visitor)
+            return ()
+
+    pages = Pages({})
+    context = EpisodeContext(store=pages, config=AttemptConfig(), site_state=Visited(), seed=0)
+    for _ in range(2):
+        EpisodeDriver(context, Planned(task("t", 1), 0), AgentTraits("p", "marks")).options()
+    assert len(set(visitors)) == 2
+
+
 async def test_who_is_stopped_before_judges_have_the_state_to_look_at_is_not_theirs() -> None:
     pages, site_state = Pages({}), SiteState()
     agent = Agent(Says(ACTS), AgentConfig(image_max_side=None))
@@ -158,7 +174,6 @@ async def test_who_is_stopped_before_judges_have_the_state_to_look_at_is_not_the
         config=AttemptConfig(budget_easy=1),
         progress=Progress(total=1),
         site_state=site_state,
-        run_id="r",
         seed=0,
     )
     facts = (FactTruth(1, 0, state=(StateCheck(("cart",), 1),)),)

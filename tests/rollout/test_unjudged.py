@@ -87,7 +87,6 @@ def context(store: RunWriter, progress: Progress) -> AttemptContext[RunWriter]:
         config=AttemptConfig(),
         progress=progress,
         site_state=None,
-        run_id="run",
         seed=0,
     )
 

@@ -90,3 +90,12 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
     confidence: float | None = None
     keypoints: tuple[int, ...] | None = None
     cost: Cost | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what would count as a reward of 0 and is none, such as NaN from a judge of a user's own.
+
+        Raises:
+            ValueError: the reward is not 0, 1 or ``None``.
+        """
+        if self.reward is not None and (type(self.reward) is not int or self.reward not in (0, 1)):
+            raise ValueError(f"a verdict's reward is the integer 0 or 1, or None, not {self.reward!r}")

@@ -32,6 +32,8 @@ from webgym.offline.web import OfflineWeb
 from webgym.offline.website import TOP_LEVEL_DOMAIN, Visit, Website
 
 VISITOR_COOKIE = "webgym_visitor"
+_SERVED_COOKIE: Final = "webgym_served"
+"""What a browser that a website has served sends: without the visitor's state, this was lost."""
 ASSETS = Path(__file__).parent / "assets"
 ASSET_TYPES = {".css": "text/css; charset=utf-8", ".js": "text/javascript; charset=utf-8"}
 
@@ -100,6 +102,8 @@ class SitesApp:
             response.headers["cache-control"] = "max-age=3600"
         if visitor is None:
             response.set_cookie(VISITOR_COOKIE, visitor_id, samesite="lax", httponly=True)
+        if _SERVED_COOKIE not in request.cookies:
+            response.set_cookie(_SERVED_COOKIE, "1", samesite="lax", httponly=True)
         return response
 
     async def _visit(self, request: Request, visitor: str, site: Website) -> Visit:
@@ -118,7 +122,7 @@ class SitesApp:
             query=dict(pairs),
             lists=lists,
             form=dict(form),
-            state=self.visitors.state(visitor, site.host),
+            state=self.visitors.state(visitor, site.host, was_served=_SERVED_COOKIE in request.cookies),
         )
 
     async def _simulate_latency(self, site: Website, path: str) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import secrets
 import time
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -106,14 +107,12 @@ class EpisodeContext:
         store: stores the screenshots.
         config: limits of an attempt.
         site_state: server states of the offline web; ``None`` for other tasks.
-        run_id: distinguishes the offline web's visitors of different runs.
         seed: seed of the run.
     """
 
     store: ImageStore
     config: AttemptConfig
     site_state: SiteState | None
-    run_id: str
     seed: int
 
 
@@ -158,8 +157,8 @@ class EpisodeDriver:
         self._answer: str | None = None
         self._reached: set[str] = set()
         self._session: BrowserSession | None = None
-        digest = hashlib.sha256(f"{context.run_id}\x1f{planned.attempt_id}".encode()).hexdigest()
-        self.visitor = digest[:32]
+        # New for every episode: a killed attempt that is made again finds nothing of its first time.
+        self.visitor = secrets.token_hex(16)
         # Without the retry: a retried attempt has the same seed.
         sample = f"{context.seed}\x1f{planned.task.id}\x1f{planned.sample}"
         self.seed = int(hashlib.sha256(sample.encode()).hexdigest()[:15], 16)

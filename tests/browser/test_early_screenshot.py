@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+from typing import Any
 
 import pytest
 
+from webgym.browser.config import BrowserConfig
 from webgym.browser.early_screenshot import EarlyScreenshot
+from webgym.browser.page import Page
 from webgym.core.action import LeftClick, Mode, Scroll, Target
 
 from .conftest import Open, Site, Tab
@@ -78,6 +81,7 @@ async def test_a_page_that_is_busy_for_a_moment_is_pictured_too(
     assert any(ended)  # a machine that is starved may be late
 
 
+BUSY = "{ const end = performance.now() + 400; while (performance.now() < end); }"
 LATE = {
     "a message after messages": "<input id=b type=checkbox><script>"
     "const { port1, port2 } = new MessageChannel(); let end = 0;"
@@ -108,6 +112,38 @@ async def test_what_a_click_brings_is_in_the_picture(site: Site, tab: Tab, late:
     await tab.goto(site.page(PLACED + LATE[late]))
     seen = await tab.step(LeftClick(HERE))
     assert seen.observation.screenshot == await rested(tab)
+
+
+@pytest.mark.parametrize("late", ["a message after messages", "a picture"])
+async def test_what_a_click_brings_to_a_calm_page_is_in_the_picture(site: Site, tab: Tab, late: str) -> None:
+    await tab.goto(site.page(PLACED + LATE[late]))
+    for _ in range(20):  # a machine that is starved may be late
+        await tab.step(LeftClick(AWAY))
+        if tab.slot.page.is_calm:
+            break
+    assert tab.slot.page.is_calm
+    seen = await tab.step(LeftClick(HERE))
+    assert seen.observation.screenshot == await rested(tab)
+
+
+async def test_a_page_that_cannot_say_whether_it_is_quiet_gives_its_picture_later(
+    site: Site, open_tab: Open, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It comes to it after the time in which the early picture would have been asked for."""
+    tab = await open_tab("marks", BrowserConfig(busy_seconds=0.2))
+    run = Page.run
+
+    async def delayed(self: Page, function: str, *given: Any, **more: Any) -> Any:
+        if function == "beginEarly":
+            self.session.send("Runtime.evaluate", {"expression": BUSY})
+        return await run(self, function, *given, **more)
+
+    monkeypatch.setattr(Page, "run", delayed)
+    await tab.goto(site.page(LONG))
+    for _ in range(3):
+        seen = await tab.step(LeftClick(AWAY))
+        assert seen.observation.elements
+        assert seen.observation.screenshot == (await tab.step()).observation.screenshot
 
 
 SCROLLED = {

@@ -57,6 +57,12 @@ DOES = {
     "an address": "<button id=b onclick=\"history.pushState(0, '', '/there')\">Do</button>",
     "a focus": "<input id=b value=Do>",
     "a value": "<input id=b type=checkbox>",
+    "a number by a script": "<span id=b onclick='q.value++'>+</span>"
+    "<input id=q style=margin-top:90px value=1>",
+    "all boxes by a script": "<span id=b onclick='for (const one of f) one.checked = true'>All</span>"
+    "<form id=f style=margin-top:90px><input type=checkbox><input type=checkbox></form>",
+    "a choice by a script": "<span id=b onclick='s.selectedIndex = 1'>Two</span>"
+    "<select id=s style=margin-top:90px><option>One<option>Two</select>",
     "a style": "<style>nav ul { display: none } nav:hover ul { display: block }</style>"
     "<nav id=b>Menu<ul><li>Entry</ul></nav>",
     "a drawing": "<canvas id=b width=200 height=80></canvas><script>b.onclick = () =>"

@@ -9,6 +9,8 @@ from PIL import Image, ImageChops
 from starlette.requests import Request
 from starlette.responses import Response
 
+from webgym.browser import observe
+from webgym.browser.page import Page
 from webgym.core.action import LeftClick, Scroll, Target, Type
 from webgym.core.observation import Element
 
@@ -309,3 +311,26 @@ async def test_what_is_drawn_again_in_part_looks_the_same(site: Site, tab: Tab) 
     first, click = tab.last.observation.screenshot, LeftClick(Target(coordinate=(900, 900)))
     patched, again = [(await tab.step(click)).observation.screenshot for _ in range(2)]
     assert first == again != patched
+
+
+async def test_a_page_that_is_replaced_while_it_is_looked_at(
+    site: Site, open_tab: Open, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Address, elements and picture are of one page: the next one."""
+    tab = await open_tab("marks")
+    there = site.page("<button>Other</button>")
+    await tab.goto(site.page("<button>One</button>"))
+
+    async def late(page: Page) -> bytes:
+        monkeypatch.undo()
+        loader = page.loader
+        page.session.send("Runtime.evaluate", {"expression": f"location.href = {there!r}"})
+        while page.loader == loader:
+            await asyncio.sleep(0.01)
+        return await observe.capture_marked(page)
+
+    monkeypatch.setattr(observe, "capture_marked", late)
+    seen = await tab.step()
+    assert seen.observation.url == there
+    assert [element.name for element in seen.observation.elements or ()] == ["Other"]
+    assert seen.image == (await tab.step()).image

@@ -32,6 +32,7 @@ class EarlyScreenshot:
         self._is_calm, page.is_calm = page.is_calm, False
         self._before = self._state()
         self._task: asyncio.Task[bytes | None] | None = None
+        self._is_requested = False
 
     def _state(self) -> tuple[str, int]:
         return self._page.loader, self._page.requests
@@ -61,10 +62,15 @@ class EarlyScreenshot:
         options = content_options(page) if page.options.mode == "marks" else None
         try:
             seconds = page.config.busy_seconds
-            if not await page.run("beginEarly", options, self._is_calm, reply=bool, seconds=seconds):
-                return None
-        except BrowserError:  # reported by the wait or the observation
+            is_worth_it = await page.run("beginEarly", options, self._is_calm, reply=bool, seconds=seconds)
+        except (BrowserError, asyncio.CancelledError) as error:
+            page.post("dropEarly")  # the page may still come to it
+            if isinstance(error, asyncio.CancelledError):
+                raise
+            return None  # reported by the wait or the observation
+        if not is_worth_it:
             return None
+        self._is_requested = True
         return await capture_marked(page)
 
     async def end(self, settled: str) -> None:
@@ -74,7 +80,7 @@ class EarlyScreenshot:
             settled: why the wait ended.
         """
         page = self._page
-        if self._task is None or settled not in _FINAL:
+        if not self._is_requested or settled not in _FINAL:
             return
         try:
             contents = await page.run(

@@ -26,6 +26,10 @@ _MAX_PASSES = 3
 """Most passes over the document: each level of nested frames or shadow roots that is new takes one."""
 
 
+_MAX_LOOKS = 3
+"""Most looks at a page that is replaced by another one each time."""
+
+
 _NO_FRAME_YET = ("Unable to capture screenshot", "Not attached to an active page")
 """Chromium's error messages while a page is being replaced."""
 
@@ -121,11 +125,17 @@ async def look(page: Page, settled: str, milliseconds: dict[str, float], early: 
         BrowserTimeout: no screenshot within the deadline.
     """
     page.popups.close_blank()
-    start = time.perf_counter()
-    content = early.content if early else await read_content(page, **content_options(page))
-    between = time.perf_counter()
-    image = await (early.picture() if early else capture_marked(page))
-    end = time.perf_counter()
+    for tries in range(_MAX_LOOKS):
+        if tries:
+            early, settled = None, await settle(page)
+        loader = page.loader
+        start = time.perf_counter()
+        content = early.content if early else await read_content(page, **content_options(page))
+        between = time.perf_counter()
+        image = await (early.picture() if early else capture_marked(page))
+        end = time.perf_counter()
+        if page.loader == loader:
+            break  # else the picture shows the next page
     milliseconds["metadata"] = (between - start) * 1000
     milliseconds["screenshot"] = (end - between) * 1000
     name = hashlib.sha256(image).hexdigest()

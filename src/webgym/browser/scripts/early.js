@@ -21,8 +21,8 @@
   // Two are the same if nothing changed in between, nor was planned.
   const moment = () => [
     state.changes, stirs, ...Object.values(counters).map((counter) => counter.asked()), ...selected(),
+    ...webgym.fieldValues(),
   ];
-  const isEqual = (a, b) => a.length === b.length && a.every((one, index) => one === b[index]);
 
   // Whether no task is left to do: one that lets all others go first has its turn.
   const PATIENCE = 30; // ms: the frame that an input event causes takes longer than 10
@@ -58,7 +58,13 @@
   webgym.endEarly = (wanted) => {
     const was = early;
     early = null;
-    const isSame = was && was.moment && isEqual(was.moment, moment()) && !webgym.isMoving();
+    const isSame = was && was.moment && webgym.isEqual(was.moment, moment()) && !webgym.isMoving();
     return isSame ? [was.seen || webgym.observe(wanted, {})] : [];
+  };
+
+  // No picture is asked for after all.
+  webgym.dropEarly = () => {
+    early = null;
+    webgym.unmark();
   };
 })();

@@ -81,7 +81,7 @@
     trace = {
       hasChanged: false, listAt: listAt(), plans: now, focus: focused(), hasSelection: hasSelection(), list: state.list,
       isDark: Boolean(element && localName(element).includes('-') && !rootOf(element)),
-      part, outline: part && outline(part),
+      part, outline: part && outline(part), fieldValues: webgym.fieldValues(),
     };
     isActing = true;
     return true;
@@ -100,6 +100,7 @@
     if (was.focus !== focused() || was.hasSelection !== hasSelection()) return 'some';
     if (planned.some(([name, count], index) => !plansAlone.has(name) && count !== was.plans[index][1])) return 'some';
     if (was.part && was.outline !== outline(was.part)) return 'some';
+    if (!webgym.isEqual(was.fieldValues, webgym.fieldValues())) return 'some';
     return was.isDark || webgym.hasDrawn() ? 'unseen' : 'none';
   };
 })();

@@ -172,6 +172,17 @@
     return alive.filter((root) => root && isConnected(root));
   };
 
+  // What the fields hold: a script changes that without an event and without a change of the document.
+  const holds = (field) => {
+    if (field.selectedOptions) return [...field.selectedOptions].map(({ index }) => index).join();
+    return field.type === 'checkbox' || field.type === 'radio' ? field.checked : field.value;
+  };
+  webgym.fieldValues = () =>
+    [...views().map(({ document }) => document), ...webgym.shadows()]
+      .flatMap((root) => [...querySelectorAll(root, 'input, select, textarea')])
+      .map(holds);
+  webgym.isEqual = (a, b) => a.length === b.length && a.every((one, index) => one === b[index]);
+
   const listeners = []; // [event, handler, options]: in every window
   for (const name of ['scroll', 'input', 'resize', 'transitionend', 'animationend'])
     listeners.push([name, onEvent, { capture: true, passive: true }]);

@@ -14,7 +14,7 @@ from tests.integrations.engine import example
 from tests.integrations.installed_browser import use_installed_browser
 
 import webgym.testing
-from webgym import Action, Answer, Scroll
+from webgym import Action, Answer, Navigate, Scroll
 from webgym.core.errors import JudgeError
 from webgym.core.verdict import Judgement, Verdict
 from webgym.offline.web import OfflineWeb
@@ -38,6 +38,7 @@ with warnings.catch_warnings():
 pytestmark = [pytest.mark.browser, pytest.mark.filterwarnings("ignore")]  # its own
 
 WEB = OfflineWeb(per_family=1, collection="small")
+LARGE = OfflineWeb(per_family=1, collection="large")
 TASKS = [task for task in WEB.tasks("train") if task.difficulty == 1]
 TASK = next(task for task in TASKS if task.truth is not None and not any(f.state for f in task.truth.facts))
 STATEFUL = next(task for task in TASKS if task.truth is not None and any(f.state for f in task.truth.facts))
@@ -153,6 +154,42 @@ def test_an_episode_that_is_not_judged_is_no_reward(
     monkeypatch.setattr(webgym.OfflineJudge, "judge", AsyncMock(side_effect=[judged]))
     with pytest.raises(NoReward, match=says):
         played(TASK, [Answer("no idea")])
+
+
+def answered(task: webgym.Task, codes: list[str], answer: str) -> float:
+    """Reward of an answer after code for Playwright, each of which is a step."""
+    with BrowserGymEnv(browsergym_tasks.env_name(task.id), pre_observation_delay=0.1) as env:
+        env.reset(seed=1)
+        for code in codes:
+            assert env._env.step(code)[0]["last_action_error"] == ""
+        return env.step(Answer(answer))[1]
+
+
+def blocking() -> webgym.Task:
+    browsergym_tasks.register_tasks("large", split="test", per_family=1, count=1)
+    task = next(iter(LARGE.tasks("test")))
+    assert LARGE.specs[urlsplit(task.website).hostname or ""].behaviour == "blocks"
+    return task
+
+
+@pytest.mark.parametrize(
+    "code",
+    ["page.goto({website!r})", "page.evaluate('location = `/${{Math.random()}}`')"],
+    ids=["open", "click"],
+)
+def test_a_website_that_blocks_is_no_reward(code: str) -> None:
+    task = blocking()
+    with pytest.raises(NoReward, match="blocked the agent"):
+        answered(task, [code.format(website=task.website)] * 2, "no idea")
+
+
+def test_a_blocking_page_that_reloads_by_itself_proves_nothing() -> None:
+    assert answered(blocking(), ["page.evaluate('location.reload()')"] * 2, "no idea") == 0.0
+
+
+def test_an_ordinary_website_opened_again_and_again_is_0() -> None:
+    again = Navigate(TASK.website)
+    assert played(TASK, [again, again, Answer("no idea")]) == ([0.0, 0.0, 0.0], True, False)
 
 
 @pytest.mark.parametrize("last", [False, True])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import warnings
 from typing import Any
 from unittest.mock import AsyncMock
@@ -190,6 +191,30 @@ def test_a_blocking_page_that_reloads_by_itself_proves_nothing() -> None:
 def test_an_ordinary_website_opened_again_and_again_is_0() -> None:
     again = Navigate(TASK.website)
     assert played(TASK, [again, again, Answer("no idea")]) == ([0.0, 0.0, 0.0], True, False)
+
+
+PARAGRAPH = "Object.assign(document.createElement(`p`), {textContent: TEXT, MORE})"
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "page.fill('[name=q]', TEXT)",
+        f"page.evaluate('document.body.prepend({PARAGRAPH})')".replace("MORE", "contentEditable: true"),
+        f"page.evaluate('document.body.prepend({PARAGRAPH})')".replace("MORE", "style: `opacity: 0`"),
+    ],
+    ids=["field", "editable", "transparent"],
+)
+def test_what_the_agent_typed_and_what_nobody_sees_is_no_evidence(code: str) -> None:
+    count, task = next(
+        (count, task) for count, task in enumerate(LARGE.tasks("train"), 1) if task.id.endswith("/bar-0")
+    )
+    browsergym_tasks.register_tasks("large", split="train", per_family=1, count=count)
+    assert task.truth is not None
+    evidence, [right] = task.truth.facts[0].evidence[0], task.truth.answer.required
+    page = task.website.rstrip("/") + evidence.path.removesuffix(r"(?:\?|$)").replace("\\", "")
+    typed = code.replace("TEXT", json.dumps(" ".join(evidence.texts)))
+    assert answered(task, [f"page.goto({page!r})", typed], right[0]) == 0.0
 
 
 @pytest.mark.parametrize("last", [False, True])

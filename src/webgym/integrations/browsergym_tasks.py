@@ -49,7 +49,7 @@ _CLOSED_WHEN_DROPPED: Final = WrapperSpec(
 )
 
 # The text visible in the viewport, which is the judge's evidence, and the page that it belongs to. They are
-# read at once: the next page may come at any time.
+# read at once: the next page may come at any time. What fields hold is left out: the agent may have typed it.
 _VIEW: Final = """() => {
     const seen = [];
     const shown = (box) => box.width > 0 && box.height > 0 && box.bottom > 0 && box.right > 0
@@ -58,11 +58,10 @@ _VIEW: Final = """() => {
     while (walker.nextNode()) {
         const node = walker.currentNode, parent = node.parentElement, range = document.createRange();
         range.selectNodeContents(node);
-        if (node.data.trim() && parent.checkVisibility({visibilityProperty: true})
+        if (node.data.trim() && !parent.isContentEditable
+            && parent.checkVisibility({visibilityProperty: true, opacityProperty: true})
             && [...range.getClientRects()].some(shown)) seen.push(node.data.trim());
     }
-    for (const field of document.querySelectorAll("input:not([type=hidden]), textarea"))
-        if (field.value && shown(field.getBoundingClientRect())) seen.push(field.value);
     return {text: seen.join("\\n"), title: document.title, url: location.href};
 }"""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import warnings
 from typing import Any
 from unittest.mock import AsyncMock
@@ -14,7 +15,7 @@ from tests.integrations.engine import example
 from tests.integrations.installed_browser import use_installed_browser
 
 import webgym.testing
-from webgym import Action, Answer, Scroll
+from webgym import Action, Answer, Navigate, Scroll
 from webgym.core.errors import JudgeError
 from webgym.core.verdict import Judgement, Verdict
 from webgym.offline.web import OfflineWeb
@@ -38,6 +39,7 @@ with warnings.catch_warnings():
 pytestmark = [pytest.mark.browser, pytest.mark.filterwarnings("ignore")]  # its own
 
 WEB = OfflineWeb(per_family=1, collection="small")
+LARGE = OfflineWeb(per_family=1, collection="large")
 TASKS = [task for task in WEB.tasks("train") if task.difficulty == 1]
 TASK = next(task for task in TASKS if task.truth is not None and not any(f.state for f in task.truth.facts))
 STATEFUL = next(task for task in TASKS if task.truth is not None and any(f.state for f in task.truth.facts))
@@ -153,6 +155,66 @@ def test_an_episode_that_is_not_judged_is_no_reward(
     monkeypatch.setattr(webgym.OfflineJudge, "judge", AsyncMock(side_effect=[judged]))
     with pytest.raises(NoReward, match=says):
         played(TASK, [Answer("no idea")])
+
+
+def answered(task: webgym.Task, codes: list[str], answer: str) -> float:
+    """Reward of an answer after code for Playwright, each of which is a step."""
+    with BrowserGymEnv(browsergym_tasks.env_name(task.id), pre_observation_delay=0.1) as env:
+        env.reset(seed=1)
+        for code in codes:
+            assert env._env.step(code)[0]["last_action_error"] == ""
+        return env.step(Answer(answer))[1]
+
+
+def blocking() -> webgym.Task:
+    browsergym_tasks.register_tasks("large", split="test", per_family=1, count=1)
+    task = next(iter(LARGE.tasks("test")))
+    assert LARGE.specs[urlsplit(task.website).hostname or ""].behaviour == "blocks"
+    return task
+
+
+@pytest.mark.parametrize(
+    "code",
+    ["page.goto({website!r})", "page.evaluate('location = `/${{Math.random()}}`')"],
+    ids=["open", "click"],
+)
+def test_a_website_that_blocks_is_no_reward(code: str) -> None:
+    task = blocking()
+    with pytest.raises(NoReward, match="blocked the agent"):
+        answered(task, [code.format(website=task.website)] * 2, "no idea")
+
+
+def test_a_blocking_page_that_reloads_by_itself_proves_nothing() -> None:
+    assert answered(blocking(), ["page.evaluate('location.reload()')"] * 2, "no idea") == 0.0
+
+
+def test_an_ordinary_website_opened_again_and_again_is_0() -> None:
+    again = Navigate(TASK.website)
+    assert played(TASK, [again, again, Answer("no idea")]) == ([0.0, 0.0, 0.0], True, False)
+
+
+PARAGRAPH = "Object.assign(document.createElement(`p`), {textContent: TEXT, MORE})"
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "page.fill('[name=q]', TEXT)",
+        f"page.evaluate('document.body.prepend({PARAGRAPH})')".replace("MORE", "contentEditable: true"),
+        f"page.evaluate('document.body.prepend({PARAGRAPH})')".replace("MORE", "style: `opacity: 0`"),
+    ],
+    ids=["field", "editable", "transparent"],
+)
+def test_what_the_agent_typed_and_what_nobody_sees_is_no_evidence(code: str) -> None:
+    count, task = next(
+        (count, task) for count, task in enumerate(LARGE.tasks("train"), 1) if task.id.endswith("/bar-0")
+    )
+    browsergym_tasks.register_tasks("large", split="train", per_family=1, count=count)
+    assert task.truth is not None
+    evidence, [right] = task.truth.facts[0].evidence[0], task.truth.answer.required
+    page = task.website.rstrip("/") + evidence.path.removesuffix(r"(?:\?|$)").replace("\\", "")
+    typed = code.replace("TEXT", json.dumps(" ".join(evidence.texts)))
+    assert answered(task, [f"page.goto({page!r})", typed], right[0]) == 0.0
 
 
 @pytest.mark.parametrize("last", [False, True])

@@ -21,7 +21,9 @@ import re
 import secrets
 import subprocess
 import sys
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any, Final, Literal
 from urllib.parse import urlsplit
 
@@ -40,12 +42,14 @@ _VISITOR: Final = "webgym_visitor"
 _TIMEOUT_SECONDS: Final = 60.0
 """Longest time for a website's response, seconds."""
 _READ_ATTEMPTS: Final = 10
+_CLICK: Final = {"name": "left_click", "target": {"coordinate": (0, 0)}}
+"""Stands for what requested a page other than ``page.goto``: BrowserGym does not tell."""
 _CLOSED_WHEN_DROPPED: Final = WrapperSpec(
     "ClosedWhenDropped", "webgym.integrations.browsergym:ClosedWhenDropped", {}
 )
 
 # The text visible in the viewport, which is the judge's evidence, and the page that it belongs to. They are
-# read at once: the next page may come at any time.
+# read at once: the next page may come at any time. What fields hold is left out: the agent may have typed it.
 _VIEW: Final = """() => {
     const seen = [];
     const shown = (box) => box.width > 0 && box.height > 0 && box.bottom > 0 && box.right > 0
@@ -54,11 +58,10 @@ _VIEW: Final = """() => {
     while (walker.nextNode()) {
         const node = walker.currentNode, parent = node.parentElement, range = document.createRange();
         range.selectNodeContents(node);
-        if (node.data.trim() && parent.checkVisibility({visibilityProperty: true})
+        if (node.data.trim() && !parent.isContentEditable
+            && parent.checkVisibility({visibilityProperty: true, opacityProperty: true})
             && [...range.getClientRects()].some(shown)) seen.push(node.data.trim());
     }
-    for (const field of document.querySelectorAll("input:not([type=hidden]), textarea"))
-        if (field.value && shown(field.getBoundingClientRect())) seen.push(field.value);
     return {text: seen.join("\\n"), title: document.title, url: location.href};
 }"""
 
@@ -138,6 +141,9 @@ class WebGymTask(AbstractBrowserTask):
         self._statuses: dict[str, int] = {}
         self._fault = ""
         self._observations: list[dict[str, Any]] = []
+        self._opening = ""
+        self._request: dict[str, Any] | None = None
+        self._requests: list[dict[str, Any] | None] = []  # what each observation followed
 
     def setup(self, page: Any) -> tuple[str, dict[str, Any]]:
         """Open the start page.
@@ -188,6 +194,14 @@ class WebGymTask(AbstractBrowserTask):
 
     def _watch(self, page: Any) -> None:
         page.on("crash", self._close_crashed)
+        page.goto = partial(self._goto, page.goto)  # a request looks the same when the page itself reloads
+
+    def _goto(self, goto: Callable[..., Any], url: str, **options: Any) -> Any:
+        self._opening = url
+        try:
+            return goto(url, **options)
+        finally:
+            self._opening = ""
 
     def _close_crashed(self, page: Any) -> None:
         self._fault = "the page crashed"
@@ -211,8 +225,12 @@ class WebGymTask(AbstractBrowserTask):
             self._fault = f"the offline web does not respond: {type(error).__name__}"
             route.abort()
             return
-        if request.is_navigation_request():
+        if request.is_navigation_request() and _is_of_main_frame(request):
             self._statuses[request.url] = response.status_code
+            if self._opening:
+                self._request = {"name": "navigate", "url": self._opening}
+            elif self._request is None:
+                self._request = _CLICK
         route.fulfill(status=response.status_code, headers=dict(response.headers), body=response.content)
 
     def _record(self, page: Any) -> None:
@@ -230,6 +248,8 @@ class WebGymTask(AbstractBrowserTask):
                 **view,
             }
         )
+        self._requests.append(self._request)
+        self._request = None
 
     def _judge(self, answer: str | None) -> tuple[float, bool, str, dict[str, Any]]:
         if self._fault:
@@ -256,8 +276,11 @@ class WebGymTask(AbstractBrowserTask):
                     "observation": observation,
                     "messages": [],
                     "reply": {"text": "", "policy": ""},
+                    "action": action,
                 }
-                for index, observation in enumerate(observations)
+                for index, (observation, action) in enumerate(
+                    zip(observations, [*self._requests[1:], None], strict=False)
+                )
             ],
             "ending": "budget_spent" if answer is None else "answered",
             "final": last if answer is None else None,
@@ -279,6 +302,13 @@ class WebGymTask(AbstractBrowserTask):
 
 async def _no_picture(name: str) -> bytes:
     raise LookupError(f"the screenshot {name} is not available")
+
+
+def _is_of_main_frame(request: Any) -> bool:
+    try:
+        return request.frame.parent_frame is None
+    except Error:  # the first request of a new tab has no frame yet
+        return True
 
 
 def env_name(task_id: str) -> str:

@@ -354,7 +354,10 @@ def test_sizes_are_simulated_with_what_was_measured() -> None:
     assert loaded_service_times(PLAN, [alone]) == service_times(PLAN, [alone])  # no async cell yet
     given = Questions(costs=Costs(page_seconds=9.0), workload=Workload(trajectories=5))
     asked = given.over(costs, PLAN.workload)
-    assert asked.costs == costs.model_copy(update={"page_seconds": 9.0})
+    assert asked.costs == costs.model_copy(update={"page_seconds": 9.0, "page_waits": ()})
+    both = Questions(costs=Costs(page_sigma=0.0, page_waits=(9.0,))).over(costs, PLAN.workload)
+    assert both.costs.page_waits == (9.0,)
+    assert Questions(costs=Costs(act_cpu=1.0)).over(costs, PLAN.workload).costs.page_waits == costs.page_waits
     assert asked.workload == PLAN.workload.model_copy(update={"trajectories": 5})
 
 

@@ -15,6 +15,7 @@ import subprocess
 import sys
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
 from contextlib import asynccontextmanager
+from functools import partial
 from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
@@ -597,19 +598,20 @@ def test_what_a_session_has_open_is_cut_and_what_it_repeats_at_once(run: Run) ->
     async def scene() -> None:
         async with serve(echo) as port, proxy("*", machine=Silent({"here.test": [HERE]})) as egress:
             listener, neighbour = await egress.open_listener(), await egress.open_listener()
-            for is_same_session in (True, False):
+            for is_same_session, is_repeated in ((True, True), (True, False), (False, True)):
                 _, one = await ask(listener, "here.test", port)
                 opening = await knock(listener, request("a.slow.test", 80))
                 _, other = await ask(neighbour, "here.test", port)
                 await until(lambda: egress.waiting)
-                listener.cut()
+                listener.cut(partial(bool, is_repeated))
                 assert await closed(one) == b""
                 assert b"\5\0\0" not in await closed(opening)
                 if not is_same_session:
                     listener.renew()
                 _, again = await ask(listener, "here.test", port)
                 await asyncio.sleep(0.7)
-                for streams, is_open in ((again, not is_same_session), (other, True)):
+                is_cut = is_same_session and is_repeated
+                for streams, is_open in ((again, not is_cut), (other, True)):
                     streams[1].write(b"x")
                     assert (await streams[0].read(1) == b"x") is is_open
                 await hang_up(again, other)

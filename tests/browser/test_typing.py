@@ -321,6 +321,19 @@ async def test_a_click_that_moves_the_focus_elsewhere(site: Site, tab: Tab) -> N
 
 
 @browser
+async def test_a_read_only_field_whose_click_opens_another_later(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            "<input readonly aria-label=Search onclick='setTimeout(open_, 200)'>"
+            "<input id=i hidden onchange='document.title = this.value'>"
+            "<script>const open_ = () => { i.hidden = false; i.focus() }</script>"
+        )
+    )
+    look = await tab.step(Type(tab.at("Search"), "boots"))
+    assert look.observation.title == "boots"
+
+
+@browser
 @pytest.mark.parametrize(
     ("field", "why"),
     [

@@ -333,6 +333,24 @@ async def test_a_script_that_waits_for_a_synchronous_request(site: Site, open_ta
     assert site.hits.count("/late") >= 1
 
 
+async def test_the_page_after_a_synchronous_request_is_not_cut(site: Site, open_tab: Open) -> None:
+    async def silent(reader: asyncio.StreamReader, _: asyncio.StreamWriter) -> None:
+        await reader.read(-1)
+
+    async def following(_: Request) -> Response:
+        await asyncio.sleep(1)
+        return HTMLResponse("<p>next")
+
+    site.on("/next", following)
+    tab = await open_tab(config=BrowserConfig(execute_seconds=1))
+    async with raw(silent) as place:
+        script = SYNCHRONOUS.replace("/late", f"http://{place}/")
+        script = f"document.links[0].onclick = () => {{ {script} }}"
+        await tab.goto(site.page(f"<a href=/next>on</a><script>{script}</script>"))
+        await tab.step(LeftClick(tab.at("on")))
+    assert tab.text == ["next"]
+
+
 async def test_a_script_that_is_ended_costs_no_other_request(site: Site, open_tab: Open) -> None:
     going_on = asyncio.Event()
 

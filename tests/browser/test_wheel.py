@@ -66,18 +66,38 @@ async def test_the_wheel_turns_over_the_focus_where_nothing_else_scrolls(site: S
     assert 180 <= top(tab) <= 260
 
 
+MAP = (
+    "<div id=map style='width:800px;height:600px;overflow:hidden;position:relative'></div><script>"
+    "let zoom = 1; let turns = 0;"
+    "for (let n = 0; n < 48; n++) { const tile = document.createElement('i'); tile.textContent = n;"
+    "tile.style = `position:absolute;width:100px;height:100px;left:${n % 8 * 100}px;"
+    "top:${(n >> 3) * 100}px`; map.append(tile); }"
+    "map.addEventListener('wheel', (event) => { event.preventDefault(); event.stopPropagation();"
+    "zoom *= 1.2; turns += 1; for (const tile of map.children) tile.style.zoom = zoom;"
+    "document.title = turns; }, { passive: false })</script>"
+)
+BELOW = "<p style='height:2000px'>below"
+
+
 async def test_a_map_is_drawn_larger_once(site: Site, tab: Tab) -> None:
-    await tab.goto(
-        site.page(
-            "<div id=map style='width:800px;height:600px;overflow:hidden;position:relative'></div><script>"
-            "let zoom = 1; let turns = 0;"
-            "for (let n = 0; n < 48; n++) { const tile = document.createElement('i'); tile.textContent = n;"
-            "tile.style = `position:absolute;width:100px;height:100px;left:${n % 8 * 100}px;"
-            "top:${(n >> 3) * 100}px`; map.append(tile); }"
-            "map.addEventListener('wheel', (event) => { event.preventDefault(); zoom *= 1.2; turns += 1;"
-            "for (const tile of map.children) tile.style.zoom = zoom;"
-            "document.title = turns; }, { passive: false })</script>"
-        )
-    )
+    await tab.goto(site.page(MAP))
     look = await tab.step(Scroll("down", at(400, 300)))
     assert look.observation.title == "1"
+
+
+async def test_a_map_in_the_middle_does_not_keep_from_what_is_below(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page(MAP + BELOW))
+    look = await tab.step(Scroll("down", at(400, 300)))
+    assert (look.observation.title, look.observation.scroll[0]) == ("1", 0)
+    look = await tab.step(Scroll("down"))
+    assert (look.observation.title, look.observation.scroll[0]) == ("2", VIEWPORT[1] * 0.75)
+
+
+async def test_a_page_that_scrolls_itself_later_is_scrolled_once(site: Site, tab: Tab) -> None:
+    script = (
+        "addEventListener('wheel', (event) => { event.preventDefault();"
+        "setTimeout(() => scrollBy(0, event.deltaY), 200) }, { passive: false })"
+    )
+    await tab.goto(site.page(f"<script>{script}</script>{BELOW}"))
+    look = await tab.step(Scroll("down"))
+    assert look.observation.scroll[0] == VIEWPORT[1] * 0.75

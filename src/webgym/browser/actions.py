@@ -51,7 +51,8 @@ class _Field(msgspec.Struct, frozen=True):
         kind: ``text``: a field whose content is selected. ``keys``: another element that handles keys.
             ``slider``: a slider that keys move. ``frame``: a frame of another origin. ``set``, ``chosen``:
             the value was set already.
-            ``refused``: the text is not valid for the field. ``none``: nothing accepts text.
+            ``refused``: the text is not valid for the field. ``read_only``: no text is. ``none``: nothing
+            accepts text.
         filled: whether it has content to be cleared.
         stands: whether it may be the input of an editor that keeps its content itself.
         frame: the focused frame; ``None`` if it was not entered yet, empty if it cannot be entered.
@@ -60,7 +61,7 @@ class _Field(msgspec.Struct, frozen=True):
         wanted, value, share: as in :func:`webgym.browser.sliders.slide`.
     """
 
-    kind: Literal["text", "keys", "slider", "frame", "set", "chosen", "refused", "none"]
+    kind: Literal["text", "keys", "slider", "frame", "set", "chosen", "refused", "read_only", "none"]
     filled: bool = False
     stands: bool = False
     frame: str | None = None
@@ -219,14 +220,14 @@ async def type_at(
     config = page.config
     await click(page, point)
     field = await _prepare(page, text, enter)
-    if field.kind in ("none", "keys"):
+    if field.kind in ("none", "keys", "read_only"):
         field = await _settle_and_prepare(page, text, enter, field.wondered)
     if field.kind == "text" and field.stands and replace:
         await press(page, ("Control", "a"))
     match field.kind:
         case "none" | "frame" if not blindly:
             raise ActionFailed("there is no text field at this place; nothing was typed")
-        case "refused":
+        case "refused" | "read_only":
             raise ActionFailed(f"nothing was typed: {field.why}")
         case "chosen":
             return

@@ -350,8 +350,8 @@ class Page:
         Nothing terminates one that waits for a synchronous request: all connections of the session are cut.
         """
         self.session.send("Runtime.terminateExecution")
-        if self.traffic.is_synchronous:
-            self._listener.cut()
+        if waited_for := self.traffic.synchronous:
+            self._listener.cut(lambda: bool(waited_for & self.traffic.synchronous))
 
     def unblock(self) -> None:
         """Free a page that does not answer, with a notice.

@@ -16,6 +16,7 @@ from webgym.browser.cdp_messages import CdpMessage, EmptyReply
 from webgym.browser.chords import chord, keys_of, modifier_bits
 from webgym.browser.isolated_worlds import DocumentGone
 from webgym.browser.page import Page
+from webgym.browser.settle import settle
 from webgym.core.action import Modifier, Side
 from webgym.core.errors import ActionFailed
 
@@ -40,10 +41,15 @@ class Wheel(msgspec.Struct, frozen=True):
 
 
 class _Turned(msgspec.Struct, frozen=True):
-    """How far a script of the page scrolled, and the size of its box, CSS pixels."""
+    """How far a script of the page scrolled, and the size of its box, CSS pixels.
+
+    Attributes:
+        taken: whether the page prevented that anything is scrolled, although it has more in that direction.
+    """
 
     by: float
     extent: float
+    taken: bool = False
 
 
 class _List(msgspec.Struct, frozen=True):
@@ -224,7 +230,8 @@ async def scroll(page: Page, side: Side, point: Point | None = None) -> None:
     its visible size.
 
     Elements that scroll by a script, such as editors and tables with thousands of lines, may move a few lines
-    for each wheel event: it is repeated until the distance is reached.
+    for each wheel event: it is repeated until the distance is reached. Without a point, the page is scrolled
+    where what lies there uses the wheel for something else, such as a map that zooms.
     """
     sign = 1 if side in ("down", "right") else -1
     wheel = await wheel_over(page, side, point)
@@ -240,6 +247,9 @@ async def scroll(page: Page, side: Side, point: Point | None = None) -> None:
             done += turned.by
             if not turned.by or done + turned.by / 2 >= turned.extent * page.config.scroll_fraction:
                 break
+        if point is None and not done and turned.taken:
+            await settle(page)  # it may scroll by an animation of its own
+            await page.run("scrollPage", distance, reply=bool)
 
 
 async def wheel_over(page: Page, side: Side, point: Point | None = None) -> Wheel:

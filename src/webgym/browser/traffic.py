@@ -206,9 +206,9 @@ class Traffic:
         activity.seconds, activity.is_patient = 0.0, False
 
     @property
-    def is_synchronous(self) -> bool:
-        """Whether a script waits for a synchronous request."""
-        return any(activity.is_synchronous for activity in self._in_flight.values())
+    def synchronous(self) -> frozenset[str]:
+        """Ids of the requests for which scripts wait. One that the browser repeats keeps its id."""
+        return frozenset(key for key, activity in self._in_flight.items() if activity.is_synchronous)
 
     def is_idle(self, patience: float = 0.0) -> bool:
         """Whether nothing is awaited.

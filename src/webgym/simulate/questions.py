@@ -23,9 +23,15 @@ class Questions(Section):
     prices: Prices = Prices()
 
     def over(self, costs: Costs, workload: Workload) -> Questions:
-        """These settings with other defaults of costs and workload."""
+        """These settings with other defaults of costs and workload.
+
+        A distribution of the network's waits in these settings replaces default ``page_waits``.
+        """
+        given = self.costs.model_dump(exclude_unset=True)
+        if not given.keys().isdisjoint({"page_seconds", "page_sigma", "page_longest"}):
+            given = {"page_waits": (), **given}
         update = {
-            "costs": costs.model_copy(update=self.costs.model_dump(exclude_unset=True)),
+            "costs": costs.model_copy(update=given),
             "workload": workload.model_copy(update=self.workload.model_dump(exclude_unset=True)),
         }
         return self.model_copy(update=update)

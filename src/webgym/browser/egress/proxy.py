@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import OrderedDict
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from typing import Any, cast
 from urllib.parse import urlsplit
 from weakref import WeakSet
@@ -216,13 +216,17 @@ class ProxyListener:
             task.cancel()
         self.budget = Budget(self._egress.config)
 
-    def cut(self) -> None:
-        """Abort the session's connections, and those over which the browser repeats requests at once, as it
-        does where a connection had been used before. Unlike :meth:`renew`, the session's budget stays."""
+    def cut(self, again: Callable[[], bool]) -> None:
+        """Abort the session's connections. Unlike :meth:`renew`, the session's budget stays.
+
+        Args:
+            again: called 0.5 s later; whether to abort those of that time too. The browser repeats a request
+                at once where its connection had been used before.
+        """
         budget = self.budget
         self._abort()
         asyncio.get_running_loop().call_later(
-            _REPEATED_SECONDS, lambda: self._abort() if self.budget is budget else None
+            _REPEATED_SECONDS, lambda: self._abort() if self.budget is budget and again() else None
         )
 
     def _abort(self) -> None:

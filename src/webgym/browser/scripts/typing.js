@@ -174,7 +174,8 @@
   // Readies the focused field for `text`. {kind}: "text" (its content is selected; `filled` says whether there is
   // any, and `stands` whether it lies elsewhere than where was clicked, as that of an editor does), "slider" (keys
   // move it from `value` to `wanted`), "set" and "chosen" (done here; `why` says what else came of it), "keys" (no
-  // field, but it listens), "frame" (the focus is in this frame of another origin), "refused" (why), "none".
+  // field, but it listens), "frame" (the focus is in this frame of another origin), "refused" and "read_only" (why),
+  // "none".
   // `isEnded`: by Enter.
   webgym.prepareTyping = (text, isEnded) => {
     const element = webgym.pointedSlider(focused()) || focused();
@@ -186,7 +187,8 @@
       return getAttribute(element, 'aria-disabled') === 'true' ? UNCHANGEABLE : webgym.prepareSlider(element, text);
     const isInput = localName(element) === 'input';
     if (isInput && element.type === 'file') return { kind: 'refused', why: 'files cannot be uploaded' };
-    if (ofKind(element, 'disabled') || ofKind(element, 'readOnly')) return UNCHANGEABLE;
+    if (ofKind(element, 'disabled')) return UNCHANGEABLE;
+    if (ofKind(element, 'readOnly')) return { ...UNCHANGEABLE, kind: 'read_only' };
     if (isInput && VALUE_TYPES.includes(element.type)) return setValue(element, text);
     const lines = isContentEditable(element) || localName(element) === 'textarea';
     if (lines || (isInput && !NO_TEXT.includes(element.type))) {

@@ -4,7 +4,7 @@
   if (webgym.wheel) return;
   const {
     ownerDocument, clientHeight, clientWidth, scrollHeight, scrollWidth, scrollTop, scrollLeft, getBoundingClientRect,
-    body, documentElement, scrollingElement, defaultView, querySelectorAll, isConnected, activeElement,
+    scrollBy, body, documentElement, scrollingElement, defaultView, querySelectorAll, isConnected, activeElement,
   } = webgym.dom;
   const { state, rootOf, isFrame } = webgym;
   const { intersect, middle, parentOf, hit, begin, clipWithin } = webgym.geometry;
@@ -114,6 +114,8 @@
   };
 
   let turned = null; // before the wheel was turned: what lies where, and how far each box around was scrolled
+  let wheel = null; // the wheel's last event
+  webgym.listen(['wheel', (event) => (wheel = event), { capture: true, passive: true }]);
 
   webgym.expectTurn = (name, point) => {
     begin();
@@ -126,28 +128,42 @@
     const found = new Set(Array.from({ length: SAMPLES }, (_, n) => hit(...step((n + 0.5) / SAMPLES))));
     const around = [];
     for (let node = hit(...point); node; node = parentOf(node)) around.push([node, side.at(node)]);
+    const page = scrollingElement(document);
+    if (page) around.push([page, side.at(page)]);
     const places = [...found].filter((element) => element && !isFrame(element));
-    turned = { side, box, around, places: places.map((element) => [element, getBoundingClientRect(element)]) };
+    turned = { side, box, around, page, places: places.map((element) => [element, getBoundingClientRect(element)]) };
+    wheel = null;
     return true;
   };
 
-  // {by, extent}: how far a script moved what lies there, and how long the box is. 0 where the browser itself
-  // scrolled, and where things did not all move the same way: a map that is drawn larger, say.
+  // {by, extent, taken}: how far a script moved what lies there, and how long the box is. 0 where the browser
+  // itself scrolled, and where things did not all move the same way: a map that is drawn larger, say. `taken`:
+  // nothing was scrolled, as a listener of the page prevented it, but the page could be.
   webgym.turned = () => {
-    const { side, box, around, places } = turned;
+    const { side, box, around, page, places } = turned;
     const isAcross = side.overflow === 'overflowX';
     const extent = isAcross ? box.right - box.left : box.bottom - box.top;
     if (around.some(([node, at]) => side.at(node) !== at)) return { by: 0, extent };
+    const isPrevented = Boolean(wheel && wheel.defaultPrevented && !state.list);
+    const taken = Boolean(isPrevented && page && isScroller(page, side) && hasRoom(page, side));
     const moves = [];
     for (const [element, was] of places) {
       if (!isConnected(element)) continue;
       const is = getBoundingClientRect(element);
       const [along, aside] = isAcross ? [was.left - is.left, was.top - is.top] : [was.top - is.top, was.left - is.left];
       if (Math.abs(aside) >= 1 || Math.abs(is.width - was.width) + Math.abs(is.height - was.height) >= 1)
-        return { by: 0, extent };
+        return { by: 0, extent, taken };
       if (Math.abs(along) >= 1) moves.push(along);
     }
-    const isOne = moves.length > 1 && moves.every((move) => Math.abs(move - moves[0]) < 1);
-    return { by: isOne ? Math.abs(moves[0]) : 0, extent };
+    const isOne = moves.length > 0 && moves.every((move) => Math.abs(move - moves[0]) < 1);
+    return { by: isOne && moves.length > 1 ? Math.abs(moves[0]) : 0, extent, taken: taken && !isOne };
+  };
+
+  // Scroll the page itself, if the last turn was and still is `taken`.
+  webgym.scrollPage = (distance) => {
+    const { side, page } = turned;
+    const key = side.overflow === 'overflowX' ? 'left' : 'top';
+    if (webgym.turned().taken) scrollBy(page, { [key]: distance, behavior: 'instant' });
+    return true;
   };
 })();

@@ -66,7 +66,7 @@ from webgym.run_config import (
 )
 from webgym.run_services import open_services
 from webgym.server.client import BrowserClient
-from webgym.task_choice import choose_tasks, given_tasks
+from webgym.task_choice import choose_tasks, given_tasks, tell_left_out
 from webgym.tasks.selection import BLOCKED
 
 Show: TypeAlias = Callable[[Progress], AbstractAsyncContextManager[None]]
@@ -127,10 +127,7 @@ async def collect(
     if requested is None and config.tasks.count is None and len(tasks) < len(selected.tasks):
         drawn = f"{len(tasks):,} of {len(selected.tasks):,} tasks are drawn"
         say(tell, f"{drawn}; --limit (tasks.count) takes another number, or all")
-    for line in chosen.broken:
-        say(tell, f"skipped {line}")
-    if set_aside := chosen.set_aside:
-        say(tell, f"set aside {len(set_aside):,} tasks without a fact to judge; the first: {set_aside[0]}")
+    tell_left_out(chosen.broken, chosen.set_aside, tell)
     settings = config.model_dump(mode="json", exclude={"sites": {"token"}})
     stamp = {"run_id": uuid.uuid4().hex, "started": datetime.now(UTC).isoformat(timespec="seconds")}
     left_out: dict[str, Any] = {"left_out_tasks": dict(selected.left_out)}

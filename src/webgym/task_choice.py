@@ -10,7 +10,7 @@ from webgym.core.task import Task
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Split
 from webgym.rollout.blocklist import Blocklist
-from webgym.run_config import RunConfig, Tell
+from webgym.run_config import RunConfig, Tell, say
 from webgym.task_cache import cached_tasks
 from webgym.tasks.brands import brand_or_text
 from webgym.tasks.files import BrokenRecord, TaskFile, unfit
@@ -62,12 +62,22 @@ def all_tasks(config: RunConfig, tell: Tell | None = None) -> list[Task]:
 
     Args:
         config: of the run.
-        tell: is told what takes long.
+        tell: is told what takes long, and what is left out.
 
     Raises:
         TaskFileError: the file cannot be read or holds no task.
     """
-    return _read(config, None, tell).tasks
+    read = _read(config, None, tell)
+    tell_left_out(read.broken, read.set_aside, tell)
+    return read.tasks
+
+
+def tell_left_out(broken: list[BrokenRecord], set_aside: list[BrokenRecord], tell: Tell | None) -> None:
+    """Tell the user which records of a task file are left out."""
+    for line in broken:
+        say(tell, f"skipped {line}")
+    if set_aside:
+        say(tell, f"set aside {len(set_aside):,} tasks without a fact to judge; the first: {set_aside[0]}")
 
 
 def _read(config: RunConfig, split: Split | None, tell: Tell | None) -> TaskFile:

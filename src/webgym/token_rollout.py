@@ -62,7 +62,8 @@ class Sampled:
     Attributes:
         reply_ids: token ids, the end token included if it was sampled.
         logprobs: of ``reply_ids``, under the distribution that they were drawn from.
-        finish_reason: ``stop``: the model ended the reply; ``length``: it was cut off.
+        finish_reason: ``stop``: the model ended the reply; ``length``: it was cut off; ``abort``: the engine
+            broke it off, and the episode ends without a reward.
         weight_version: of the weights that sampled it; empty if the engine does not report it.
         prompt_ids: those that the engine read, if it reports them; they are trained on instead of the
             request's.
@@ -72,7 +73,7 @@ class Sampled:
 
     reply_ids: Sequence[int]
     logprobs: Sequence[float] | None = None
-    finish_reason: Literal["stop", "length"] = "stop"
+    finish_reason: Literal["stop", "length", "abort"] = "stop"
     weight_version: str = ""
     prompt_ids: Sequence[int] | None = None
     sampling: dict[str, Any] = field(default_factory=dict)
@@ -184,13 +185,14 @@ async def roll_out(
     except BaseException:
         await env.abandon()
         raise
-    maker = SampleMaker(renderer, cutoff_tokens=cutoff_tokens, off_policy=needs_logprobs)
-    rows = await asyncio.to_thread(_rows, info["trajectory"], requests, maker)
-    dropped: Counter[str] = Counter(maker.dropped)
     trajectory: Trajectory = info["trajectory"]
     reward = trajectory.outcome.reward
-    if reward is None:
-        rows, dropped = [], Counter(no_reward=len(trajectory.episode.steps))
+    rows: list[TokenRow] = []
+    dropped: Counter[str] = Counter(no_reward=len(trajectory.episode.steps))
+    if reward is not None:
+        maker = SampleMaker(renderer, cutoff_tokens=cutoff_tokens, off_policy=needs_logprobs)
+        rows = await asyncio.to_thread(_rows, trajectory, requests, maker)
+        dropped = Counter(maker.dropped)
     return TokenRollout(
         trajectory.episode.task_id,
         reward,

@@ -118,6 +118,19 @@ async def test_a_reply_without_an_action_is_a_step(endpoint: Endpoint, png: byte
     assert step.parse_error.startswith("no_tool_call")
 
 
+@pytest.mark.parametrize(
+    ("reason", "tries"), [("error", 2), ("abort", 2), ("CANCELLED", 2), ("content_filter", 1)]
+)
+@pytest.mark.parametrize("content", [None, render_reply(CLICK, "memory", description="Click it")])
+async def test_a_reply_that_the_endpoint_ended_is_its_fault(
+    endpoint: Chooses, png: bytes, reason: str, tries: int, content: str | None
+) -> None:
+    endpoint.choice = {"message": {"role": "assistant", "content": content}, "finish_reason": reason}
+    with pytest.raises(PolicyBadReply, match=f"finish_reason '{reason}'"):
+        await talk(endpoint.url("choice"), png)
+    assert len(endpoint.requests) == tries
+
+
 THOUGHT_CALL = render_reply(CLICK, "memory", description="Perhaps")
 
 

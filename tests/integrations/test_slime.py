@@ -31,6 +31,8 @@ from webgym.integrations import slime
 from webgym.testing import Adapted, Told, check_adapter, stand_in_pool
 
 renderer = functools.cache(tiny_renderer)  # by the first test that needs it
+ABORTED = ("", "<tool_call>")
+"""Replies that the engine aborted."""
 RIGHT = (reply_text(Scroll("down")), reply_text(Answer("right")))
 
 
@@ -69,13 +71,14 @@ class SGLang:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         asked = await Request(scope, receive).json()
-        ids, logprobs = self.engine.sample(self._texts[len(self.requests)])
+        text = self._texts[len(self.requests)]
+        ids, logprobs = self.engine.sample(text)
         self.requests.append(asked)
         told = {
             "output_token_logprobs": [
                 [value, token, None] for value, token in zip(logprobs, ids, strict=True)
             ],
-            "finish_reason": {"type": "stop"},
+            "finish_reason": {"type": "abort" if text in ABORTED else "stop"},
             "weight_version": "12",
         }
         response: Response = JSONResponse({"text": "", "meta_info": told})
@@ -83,20 +86,21 @@ class SGLang:
 
 
 async def generated(
-    servers: AsyncExitStack, texts: Sequence[str], task_id: str
+    servers: AsyncExitStack, texts: Sequence[str], task_id: str, sample: Sample | None = None
 ) -> tuple[SGLang, list[Sample]]:
     ports: list[int] = []
 
-    def made(port: int) -> SGLang:
+    def engine(port: int) -> SGLang:
         ports.append(port)
         return SGLang(texts)
 
-    served = await servers.enter_async_context(serving(made, lambda one: one))
+    served = await servers.enter_async_context(serving(engine, lambda one: one))
     args = types.SimpleNamespace(
         hf_checkpoint="model", sglang_router_ip="127.0.0.1", sglang_router_port=ports[0]
     )
-    sample = Sample(index=5, metadata={"task_id": task_id})
-    return served, await slime.generate(args, sample, {"temperature": 1.0})
+    sample = sample or Sample(index=5, metadata={"task_id": task_id})
+    made = await slime.generate(args, sample, {"temperature": 1.0})
+    return served, made if isinstance(made, list) else [made]
 
 
 @asynccontextmanager
@@ -176,6 +180,19 @@ async def test_an_episode_without_a_reward_has_no_number_and_drops_its_group(
         (None, True, Sample.Status.ABORTED)
     ]
     assert not slime.has_rewards(None, [[Sample(reward=1.0)], samples])
+
+
+@pytest.mark.parametrize("text", ABORTED)
+async def test_an_aborted_reply_is_no_step_and_its_sample_may_be_tried_again(
+    tmp_path: Path, text: str
+) -> None:
+    async with process(stand_in_pool(tmp_path)) as servers:
+        server, [sample] = await generated(servers, (RIGHT[0], text, RIGHT[1]), "check-3")
+        assert len(server.requests) == 2, "the episode is over"
+        assert (sample.reward, sample.remove_sample, sample.status) == (None, True, Sample.Status.ABORTED)
+        assert (sample.response, sample.metadata["outcome"]) == ("", "policy_error")
+        _, samples = await generated(servers, RIGHT, "check-3", sample)
+    assert [(each.reward, each.remove_sample) for each in samples] == [(1.0, False)] * 2
 
 
 def test_the_example(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -47,6 +47,12 @@ async def test_a_reply_without_usage_model_or_content_is_a_reply(endpoint: Endpo
     assert (reply.prompt_tokens, reply.completion_tokens) == (0, 0)
 
 
+async def test_a_reply_that_the_engine_broke_off_is_asked_for_again(endpoint: Endpoint) -> None:
+    endpoint.replies = [{"message": {"content": None}, "finish_reason": "abort"}, {"finish_reason": "length"}]
+    assert await ask(endpoint.url("scripted")) == "Hello."
+    assert endpoint.replies == []
+
+
 async def test_connections_are_kept(endpoint: Endpoint) -> None:
     async with ChatClient(config(endpoint.url())) as client:
         for _ in range(5):

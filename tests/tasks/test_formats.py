@@ -21,7 +21,7 @@ from webgym.core.errors import TaskFileError
 from webgym.core.task import Attachment, FactGroup, Rubric, Task
 from webgym.offline.web import OfflineWeb
 from webgym.run_config import RunConfig, TaskChoice
-from webgym.task_choice import choose_tasks
+from webgym.task_choice import all_tasks, choose_tasks
 from webgym.tasks.formats import Format, read_tasks, write_tasks
 
 NAMES: dict[str, Format] = {
@@ -188,13 +188,29 @@ def test_a_folder_is_read_by_its_names(tmp_path: Path) -> None:
 
 
 def test_an_id_counts_once_over_all_files_of_a_folder(tmp_path: Path) -> None:
-    write_tasks(tmp_path / "train.jsonl", [task(1), task(2)])
-    write_tasks(tmp_path / "test.parquet", [task(3), task(2)])
-    found = read_tasks(tmp_path)
-    assert len(found.tasks) == 3
-    assert [str(broken) for broken in found.broken] == [
-        f"{tmp_path / 'test.parquet'}:2: a second task with the id 'offline/2'"
+    write_tasks(tmp_path / "train.jsonl", [task(1), task(2), task(1)])
+    write_tasks(tmp_path / "test.parquet", [task(3), task(2), task(3)])
+    told: list[str] = []
+    found = all_tasks(RunConfig(tasks=TaskChoice(file=tmp_path)), told.append)
+    assert {each.id: each.split for each in found} == {
+        "offline/1": "train",
+        "offline/2": "test",
+        "offline/3": "test",
+    }
+    train, test = (f"skipped {tmp_path / name}" for name in ("train.jsonl", "test.parquet"))
+    assert told == [
+        f"{train}:3: a second task with the id 'offline/1'",
+        f"{train}:2: the id 'offline/2' is that of a test task, too",
+        f"{test}:3: a second task with the id 'offline/3'",
     ]
+
+
+@pytest.mark.parametrize("splits", [("train", "test"), (None, "test"), ("test", "train"), ("test", None)])
+def test_a_test_task_counts_before_one_with_its_id(tmp_path: Path, splits: tuple[object, object]) -> None:
+    write_tasks(tmp_path / "tasks.jsonl", [task(1, split=split) for split in splits])
+    found = read_tasks(tmp_path / "tasks.jsonl")
+    assert [(each.id, each.split) for each in found.tasks] == [("offline/1", "test")]
+    assert [broken.line for broken in found.broken] == [2 - splits.index("test")]
 
 
 def table_of(*tasks: Task) -> pa.Table:

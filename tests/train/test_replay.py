@@ -64,15 +64,30 @@ def test_an_answer_is_kept_even_if_somebody_looked_after_it_and_saw_the_same() -
     assert len(drawn(made)) == 1
 
 
-def test_a_reply_without_an_action_is_dropped_as_it_changes_nothing() -> None:
+def unreadable(number: int = 0, *, changed: bool, outcome: Outcome = SUCCESS) -> Trajectory:
+    """A reply without an action, then an answer."""
+    one = trajectory(number, changed=(True,), outcome=outcome)
+    steps = (step(0, action=None, changed=changed), one.episode.steps[1])
+    return msgspec.structs.replace(one, episode=msgspec.structs.replace(one.episode, steps=steps))
 
-    one = trajectory(changed=(True,))
-    broken = step(0, action=None, changed=False)
-    steps = (broken, one.episode.steps[1])
-    same = msgspec.structs.replace(one, episode=msgspec.structs.replace(one.episode, steps=steps))
-    made = replay()
-    made.add(0, Made([same]))
+
+@pytest.mark.parametrize("changed", [True, False])
+@pytest.mark.parametrize("penalty", [True, False])
+def test_a_reply_without_an_action_is_dropped_whatever_the_page_did(*, changed: bool, penalty: bool) -> None:
+    made = replay(repetition_penalty=penalty)
+    counts = made.add(0, Made([unreadable(changed=changed)]))
     assert [index for _, _, index in drawn(made)] == [1]
+    assert (counts.steps, counts.unreadable, counts.unchanged, counts.kept_steps) == (2, 1, 0, 1)
+
+
+def test_a_reply_without_an_action_may_be_blamed() -> None:
+    made = replay(GroupIS())
+    won, lost = (
+        unreadable(number, changed=True, outcome=each) for number, each in enumerate([SUCCESS, FAILURE])
+    )
+    counts = made.add(0, Made([won, lost]))
+    assert drawn(made) == [(0, "t/a#0.0", 1), (0, "t/a#1.0", 0), (0, "t/a#1.0", 1)]
+    assert (counts.steps, counts.unreadable, counts.kept_steps) == (4, 1, 3)
 
 
 def runs(iterations: int, size: int) -> list[Made]:

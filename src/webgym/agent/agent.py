@@ -20,7 +20,7 @@ from webgym.core.action import Mode, Space
 from webgym.core.errors import PolicyBadReply, PolicyError
 from webgym.core.observation import Observation
 from webgym.core.task import Task
-from webgym.core.trajectory import Reply, Revision, Step
+from webgym.core.trajectory import ENDED_BY_ENDPOINT, Reply, Revision, Step
 
 
 class AgentTraits(NamedTuple):
@@ -173,10 +173,15 @@ class Dialogue:
             ``changed`` is ``None``: it follows from the next observation.
 
         Raises:
-            PolicyBadReply: the reply is not valid Unicode.
+            PolicyBadReply: the reply is not valid Unicode, or it was the endpoint that ended it.
         """
         assert self._pending is not None, "request comes first"
         pending, turn = self._pending, self._pending.turn
+        if reply.finish_reason.casefold() in ENDED_BY_ENDPOINT:
+            raise PolicyBadReply(
+                f"the endpoint ended the reply of {reply.policy}: finish_reason {reply.finish_reason!r}",
+                hint="look at the endpoint's log, or its content filter",
+            )
         try:
             reply.text.encode()
         except UnicodeEncodeError as error:

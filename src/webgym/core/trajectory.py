@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 
@@ -39,6 +39,12 @@ class Message(msgspec.Struct, frozen=True):
 
     role: str
     content: tuple[TextPart | ImageRef, ...]
+
+
+ENDED_BY_ENGINE: Final = frozenset({"abort", "cancelled", "error"})
+"""Finish reasons of replies that the endpoint's engine ended: a fault of the endpoint, and it may pass."""
+ENDED_BY_ENDPOINT: Final = ENDED_BY_ENGINE | {"content_filter"}
+"""Finish reasons of replies that are not the model's own: how well it acts cannot be seen in them."""
 
 
 class Reply(msgspec.Struct, frozen=True, omit_defaults=True):

@@ -6,7 +6,8 @@
 An episode gives one sample per step, all with the episode's reward and the rollout id of the prompt's sample:
 the prompt has a window of the history, so no two steps share a prompt. slime requires a number as reward, so
 for an episode without one the prompt's sample is returned as aborted and marked for removal, and the filter
-drops its group.
+drops its group. The same holds if SGLang aborts a request, as slime has it do at the end of a rollout; what
+slime then keeps (``--partial-rollout``) starts again from its prompt.
 
 The environment variables ``WEBGYM_TASKS`` (default ``offline-v1``) and ``WEBGYM_SPLIT`` select the tasks, and
 ``WEBGYM_BROWSERS`` sets the number of browsers of each process.
@@ -48,7 +49,7 @@ def the_renderer(args: Any) -> Renderer:
     return _renderers[path]
 
 
-async def generate(args: Any, sample: Any, sampling_params: dict[str, Any]) -> list[Any]:
+async def generate(args: Any, sample: Any, sampling_params: dict[str, Any]) -> Any:
     """Play one episode of ``sample.metadata["task_id"]``.
 
     Args:
@@ -58,7 +59,7 @@ async def generate(args: Any, sample: Any, sampling_params: dict[str, Any]) -> l
         sampling_params: sampling parameters of SGLang.
 
     Returns:
-        A sample for each step, or the prompt's sample marked for removal.
+        A list with a sample for each step, or the prompt's sample marked for removal.
 
     Raises:
         aiohttp.ClientError: SGLang does not respond.
@@ -78,11 +79,12 @@ async def generate(args: Any, sample: Any, sampling_params: dict[str, Any]) -> l
             async with http.post(url, json=payload) as response:
                 reply = await response.json()
             meta = reply["meta_info"]
-            pairs = meta["output_token_logprobs"]
+            ended = meta["finish_reason"]["type"]
+            pairs = meta["output_token_logprobs"] if ended != "abort" else []
             return Sampled(
                 [pair[1] for pair in pairs],
                 [pair[0] for pair in pairs],
-                finish_reason="length" if meta["finish_reason"]["type"] == "length" else "stop",
+                finish_reason=ended if ended in ("length", "abort") else "stop",
                 weight_version=str(meta.get("weight_version", "")),
             )
 
@@ -106,8 +108,8 @@ def has_rewards(args: Any, samples: list[Any], **_: Any) -> bool:
     )
 
 
-def samples_of(sample: Any, rollout: TokenRollout, renderer: Renderer) -> list[Any]:
-    """An episode as slime's samples.
+def samples_of(sample: Any, rollout: TokenRollout, renderer: Renderer) -> Any:
+    """An episode as slime's samples: a list, or the prompt's own, the one form that slime can queue again.
 
     Args:
         sample: the prompt's sample; the results are copies of it, with its index, group and rollout id.
@@ -118,7 +120,7 @@ def samples_of(sample: Any, rollout: TokenRollout, renderer: Renderer) -> list[A
     if not rollout.rows:
         sample.status, sample.remove_sample, sample.reward = status.ABORTED, True, None
         sample.metadata = {**sample.metadata, **_episode_metadata(rollout)}
-        return [sample]
+        return sample
     return [_filled(copy.deepcopy(sample), row, rollout, renderer) for row in rollout.rows]
 
 
@@ -134,7 +136,7 @@ def _filled(sample: Any, row: TokenRow, rollout: TokenRollout, renderer: Rendere
     pixels = row.pixels(renderer)
     if pixels is not None:
         sample.multimodal_train_inputs = {"pixel_values": pixels.values, "image_grid_thw": pixels.grid}
-    sample.reward = rollout.reward
+    sample.reward, sample.remove_sample = rollout.reward, False  # an aborted sample may be tried again
     if getattr(sample, "rollout_id", 0) is None:  # in versions that have it, the steps of an episode share it
         sample.rollout_id = sample.index
     ended = row.reply_ids[-1] in renderer.end_ids

@@ -21,6 +21,8 @@ from typing import Final, Literal, TypeAlias
 
 import msgspec
 
+from webgym.core.trajectory import ENDED_BY_ENDPOINT
+
 Words: TypeAlias = Literal["criterion", "question"]
 
 WORDS: Final[dict[Words, tuple[str, str]]] = {
@@ -29,7 +31,7 @@ WORDS: Final[dict[Words, tuple[str, str]]] = {
 }
 """The words of a positive and a negative verdict, by kind of question."""
 
-_CUT_OFF: Final = frozenset({"length", "max_tokens", "content_filter", "error", "abort", "cancelled"})
+_CUT_OFF: Final = ENDED_BY_ENDPOINT | {"length", "max_tokens"}
 _THOUGHT_END: Final = re.compile(r"</think(?:ing)?\s*>", re.IGNORECASE)
 _THOUGHT: Final = re.compile(r"<think(?:ing)?\s*>", re.IGNORECASE)
 _MARKUP: Final = "*_`#\"'“”‘’«»[](){}"

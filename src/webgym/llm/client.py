@@ -17,6 +17,7 @@ import httpx
 from pydantic import SecretStr
 
 from webgym.core.errors import ConfigError, LLMBadReply, LLMError, LLMTimeout, LLMUnreachable
+from webgym.core.trajectory import ENDED_BY_ENGINE
 from webgym.llm.adaptive import ConcurrencyLimiter, RequestPermit
 from webgym.llm.cache import CachedReply, NewReply, ReplyCache
 from webgym.llm.completion import (
@@ -152,7 +153,8 @@ class ChatClient:
         Raises:
             LLMUnreachable: nothing answers, after all retries.
             LLMTimeout: no complete reply came within the deadlines.
-            LLMBadReply: the endpoint refused the request, or its answer is not a completion.
+            LLMBadReply: the endpoint refused the request, its answer is not a completion, or, after all
+                retries, its engine broke off the reply.
             BudgetSpent: the call could cost more than is left of the budget.
             CacheError: the cache cannot be read or written.
         """
@@ -295,6 +297,9 @@ class ChatClient:
             progress.remaining_seconds -= time.monotonic() - started
         reply = CachedReply(data, time.monotonic() - started)
         completion = self._read(reply, cached=False)
+        if completion.finish_reason.casefold() in ENDED_BY_ENGINE:
+            problem = f"{self._where()} broke off its reply: finish_reason {completion.finish_reason!r}"
+            raise _TemporaryFailure(LLMBadReply(problem, hint="the endpoint's own log says more"))
         permit.answered(reply.seconds / (_READING_TOKENS + completion.completion_tokens))
         return reply
 

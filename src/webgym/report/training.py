@@ -36,6 +36,7 @@ _GROUPS: Final = ("overall", *LEVELS)
 _RULES: Final = {
     "unrewarded": "attempts without a reward",
     "left_out": "attempts without an advantage",
+    "unreadable": "replies without an action",
     "unchanged": "steps that changed nothing",
     "used_up": "steps used up",
     "stale": "steps of stale weights",

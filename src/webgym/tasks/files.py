@@ -68,7 +68,8 @@ class TaskFile:
 
 @dataclass
 class TaskCollector:
-    """Collects the tasks while files are read. An id may occur only once in all of them.
+    """Collects the tasks while files are read. An id may occur only once in all of them: the first task with
+    it counts, but a test task before any other.
 
     Attributes:
         tasks: valid tasks by id.
@@ -80,6 +81,7 @@ class TaskCollector:
     broken: list[BrokenRecord] = field(default_factory=list)
     set_aside: list[BrokenRecord] = field(default_factory=list)
     split: Literal["train", "test"] | None = None
+    _places: dict[str, tuple[Path, int]] = field(default_factory=dict)
 
     def add(self, file: Path, line: int, task: Task) -> bool:
         """Add a task; whether it was added. It is not if it cannot be attempted or judged or its id is in
@@ -93,10 +95,14 @@ class TaskCollector:
             return False
         if judged.split is None and self.split is not None:
             judged = replace(judged, split=self.split)
-        if self.tasks.setdefault(judged.id, judged) is judged:
-            return True
-        self.skip(file, line, f"a second task with the id {task.id!r}")
-        return False
+        kept = self.tasks.get(judged.id)
+        if kept is not None and (judged.split != "test" or kept.split == "test"):
+            self.skip(file, line, f"a second task with the id {task.id!r}")
+            return False
+        if kept is not None:  # nothing may be trained on a test task
+            self.skip(*self._places[judged.id], f"the id {task.id!r} is that of a test task, too")
+        self.tasks[judged.id], self._places[judged.id] = judged, (file, line)
+        return True
 
     def skip(self, file: Path, line: int, reason: object) -> None:
         """Note a record that is not a valid task."""

@@ -29,6 +29,7 @@ def iteration_line(row: Mapping[str, Any], progress: TrainingProgress) -> str:
     left_out = {
         "attempts without a reward": counts["unrewarded"],
         "attempts without an advantage": counts["left_out"],
+        "replies without an action": counts.get("unreadable", 0),  # older trainings did not count them
         "steps that changed nothing": counts["unchanged"],
         "steps used up": replay["used_up"],
         "steps of stale weights": replay["stale"],

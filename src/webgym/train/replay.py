@@ -8,14 +8,14 @@ Rules, in this order:
 
 1. a trajectory without a reward (blocked, an error, cancelled) is never trained on;
 2. a trajectory to which the objective gives no advantage is left out (with the paper's: all but successes);
-3. a step after which the screenshot was unchanged is not reinforced (repetition penalty): it is left out,
-   unless its advantage is negative. This covers replies without a valid action, but not the answer, after
+3. a reply without a valid action is not reinforced: its step is left out, unless its advantage is negative;
+4. nor is a step after which the screenshot was unchanged (repetition penalty), but for the answer, after
    which there is no observation;
-4. a step that was used ``max_uses`` times is left out;
-5. if the objective bounds staleness, a step is left out if the weights named in its reply are too old, or
+5. a step that was used ``max_uses`` times is left out;
+6. if the objective bounds staleness, a step is left out if the weights named in its reply are too old, or
    were never published;
-6. iterations older than the last k are dropped;
-7. from the rest, ``steps`` steps are drawn without replacement, in proportion to the weight
+7. iterations older than the last k are dropped;
+8. from the rest, ``steps`` steps are drawn without replacement, in proportion to the weight
 
        w(a) = ((k - a) / k) ** p        a: age in iterations, newest 0;  k = 4;  p = 2
 
@@ -76,7 +76,8 @@ class StepRef(msgspec.Struct, frozen=True, order=True):
 class Counts(msgspec.Struct, frozen=True):
     """Counts of an iteration's trajectories, and of the steps of those that are trained on.
 
-    ``trajectories == unrewarded + left_out + kept`` and ``steps == unchanged + kept_steps``.
+    ``trajectories == unrewarded + left_out + kept`` and
+    ``steps == unreadable + unchanged + kept_steps``.
 
     Attributes:
         trajectories: all trajectories of the iteration.
@@ -84,8 +85,9 @@ class Counts(msgspec.Struct, frozen=True):
         left_out: without an advantage (rule 2).
         kept: trained on.
         steps: all steps of the kept trajectories.
-        unchanged: left out by the repetition penalty (rule 3).
+        unchanged: left out by the repetition penalty (rule 4).
         kept_steps: may be drawn.
+        unreadable: left out because their replies have no valid action (rule 3).
     """
 
     trajectories: int = 0
@@ -95,6 +97,7 @@ class Counts(msgspec.Struct, frozen=True):
     steps: int = 0
     unchanged: int = 0
     kept_steps: int = 0
+    unreadable: int = 0
 
 
 class ReplaySample(msgspec.Struct, frozen=True):
@@ -104,8 +107,8 @@ class ReplaySample(msgspec.Struct, frozen=True):
         steps: listed once; they are trained on :attr:`ReplayConfig.passes` times.
         counts: of the newest iteration.
         pool: number of steps that could be drawn, over all iterations.
-        used_up: number of steps that rule 4 left out, over all iterations.
-        stale: number of steps that rule 5 left out, over all iterations.
+        used_up: number of steps that rule 5 left out, over all iterations.
+        stale: number of steps that rule 6 left out, over all iterations.
         by_staleness: number of drawn steps by the age of their weights in updates, if known.
         by_age: number of drawn steps by age in iterations.
     """
@@ -179,9 +182,7 @@ class Replay:
             raise ValueError(f"iteration {iteration} comes after {max(self._pool)}")
         trajectories = 0
         rewarded: list[Attempt] = []
-        steps: dict[
-            str, tuple[int, list[int]]
-        ] = {}  # number of steps, and indices of those that changed nothing
+        steps: dict[str, list[str]] = {}  # why each step is not reinforced; empty if it is
         versions: dict[str, list[str]] = {}
         for trajectory in run.trajectories():
             trajectories += 1
@@ -189,26 +190,28 @@ class Replay:
             self._guard(run.tasks[episode.task_id])
             if (reward := trajectory.outcome.reward) is not None:
                 rewarded.append(Attempt(episode.attempt_id, episode.task_id, reward))
-                idle = [step.index for step in episode.steps if _is_idle(step)]
-                steps[episode.attempt_id] = (len(episode.steps), idle)
+                steps[episode.attempt_id] = [self._fault(step) for step in episode.steps]
                 versions[episode.attempt_id] = [step.reply.weight_version for step in episode.steps]
         advantages = self._objective.advantages(rewarded)
         refs = [
             StepRef(iteration, attempt, index, advantage, versions[attempt][index])
             for attempt, advantage in advantages.items()
-            for index in range(steps[attempt][0])
-            if advantage < 0 or not self._config.repetition_penalty or index not in steps[attempt][1]
+            for index, fault in enumerate(steps[attempt])
+            if advantage < 0 or not fault
         ]
-        all_steps = sum(steps[attempt][0] for attempt in advantages)
+        faults = Counter(
+            fault for attempt, advantage in advantages.items() if advantage >= 0 for fault in steps[attempt]
+        )
         self._pool[iteration] = sorted(refs)
         self._counts[iteration] = Counts(
             trajectories=trajectories,
             unrewarded=trajectories - len(rewarded),
             left_out=len(rewarded) - len(advantages),
             kept=len(advantages),
-            steps=all_steps,
-            unchanged=all_steps - len(refs),
+            steps=sum(len(steps[attempt]) for attempt in advantages),
+            unchanged=faults["unchanged"],
             kept_steps=len(refs),
+            unreadable=faults["unreadable"],
         )
         for old in [number for number in self._pool if number <= iteration - self.span]:
             del self._pool[old]
@@ -272,6 +275,9 @@ class Replay:
     def _staleness(self, ref: StepRef) -> int:
         return len(self._versions) - 1 - self._versions[ref.version]
 
-
-def _is_idle(step: Step) -> bool:
-    return step.changed is False and not isinstance(step.action, Answer)
+    def _fault(self, step: Step) -> str:
+        """Why a step is not reinforced; empty if it is."""
+        if step.action is None:
+            return "unreadable"
+        is_idle = step.changed is False and not isinstance(step.action, Answer)
+        return "unchanged" if is_idle and self._config.repetition_penalty else ""

@@ -42,15 +42,21 @@ SAMPLING = {"temperature": 1.0, "logprobs": True}
 class Server:
     """Speaks verl's types, and samples what it is told to."""
 
-    def __init__(self, texts: Sequence[str] = RIGHT) -> None:
-        self._engine, self._texts = Engine(renderer(), texts), texts
+    def __init__(self, texts: Sequence[str] = RIGHT, ended: str = "completed") -> None:
+        self._engine, self._texts, self._ended = Engine(renderer(), texts), texts, ended
         self.requests: list[dict[str, Any]] = []
 
     async def generate(self, request_id: str, **given: Any) -> TokenOutput:
         ids, logprobs = self._engine.sample(self._texts[len(self.requests)])
         self.requests.append({"id": request_id, **given})
         versions = {"min_global_steps": 6, "max_global_steps": 7}
-        return TokenOutput(token_ids=ids, log_probs=logprobs, num_preempted=0, extra_fields=versions)
+        return TokenOutput(
+            token_ids=ids,
+            log_probs=logprobs,
+            stop_reason=self._ended,
+            num_preempted=0,
+            extra_fields=versions,
+        )
 
 
 def loop(server: Server, pool: webgym.EnvironmentPool | None = None, **entry: Any) -> WebGymAgentLoop:
@@ -143,6 +149,13 @@ async def test_an_episode_without_a_reward_gives_nothing(tmp_path: Path, fault: 
     counted = verl.dropped["no_reward"]
     assert await played(tmp_path, Server(), **fault) == []
     assert verl.dropped["no_reward"] > counted
+
+
+async def test_a_reply_that_the_engine_aborted_is_no_action_of_the_agents(tmp_path: Path) -> None:
+    """The episode would end as a failure: its answer is cut off."""
+    wrong = (RIGHT[0], "Action: wa")
+    assert len(await played(tmp_path / "a", Server(wrong * 9))) > 0
+    assert await played(tmp_path / "b", Server(wrong * 9, "aborted")) == []
 
 
 async def test_episodes_of_the_same_entry_share_their_browsers(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,7 +18,7 @@ import logging
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from verl.experimental.agent_loop.agent_loop import AgentLoopBase, AgentLoopMetrics, AgentLoopOutput
 from verl.workers.rollout.replica import TokenOutput
@@ -26,6 +26,8 @@ from verl.workers.rollout.replica import TokenOutput
 from webgym import EnvironmentPool, Renderer, Sampled, TokenRequest, TokenRollout, roll_out, task_rows
 
 log = logging.getLogger(__name__)
+_ABORTED: Final = ("abort", "aborted")
+"""Stop reasons of replies that the engine broke off."""
 
 dropped: Counter[str] = Counter()
 """Number of steps without an output in this worker process so far, by reason."""
@@ -87,11 +89,12 @@ class WebGymAgentLoop(AgentLoopBase):
                 )
             )
             reply = replies[-1]
+            has_ended = self._has_ended(reply.token_ids)
             version = reply.extra_fields.get("max_global_steps")
             return Sampled(
                 reply.token_ids,
                 reply.log_probs,
-                finish_reason="stop" if self._has_ended(reply.token_ids) else "length",
+                finish_reason="abort" if reply.stop_reason in _ABORTED else "stop" if has_ended else "length",
                 weight_version="" if version is None else str(version),
             )
 

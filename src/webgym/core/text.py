@@ -11,7 +11,7 @@ import unicodedata
 from collections.abc import Iterable
 from functools import lru_cache
 
-_QUOTES = str.maketrans({"’": "'", "‘": "'", "“": '"', "”": '"', "–": "-", "—": "-", "−": "-"})
+_QUOTES = str.maketrans("’‘′“”–—−‐", "'''\"\"----")
 
 
 def plain(text: str) -> str:
@@ -28,8 +28,9 @@ def fold(text: str) -> str:
 
 
 @lru_cache(maxsize=20_000)
-def _whole_phrase(phrase: str) -> re.Pattern[str]:
-    before = r"(?<!\w)" if phrase[0].isalnum() else ""
+def whole_phrase(phrase: str) -> re.Pattern[str]:
+    """A pattern of a folded phrase as whole words and whole numbers; the "s" of "it's" is no word."""
+    before = r"(?<!\w)(?<!\w')" if phrase[0].isalnum() else ""
     after = r"(?!\w)" if phrase[-1].isalnum() else ""
     if phrase[0].isdecimal():
         before += r"(?<!\d[.,:])"  # 2.5 does not contain 5
@@ -41,7 +42,7 @@ def _whole_phrase(phrase: str) -> re.Pattern[str]:
 def says(folded: str, phrase: str) -> bool:
     """Whether the folded text contains ``phrase`` as whole words and whole numbers."""
     wanted = fold(phrase)
-    return bool(wanted) and wanted in folded and _whole_phrase(wanted).search(folded) is not None
+    return bool(wanted) and wanted in folded and whole_phrase(wanted).search(folded) is not None
 
 
 def mentions(folded: str, phrases: Iterable[str]) -> list[str]:
@@ -54,7 +55,7 @@ def mentions(folded: str, phrases: Iterable[str]) -> list[str]:
         (match.start(), -match.end(), phrase)
         for phrase in wanted
         if phrase in folded
-        for match in _whole_phrase(phrase).finditer(folded)
+        for match in whole_phrase(phrase).finditer(folded)
     )
     mentioned, end = [], 0
     for start, minus_end, phrase in matches:

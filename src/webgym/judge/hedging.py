@@ -14,7 +14,8 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from webgym.core.text import fold
-from webgym.judge.units import MONTHS
+from webgym.judge.claims import respelled
+from webgym.judge.units import MONTHS, NUMBER_WORDS
 
 _SEPARATORS: Final = re.compile(
     r"[;\n\r()\[\]{}|/•*!?\"“”„«»=→]|[.,:](?!\d)|(?<!\d)[.,:]|\s[-–—]+\s|^[-–—]"
@@ -28,6 +29,14 @@ _PLACEHOLDER: Final = "\x00"
 _ADJACENT_NUMBER: Final = re.compile(
     rf"{_PLACEHOLDER}\W{{0,3}}(\d[\d.,:]*)|(\d[\d.,:]*)\W{{0,3}}{_PLACEHOLDER}"
 )
+_HEADING: Final = re.compile(rf"(?:^|(?<=[.;!?]))\s*[^\W\d_]{{2,20}}:\s*(?={_PLACEHOLDER})", re.MULTILINE)
+_COUNTS: Final = {word: str(number) for word, number in NUMBER_WORDS.items() if number > 1}
+_COUNT: Final = re.compile(
+    rf"\b(?:{'|'.join(sorted(_COUNTS, key=len, reverse=True))})\b"
+    r"|(?:^|(?<=[.;!?] ))(?:Two|Three|Four|Five)(?= [a-z])",
+    re.MULTILINE,
+)
+"""Numbers in words, but "one", which may be a pronoun, and with a capital letter, which may be names."""
 _MOST_WORDS: Final = 5
 """Most words of a candidate; a longer piece is a remark."""
 
@@ -37,7 +46,7 @@ _STOP_WORDS: Final = frozenset(
     "for from by with as than then so if not no yes has have had will would can could may might all each "
     "am pm other s answer answers final result results found find done note based page pages website site "
     "according shown however thus therefore which what who when where how ok sure thanks thank hope "
-    "helps".split()
+    "helps name source verified conclusion summary confirmed altogether overall".split()
 )
 """Words that are never part of a candidate."""
 
@@ -50,11 +59,14 @@ def other_candidate(answer: str, required: Sequence[Sequence[str]], known_texts:
         required: for each value that a right answer must state, the accepted spellings.
         known_texts: texts whose words are not candidates: the task, and answers that are known to be right.
     """
+    answer = respelled(answer)
+    required = [[respelled(option) for option in spellings] for spellings in required]
     options = sorted({option for spellings in required for option in spellings}, key=len, reverse=True)
     any_of = "|".join(map(re.escape, options))
-    right = re.compile(rf"(?<!\w)(?<!\d[.,:])(?:{any_of})(?!\w)(?![.,:]\d)", re.IGNORECASE)
-    pieces = [piece.strip() for piece in _SEPARATORS.split(right.sub(_PLACEHOLDER, answer)) if piece.strip()]
-    known = _STOP_WORDS.union(MONTHS, *map(_words, (*known_texts, *options)))
+    right = re.compile(rf"(?<!\w)(?<!\w['’])(?<!\d[.,:])(?:{any_of})(?!\w)(?![.,:]\d)", re.IGNORECASE)
+    marked = _in_digits(_HEADING.sub("", right.sub(_PLACEHOLDER, answer)))
+    pieces = [piece.strip() for piece in _SEPARATORS.split(marked) if piece.strip()]
+    known = _STOP_WORDS.union(MONTHS, *(_words(_in_digits(text)) for text in (*known_texts, *options)))
     shapes = {_shape(value) for option in options for value in _TOKEN.findall(option) if value[0].isdigit()}
     names = [
         option for spellings in required if not re.search(r"\d", "".join(spellings)) for option in spellings
@@ -102,6 +114,10 @@ def _is_name(
 
 def _words(text: str) -> set[str]:
     return {fold(token) for token in _TOKEN.findall(text)}
+
+
+def _in_digits(text: str) -> str:
+    return _COUNT.sub(lambda word: _COUNTS[word[0].casefold()], text)
 
 
 def _shape(value: str) -> str:

@@ -20,6 +20,7 @@ from webgym.core.truth import AnswerTruth, Evidence, FactTruth, Give, StateCheck
 from webgym.core.verdict import FactJudgement, Judgement, Verdict, all_hold
 from webgym.judge.base import Pictures
 from webgym.judge.blocking import find_block
+from webgym.judge.claims import claims, spelled
 from webgym.judge.hedging import other_candidate
 from webgym.judge.numbers import numbers
 from webgym.judge.soft import score_of
@@ -52,7 +53,7 @@ def why_unjudgeable(task: Task) -> str:
 class OfflineJudge:
     """Judges tasks that carry a :class:`webgym.core.truth.Truth`."""
 
-    name = "offline/2"
+    name = "offline/3"
 
     async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
         """Judge one episode; see :meth:`webgym.judge.base.Judge.judge`.
@@ -179,16 +180,16 @@ def _reference(task: Task, truth: Truth, answer: str) -> Judgement | None:
     required = truth.answer
     if not required.required:
         return None
-    folded = fold(answer)
+    given = [move.text for move in truth.moves if isinstance(move, Give)]
+    folded, known = spelled(answer), spelled(" ".join((task.instruction, *given)))
     for options in required.required:
-        if not any(says(folded, option) for option in options):
+        if not claims(folded, options, known):
             return Judgement(False, f'the answer does not say "{options[0]}"')
     for wrong in required.forbidden:
-        if says(folded, wrong):
+        if says(folded, spelled(wrong)):
             return Judgement(False, f'the answer also says "{wrong}"')
     if required.in_order and (fault := _out_of_order(required, folded)):
         return Judgement(False, fault)
-    given = [move.text for move in truth.moves if isinstance(move, Give)]
     if other := other_candidate(answer, required.required, (task.instruction, *given)):
         return Judgement(False, f'the answer also claims "{other}"')
     return Judgement(True, "the answer says all that it must")
@@ -196,7 +197,7 @@ def _reference(task: Task, truth: Truth, answer: str) -> Judgement | None:
 
 def _out_of_order(truth: AnswerTruth, folded: str) -> str:
     """What is wrong with the order of an answer's values; empty if nothing is."""
-    value_of = {fold(option): spellings for spellings in truth.required for option in spellings}
+    value_of = {spelled(option): spellings for spellings in truth.required for option in spellings}
     given = [value_of[mention] for mention in mentions(folded, value_of)]
     if given == list(truth.required):
         return ""
@@ -211,12 +212,12 @@ def _response(task: Task, truth: Truth, views: list[_View], episode: Episode) ->
         return Judgement(False, "the answer is empty")
     grounded = numbers(task.instruction)
     for options in truth.answer.required:
-        grounded.update(*(numbers(option) for option in options))
+        grounded.update(*(numbers(spelled(option)) for option in options))
     for view in views:
         grounded |= numbers(view.text)
     invented = {
         number
-        for number in numbers(episode.answer) - grounded
+        for number in numbers(spelled(episode.answer)) - grounded
         if number >= COUNTED_NOT_READ or number != number.to_integral_value()
     }
     if invented:

@@ -1,0 +1,118 @@
+"""Whether an answer claims a value that it mentions, for the offline judge.
+
+A mention is no claim where it is denied ("not on Thursday", "except Thursday"), bounded ("over 370 m"), or
+followed by another unit than the value has ("36 miles" for 36 km, "10:45 pm" for 10:45 am).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from typing import Final, TypeAlias
+
+from webgym.core.text import fold, whole_phrase
+from webgym.judge.units import CURRENCY_SIGNS, CURRENCY_WORDS, MONTHS, UNITS
+
+_Unit: TypeAlias = tuple[str, object]
+
+_DENIED_BEFORE: Final = re.compile(
+    r"(?:\b(?:not|never|except|excluding|besides|without|instead of|rather than|other than|unlike|neither"
+    r"|nor)|n't)(?:[^\w.;!?]+(?:a|an|the|on|in|at|for|of|to|by|it|is|was|be|called|named|for))*[^\w.;!?]*$"
+)
+_DENIED_AFTER: Final = re.compile(
+    r"[^\w.;!?]*(?:(?:is|was|are|were) (?:wrong|incorrect|false)\b"
+    r"|(?:(?:is|was|are|were) not|isn't|wasn't|aren't|weren't)"
+    r"(?: (?:it|true|right|correct|the (?:right|correct|answer))\b| ?[.,;!]|$))"
+)
+_BOUND: Final = re.compile(
+    r"\b(less than|more than|fewer than|under|over|below|above|at least|at most|up to|almost|nearly)"
+    r" [$£€¥]?$"
+)
+_ONE: Final = re.compile(r"\b(?:no|the|first|second|which|any|each|every|this|that|another|other) $")
+_NONE: Final = re.compile(
+    r" of (?:the|these|those|my|all) (?:\w+ )?(?:pages?|sites?|websites?|links?|others?)\b"
+)
+_WORD_AFTER: Final = re.compile(r" ?([^\W\d_]+|°[cf]?|%)")
+_SIGN_BEFORE: Final = re.compile(r"([$£€¥₹₩₽]) ?$")
+_CLOCK: Final = {"am": ("clock", "am"), "pm": ("clock", "pm")}
+
+_SPELLINGS: Final = tuple(
+    (re.compile(pattern, re.IGNORECASE), written)
+    for pattern, written in (
+        (r"\b([ap])\. ?m\b\.?", r"\1m"),
+        (r"\b0(\d:\d\d ?[ap]m)\b", r"\1"),
+        (r"\b(\d{1,2})(?:st|nd|rd|th)\b", r"\1"),
+        (r"\b(\d+) ?(?:h|hr|hrs|hours?),? ?(?:and )?(\d+) ?(?:m|mins?|minutes?)\b", r"\1 h \2 min"),
+        (r"(?<=\d) out of (?=\d)", " of "),
+    )
+)
+"""Patterns of spellings of times, days and amounts, and what stands for them."""
+_MONTH: Final = re.compile(rf"\b(?:{'|'.join(name for name in MONTHS if len(name) > 3)})\b", re.IGNORECASE)
+
+_WHOLE_AMOUNT: Final = re.compile(r"(?<=\d)\.00(?![\d.,:])")
+
+
+def respelled(text: str) -> str:
+    """The text with common spellings of times, dates and amounts written in one way."""
+    for pattern, written in _SPELLINGS:
+        text = pattern.sub(written, text)
+    return _MONTH.sub(lambda month: month[0][:3], text)
+
+
+def spelled(text: str) -> str:
+    """The same of the folded text, with whole amounts without their ".00"."""
+    return _WHOLE_AMOUNT.sub("", respelled(fold(text)))
+
+
+def claims(answer: str, options: Sequence[str], known: str) -> bool:
+    """Whether an answer claims one of a value's accepted spellings.
+
+    Args:
+        answer: as :func:`spelled` writes it.
+        options: the accepted spellings.
+        known: texts whose bounds an answer may repeat, in the same spelling: the task and its solution.
+    """
+    units = {unit for option in options for unit in _units(spelled(option))}
+    return any(
+        _is_claim(answer, start, end, units, known)
+        for option in options
+        for start, end in _places(answer, spelled(option))
+    )
+
+
+def _places(text: str, phrase: str) -> Iterator[tuple[int, int]]:
+    if phrase.startswith("no ") and phrase.count(" ") == 1:  # "no excellent reviews"
+        pattern = re.compile(rf"\bno (?:[^\W\d_]+ ){{0,2}}{re.escape(phrase[3:])}(?!\w)")
+    else:
+        pattern = whole_phrase(phrase)
+    return (match.span() for match in pattern.finditer(text))
+
+
+def _is_claim(text: str, start: int, end: int, units: set[_Unit], known: str) -> bool:
+    before, value, after = text[max(0, start - 80) : start], text[start:end], text[end:]
+    if _DENIED_BEFORE.search(before) or _DENIED_AFTER.match(after):
+        return False
+    if value == "one":
+        return not _ONE.search(before)
+    if value == "none":
+        return not _NONE.match(after)
+    if not any(map(str.isdigit, value)):
+        return True
+    bound = _BOUND.search(before)
+    if bound and bound[1] not in known:
+        return False
+    sign, word = _SIGN_BEFORE.search(before), _WORD_AFTER.match(after)
+    other = {_unit(match[1]) for match in (sign, word) if match} - {None}
+    return not units or not other or bool(other & units)
+
+
+def _units(text: str) -> Iterator[_Unit]:
+    for word in re.findall(r"[^\W\d_]+|°[cf]?|[%$£€¥₹₩₽]", text):
+        if unit := _unit(word):
+            yield unit
+
+
+def _unit(word: str) -> _Unit | None:
+    if word in CURRENCY_SIGNS:
+        return (CURRENCY_SIGNS[word], 1)
+    return UNITS.get(word) or CURRENCY_WORDS.get(word) or _CLOCK.get(word)

@@ -1,0 +1,82 @@
+"""The offline judge's comparison of answers: what is claimed, and what is only mentioned."""
+
+from __future__ import annotations
+
+import pytest
+
+from webgym.core.task import FactGroup, Rubric, Task
+from webgym.core.truth import AnswerTruth, Give, Truth
+from webgym.judge.offline import _reference
+from webgym.offline.engine.spelling import count, minutes, quantity, times
+
+DAY = (("Thursday",),)
+LENGTH = (quantity("36", "km", "kilometres"), quantity("370", "m", "metres"))
+HOURS = (times(10 * 60 + 45), times(19 * 60 + 30))
+COST = (("£30", "30"),)
+NO_REVIEWS = (count(0, "reviews", "review"),)
+ONE = (count(1),)
+TEN = (count(10),)
+SIZE = (("S",),)
+
+WRONG = [
+    (DAY, "It is not Thursday."),
+    (DAY, "It isn't on Thursday."),
+    (DAY, "Any day except Thursday."),
+    (DAY, "Thursday is wrong."),
+    (LENGTH, "It is less than 36 km long, with a climb of over 370 m."),
+    (LENGTH, "It is 36 miles long, with a climb of 370 feet."),
+    (HOURS, "It opens at 10:45 pm and closes at 7:30 pm."),
+    (COST, "It comes to $30."),
+    (COST, "The total is 30 pence."),
+    (NO_REVIEWS, "None of the pages that I visited shows the reviews."),
+    (NO_REVIEWS, "There are two excellent reviews; none of the others is."),
+    (ONE, "No one gave that rating."),
+    (ONE, "Two of the reviews have that rating; the first one is by Jo."),
+    (TEN, "There are ten or twelve."),
+    (TEN, "I saw ten on the first page; altogether there are fourteen."),
+    (SIZE, "It's sure, but I could not find the size."),
+]
+RIGHT = [
+    (DAY, "It is not Wednesday but Thursday."),
+    (DAY, "Not on Thursday, I thought at first. Then I saw that it is Thursday."),
+    (LENGTH, "36 kilometres and 370 metres"),
+    (LENGTH, "It is 36 km long and climbs 370."),
+    (HOURS, "It opens at 10:45 a.m. and closes at 07:30 PM."),
+    (HOURS, "10:45 to 19:30"),
+    (COST, "£30.00"),
+    (COST, "The total is 30 pounds."),
+    (NO_REVIEWS, "There are no excellent reviews."),
+    (NO_REVIEWS, "None."),
+    (ONE, "Only one review has it."),
+    (TEN, "There are ten reviews."),
+    (SIZE, "I'm done: the size is S."),
+    ((("Henrik Jansen",),), "Name: Henrik Jansen"),
+    ((("Apr 2026",),), "It is April 2026."),
+    ((minutes(552),), "9h 12m"),
+    ((minutes(552),), "9 hrs and 12 mins"),
+    ((("4 of 5",),), "4 out of 5"),
+    ((("SL-980",),), "It is SL\u2011980."),
+]
+
+
+def judged(required: tuple[tuple[str, ...], ...], answer: str) -> bool:
+    instruction = "What do the reviews, the pages and the shop say? Give the size, the rating and the total."
+    task = Task("t", instruction, "http://a.test/", "d", "s", Rubric((FactGroup(1, "g", ("f",)),)), "offline")
+    truth = Truth("a.test", (), AnswerTruth(required), (Give(", ".join(one[0] for one in required)),))
+    judgement = _reference(task, truth, answer)
+    assert judgement is not None
+    return judgement.passed is True
+
+
+@pytest.mark.parametrize(("required", "answer"), WRONG)
+def test_what_is_denied_or_of_another_unit_is_not_claimed(
+    required: tuple[tuple[str, ...], ...], answer: str
+) -> None:
+    assert not judged(required, answer)
+
+
+@pytest.mark.parametrize(("required", "answer"), RIGHT)
+def test_what_is_claimed_in_common_spellings_is_right(
+    required: tuple[tuple[str, ...], ...], answer: str
+) -> None:
+    assert judged(required, answer)

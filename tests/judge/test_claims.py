@@ -6,6 +6,7 @@ import pytest
 
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.truth import AnswerTruth, Give, Truth
+from webgym.judge.claims import spelled, swapped
 from webgym.judge.offline import _reference
 from webgym.offline.engine.spelling import count, minutes, quantity, times
 
@@ -57,6 +58,27 @@ RIGHT = [
     ((("4 of 5",),), "4 out of 5"),
     ((("SL-980",),), "It is SL\u2011980."),
 ]
+
+
+TWO = "Paper River has 43 calls and Scarlet Clock has 45 calls, a difference of 2 calls."
+CALLS = (("43 calls", "43"), ("45 calls", "45"), ("2 calls",))
+
+
+@pytest.mark.parametrize(
+    ("answer", "is_right"),
+    [
+        (TWO, True),
+        ("Scarlet Clock: 45 calls. Paper River: 43 calls. Difference: 2 calls.", True),
+        ("43 calls (Paper River), 45 calls (Scarlet Clock): 2 calls", True),
+        ("Those of Paper River and Scarlet Clock are 43 (Paper River) and 45 (Scarlet Clock): 2 calls", True),
+        ("Paper River and Scarlet Clock have 43 and 45 calls, a difference of 2 calls.", True),
+        ("Paper River has 45 calls and Scarlet Clock has 43 calls, a difference of 2 calls.", False),
+        ("45 calls (Paper River), 43 calls (Scarlet Clock): 2 calls", False),
+        ("Paper River has 43 calls and Scarlet Clock has 2 calls, a difference of 45 calls.", False),
+    ],
+)
+def test_numbers_that_are_given_for_each_other_are_wrong(answer: str, is_right: bool) -> None:
+    assert (swapped(spelled(answer), CALLS, spelled(TWO)) == "") is is_right
 
 
 def judged(required: tuple[tuple[str, ...], ...], answer: str) -> bool:

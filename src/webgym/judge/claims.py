@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from itertools import combinations
 from typing import Final, TypeAlias
 
 from webgym.core.text import fold, whole_phrase
@@ -34,6 +35,10 @@ _NONE: Final = re.compile(
 )
 _WORD_AFTER: Final = re.compile(r" ?([^\W\d_]+|°[cf]?|%)")
 _SIGN_BEFORE: Final = re.compile(r"([$£€¥₹₩₽]) ?$")
+_WORD: Final = re.compile(r"\w+")
+_UNLABELLING: Final = frozenset(
+    "a an and are at by for from has have in is it of on the there to was with".split()
+)
 _CLOCK: Final = {"am": ("clock", "am"), "pm": ("clock", "pm")}
 
 _SPELLINGS: Final = tuple(
@@ -78,6 +83,51 @@ def claims(answer: str, options: Sequence[str], known: str) -> bool:
         for option in options
         for start, end in _places(answer, spelled(option))
     )
+
+
+def swapped(answer: str, required: Sequence[Sequence[str]], solution: str) -> str:
+    """Two numbers that an answer gives for each other: the one's label stands where the other's should.
+
+    A number's labels are the words before it in the solution, such as the name of its item or field. They may
+    stand before or after the numbers in the answer; where that can be read the right way, it is no swap.
+
+    Args:
+        answer, solution: as :func:`spelled` writes them.
+        required: the accepted spellings of each value, in the solution's order.
+
+    Returns:
+        Both, for a sentence; empty if there are none.
+    """
+    for (one, ours), (other, theirs) in combinations(_labelled(required, solution), 2):
+        labels = dict.fromkeys(ours - theirs, 0) | dict.fromkeys(theirs - ours, 1)
+        starts, others = (
+            {start for option in options for start, _ in _places(answer, option)} for options in (one, other)
+        )
+        if starts & others:
+            continue
+        words = [(match.start(), labels[match[0]]) for match in _WORD.finditer(answer) if match[0] in labels]
+        readings = (
+            lambda at, words=words: next((whose for place, whose in reversed(words) if place < at), None),
+            lambda at, words=words: next((whose for place, whose in words if place > at), None),
+        )
+        owners = [(set(map(reading, starts)), set(map(reading, others))) for reading in readings]
+        if ({1}, {0}) in owners and not any(0 in own and 1 in their for own, their in owners):
+            return f'"{one[0]}" for "{other[0]}"'
+    return ""
+
+
+def _labelled(required: Sequence[Sequence[str]], solution: str) -> Iterator[tuple[list[str], set[str]]]:
+    """The numbers among the required values, with the words that stand before each in the solution."""
+    at = 0
+    for spellings in required:
+        options = [spelled(option) for option in spellings]
+        place = next(((start, end) for start, end in _places(solution, options[0]) if start >= at), None)
+        if place is None:
+            return
+        before = re.split(r"[.:;!?] ", solution[at : place[0]])[-1]
+        at = place[1]
+        if any(map(str.isdigit, options[0])):
+            yield options, set(_WORD.findall(before)) - _UNLABELLING
 
 
 def _places(text: str, phrase: str) -> Iterator[tuple[int, int]]:

@@ -20,7 +20,7 @@ from webgym.core.truth import AnswerTruth, Evidence, FactTruth, Give, StateCheck
 from webgym.core.verdict import FactJudgement, Judgement, Verdict, all_hold
 from webgym.judge.base import Pictures
 from webgym.judge.blocking import find_block
-from webgym.judge.claims import claims, spelled
+from webgym.judge.claims import claims, spelled, swapped
 from webgym.judge.hedging import other_candidate
 from webgym.judge.numbers import numbers
 from webgym.judge.soft import score_of
@@ -188,6 +188,8 @@ def _reference(task: Task, truth: Truth, answer: str) -> Judgement | None:
     for wrong in required.forbidden:
         if says(folded, spelled(wrong)):
             return Judgement(False, f'the answer also says "{wrong}"')
+    if given and (pair := swapped(folded, required.required, spelled(given[-1]))):
+        return Judgement(False, f"the answer gives {pair}")
     if required.in_order and (fault := _out_of_order(required, folded)):
         return Judgement(False, fault)
     if other := other_candidate(answer, required.required, (task.instruction, *given)):

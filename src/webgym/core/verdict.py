@@ -78,6 +78,9 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
             one.
         keypoints: indices of the observations whose screenshots the judge saw; ``None`` for all.
         cost: cost of the model calls; ``None`` from a judge that calls no model.
+
+    Raises:
+        ValueError: the reward is not the integer 0 or 1, or ``None``.
     """
 
     judge: str
@@ -92,10 +95,6 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
     cost: Cost | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what would count as a reward of 0 and is none, such as NaN from a judge of a user's own.
-
-        Raises:
-            ValueError: the reward is not 0, 1 or ``None``.
-        """
+        # What is neither, such as NaN from a judge of a user's own, would count as a reward of 0.
         if self.reward is not None and (type(self.reward) is not int or self.reward not in (0, 1)):
             raise ValueError(f"a verdict's reward is the integer 0 or 1, or None, not {self.reward!r}")

@@ -22,6 +22,7 @@ from webgym.core.verdict import Judgement, Verdict
 from webgym.rollout.evaluation import GROUPS, EvaluationConfig, Sample, evaluate, rows_of
 from webgym.rollout.rates import wilson
 from webgym.rollout.store import RunReader, RunWriter
+from webgym.rollout.summary import summarise
 from webgym.rollout.verdicts import Judged, VerdictLog
 from webgym.runs import _software
 from webgym.server.client import BrowserClient
@@ -47,12 +48,17 @@ def attempts(level: Level, *by_task: str) -> list[Sample]:
     ]
 
 
+def drawn(**numbers: int) -> list[tuple[str, Level]]:
+    """So many tasks of each level, as :func:`attempts` names them."""
+    return [(f"{level}-{number}", level) for level in LEVELS for number in range(numbers.get(level, 0))]
+
+
 # --- rates and intervals --------------------------------------------------------------------------------
 
 
 def test_one_sample_per_task_has_wilsons_interval() -> None:
     samples = [*attempts("easy", *"sssf"), *attempts("medium", *"stbj"), *attempts("hard", *"ff")]
-    rows = rows_of(samples, {"easy": 4, "medium": 4, "hard": 3}, 1, QUICK)
+    rows = rows_of(samples, drawn(easy=4, medium=4, hard=3), 1, QUICK)
     assert {group: (row.successes, row.attempts) for group, row in rows.items()} == {
         "easy": (3, 4),
         "medium": (1, 2),
@@ -73,18 +79,18 @@ def test_one_sample_per_task_has_wilsons_interval() -> None:
 
 
 def test_nothing_rewarded_is_no_rate() -> None:
-    rows = rows_of(attempts("easy", "b", "j"), {"easy": 2}, 1, QUICK)
+    rows = rows_of(attempts("easy", "b", "j"), drawn(easy=2), 1, QUICK)
     for group in GROUPS:
         assert rows[group].rate is None
         assert rows[group].interval is None
         assert rows[group].steps is None
-    assert rows_of([], {}, 1, QUICK)["overall"].attempts == 0
+    assert rows_of([], [], 1, QUICK)["overall"].attempts == 0
 
 
 def test_samples_of_one_task_are_one_piece_of_evidence() -> None:
     words = ["ssss" if number % 2 else "ffff" for number in range(40)]
-    repeated = rows_of(attempts("easy", *words), {"easy": 40}, 4)["easy"]
-    once = rows_of(attempts("easy", *(word[0] for word in words)), {"easy": 40}, 1)["easy"]
+    repeated = rows_of(attempts("easy", *words), drawn(easy=40), 4)["easy"]
+    once = rows_of(attempts("easy", *(word[0] for word in words)), drawn(easy=40), 1)["easy"]
     assert repeated.method == "bootstrap"
     assert repeated.interval is not None
     assert once.interval is not None
@@ -92,13 +98,13 @@ def test_samples_of_one_task_are_one_piece_of_evidence() -> None:
     assert widths[0] == pytest.approx(widths[1], rel=0.1)  # four samples that all say the same add nothing
     assert repeated.solved == (20, 40)
     assert repeated.interval_of_planned == pytest.approx(repeated.interval, abs=0.02)
-    assert rows_of(attempts("easy", *words), {"easy": 40}, 4) == rows_of(
-        attempts("easy", *words), {"easy": 40}, 4
+    assert rows_of(attempts("easy", *words), drawn(easy=40), 4) == rows_of(
+        attempts("easy", *words), drawn(easy=40), 4
     )
 
 
 def test_where_all_tasks_end_alike_the_interval_counts_tasks() -> None:
-    row = rows_of(attempts("hard", "fff", "fff"), {"hard": 2}, 3, QUICK)["hard"]
+    row = rows_of(attempts("hard", "fff", "fff"), drawn(hard=2), 3, QUICK)["hard"]
     assert (row.rate, row.method, row.interval) == (0.0, "wilson", wilson(0, 2))
 
 
@@ -107,9 +113,9 @@ def test_where_all_tasks_end_alike_the_interval_counts_tasks() -> None:
         st.tuples(st.sampled_from(LEVELS), st.integers(0, 6), st.sampled_from(list(Outcome))), max_size=25
     )
 )
-def test_the_levels_add_up_and_intervals_hold_the_rate(drawn: list[tuple[Level, int, Outcome]]) -> None:
-    samples = [Sample(f"{level}/{task}", level, outcome, 3) for level, task, outcome in drawn]
-    rows = rows_of(samples, dict.fromkeys(LEVELS, 7), 5, EvaluationConfig(resamples=100))
+def test_the_levels_add_up_and_intervals_hold_the_rate(ended: list[tuple[Level, int, Outcome]]) -> None:
+    samples = [Sample(f"{level}-{task}", level, outcome, 3) for level, task, outcome in ended]
+    rows = rows_of(samples, drawn(easy=7, medium=7, hard=7), 5, EvaluationConfig(resamples=100))
     for name in ("tasks", "attempts", "successes", "missing"):
         assert sum(getattr(rows[level], name) for level in LEVELS) == getattr(rows["overall"], name)
     for row in rows.values():
@@ -118,7 +124,7 @@ def test_the_levels_add_up_and_intervals_hold_the_rate(drawn: list[tuple[Level, 
         low, high = row.interval_of_planned
         assert low - 1e-9 <= row.rate_of_planned <= high + 1e-9
         assert row.rate_of_planned == row.successes / row.planned
-        assert row.attempts + sum(row.no_reward.values()) + row.missing == row.tasks * 5
+        assert row.attempts + sum(row.no_reward.values()) + row.missing == row.planned
         assert (row.rate is None) == (row.attempts == 0) == (row.interval is None)
         if row.rate is not None and row.interval is not None:
             assert row.interval[0] - 1e-9 <= row.rate <= row.interval[1] + 1e-9 or row.method == "wilson"
@@ -148,6 +154,36 @@ def test_a_run_as_its_summary_has_it(run: Path) -> None:
     }
     assert overall.missing == 1  # the one that was cancelled has not been made
     assert (found.policy, found.judge, found.seed) == ("scripted", "offline-1", 7)
+
+
+async def test_a_task_that_was_drawn_twice_is_one_piece_of_evidence(tmp_path: Path) -> None:
+    tasks = [task(f"e{number}", 1) for number in range(3)] * 2
+    async with await RunWriter.create(tmp_path / "run", {"samples": 2}, tasks) as writer:
+        for number, each in enumerate(tasks * 2):
+            await writer.append(attempt(each.id, GOOD if number else BAD, steps=0))
+    row = evaluate(tmp_path / "run").rows["easy"]
+    assert (row.tasks, row.planned, row.missing, row.solved) == (6, 12, 0, (3, 3))
+    assert row.rate_of_planned == row.rate == 11 / 12
+    assert row.interval_of_planned == row.interval == (0.75, 1.0)
+
+
+async def test_what_other_collectors_took_of_a_shared_list_is_not_missing(tmp_path: Path) -> None:
+    tasks = [task("e0", 1), task("e1", 1), task("h", 8)]
+    ended = [attempt(id, outcome, steps=0) for id, outcome in (("e0", GOOD), ("e0", BAD), ("e1", GOOD))]
+    summary = summarise(ended, tasks, 2, elsewhere={"e1": 1, "h": 2})
+    async with await RunWriter.create(tmp_path / "run", {"samples": 2}, tasks) as writer:
+        for each in ended:
+            await writer.append(each)
+        await writer.write_summary(summary)
+    rows = evaluate(tmp_path / "run", config=QUICK).rows
+    assert {group: (row.planned, row.missing) for group, row in rows.items()} == {
+        "easy": (3, 0),
+        "medium": (0, 0),
+        "hard": (0, 0),
+        "overall": (3, 0),
+    }
+    assert {group: row.rate_of_planned for group, row in rows.items()} == summary["success_rate_of_planned"]
+    assert rows["overall"].interval_of_planned == (0.5, 1.0)
 
 
 def test_another_judge_gives_another_rate(run: Path) -> None:

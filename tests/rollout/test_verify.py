@@ -18,7 +18,7 @@ from webgym.core.task import Task
 from webgym.core.trajectory import Episode, Trajectory
 from webgym.core.verdict import Judgement, Verdict
 from webgym.judge.base import Pictures
-from webgym.rollout.records import pictures
+from webgym.rollout.records import attempt_ids_in, pictures
 from webgym.rollout.rejudge import judge_run, verdicts_of
 from webgym.rollout.store import RunReader, RunWriter
 from webgym.rollout.verify import Findings, verify
@@ -159,6 +159,17 @@ async def test_what_is_made_again_has_a_name_of_its_own_so_that_no_verdict_on_th
     judge.asked.clear()
     assert (await judge_run(run, judge)).earlier == 2
     assert judge.asked == ["t0#0.1"]
+
+
+def test_half_written_lines_that_are_set_aside_stay_lines_and_keep_their_names(run: Path) -> None:
+    torn = [f'{{"sha256":"ab","trajectory":{{"episode":{{"attempt_id":"t{each}#9.0",' for each in range(2)]
+    for line in torn:
+        _add(_shard(run), line.encode())
+        assert verify(run, set_aside=True).is_whole
+    moved = run / "set-aside/trajectories/00000.jsonl"
+    assert moved.read_text().splitlines() == torn
+    moved.write_text("".join(torn))  # as earlier versions wrote it
+    assert sorted(attempt_ids_in(moved.parent)) == ["t0#9.0", "t1#9.0"]
 
 
 def test_settings_and_tasks_stay(run: Path, capsys: pytest.CaptureFixture[str]) -> None:

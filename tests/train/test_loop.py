@@ -129,6 +129,17 @@ def test_iterations_follow_each_other_and_each_is_collected_by_the_weights_befor
     assert all(each.id.startswith("t/a") for number in (1, 2, 3) for each in folder.tasks(number))
 
 
+def test_samples_of_one_test_task_are_one_piece_of_evidence(tmp_path: Path) -> None:
+    settings = config(iterations=1, evaluate_every=1)
+    settings = settings.model_copy(update={"evaluation": EvaluationConfig(count=2, samples=4)})
+    run(tmp_path, World(), settings)
+    for found in TrainingFolder(tmp_path).evaluations().values():
+        assert (found["attempts"], found["success_rate"]["overall"]) == (8, 0.5)
+        for name in ("success_interval", "success_interval_of_planned"):
+            assert found[name]["overall"] == [0.0, 1.0], "one of two tasks is always solved, one never"
+            assert found[name]["hard"] is None
+
+
 @pytest.fixture(scope="module")
 def whole_training(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """What a training leaves that nothing happened to."""

@@ -24,7 +24,7 @@ from tests.train.making import task
 from tests.train.test_loop import World
 
 from webgym.agent.random_policy import RandomPolicy
-from webgym.core.errors import StoreError, StoreFull, TrainingError, WebGymError
+from webgym.core.errors import StoreError, StoreFull, StoreLocked, TrainingError, WebGymError
 from webgym.rollout import files
 from webgym.run_config import Secrets, ServerChoice, resolved
 from webgym.tasks.formats import write_tasks
@@ -33,6 +33,7 @@ from webgym.train.learner import Learner
 from webgym.train.loop import TrainConfig, Training
 from webgym.train.objectives import make_objective
 from webgym.train.replay import Replay
+from webgym.train.serving import LocalServing
 from webgym.train.start import open_training, read_config
 from webgym.train.weights import read_state
 
@@ -264,8 +265,21 @@ def test_a_training_goes_on_with_what_it_was_started_with(
 
     async def start(given: TrainConfig, *, resume: bool) -> TrainConfig:
         async with open_training(given, tmp_path / "out", resume=resume) as training:
+            assert len(servings) == 1 + resume
+            with pytest.raises(StoreLocked):
+                async with open_training(training.config, tmp_path / "out", resume=True):
+                    raise AssertionError("it trains a second time")
+            assert len(servings) == 1 + resume, "a server that trains already is not touched"
             return training.config
 
+    servings = []
+
+    class CountedServing(LocalServing):
+        async def __aenter__(self) -> CountedServing:
+            servings.append(self)
+            return await super().__aenter__()
+
+    monkeypatch.setattr("webgym.train.start.LocalServing", CountedServing)
     begun = asyncio.run(start(settings, resume=False))
     again = asyncio.run(start(read_config(tmp_path / "out"), resume=True))
     assert again == begun

@@ -255,6 +255,24 @@ def test_what_cannot_be_undone_never_replies(tmp_path: Path) -> None:
         asyncio.run(go(fake))
 
 
+async def test_a_resumed_training_publishes_to_a_server_that_has_its_newest_weights(tmp_path: Path) -> None:
+    newest = (saved(tmp_path / "3"), "3")
+    with fake_vllm.running("dev", weights=str(newest[0])) as fake:
+        config = VllmConfig(base_url=fake.url)
+        async with VllmServing(config, "org/Model-8B", tmp_path, newest=newest) as serving:
+            fake.quirks.add("refuses")
+            with pytest.raises(PublishError, match="a tensor is missing"):
+                await serving.publish(*newest)
+            assert (fake.weights, fake.label) == (str(newest[0]), "3"), "not the initial weights"
+            assert (await reply(serving)).weight_version == "3"
+        async with VllmServing(config, "org/Model-8B", tmp_path, newest=newest) as serving:
+            await serving.publish(*newest)
+            assert (await reply(serving)).weight_version == "3"
+            fake.frozen = str(newest[0])
+            with pytest.raises(PublishError, match="gives exactly the same reply as before"):
+                await serving.publish(saved(tmp_path / "4", off=0.01), "4")
+
+
 @pytest.mark.parametrize("how", ["label", "name"])
 def test_a_model_that_changes_under_us_gives_no_reply_and_ends_the_training(tmp_path: Path, how: str) -> None:
     def change(fake: fake_vllm.FakeVllm) -> None:

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from webgym.agent.policy import BasePolicy, Policy
 from webgym.agent.random_policy import RandomPolicy
 from webgym.core.task import Task
@@ -45,9 +47,8 @@ class MadeUp(BasePolicy):
         show: object,
     ) -> Summary:
         is_there = (out / "config.yaml").exists()
-        writer = await (
-            RunWriter.reopen(out) if is_there else RunWriter.create(out, {"seed": config.seed}, list(tasks))
-        )
+        made_with = {"seed": config.seed, "samples": config.samples}
+        writer = await (RunWriter.reopen(out) if is_there else RunWriter.create(out, made_with, list(tasks)))
         async with writer:
             for number, each in enumerate(tasks):
                 if f"{each.id}#0.0" in writer.attempts:
@@ -55,8 +56,11 @@ class MadeUp(BasePolicy):
                 made = self.attempt(out, each, number, config.seed)
                 for name, data in self.pictures.items():
                     await writer.put_image(name, data)
-                await writer.append(made)
-            found = summarise(RunReader(out).trajectories(), list(tasks), seed=config.seed)
+                for sample in range(config.samples):  # all alike
+                    id = f"{each.id}#{sample}.0"
+                    episode = msgspec.structs.replace(made.episode, attempt_id=id, sample=sample)
+                    await writer.append(msgspec.structs.replace(made, episode=episode))
+            found = summarise(RunReader(out).trajectories(), list(tasks), config.samples, seed=config.seed)
             await writer.write_summary(found)
         return found
 

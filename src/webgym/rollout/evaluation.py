@@ -80,7 +80,7 @@ class Row(msgspec.Struct, frozen=True):
         rate: success rate; ``None`` if there are no attempts.
         interval: its 95 % confidence interval; ``None`` with the rate.
         method: how the interval was computed.
-        planned: number of planned samples of all tasks.
+        planned: number of planned samples of all tasks, without those of other collectors of a shared list.
         rate_of_planned: successes / planned; ``None`` if nothing was planned.
         interval_of_planned: its 95 % confidence interval; ``None`` with this rate. By bootstrap for several
             samples per task.
@@ -147,11 +147,11 @@ def evaluate(run: Path, judge: str = RECORDED, config: EvaluationConfig | None =
     name, ended_by = _judged_by(run, judge)
     records = Records()
     samples = list(_samples(reader, ended_by, records))
-    levels = Counter(task.level for task in reader.drawn)
+    drawn = [(task.id, task.level) for task in reader.drawn]
     summary: Mapping[str, Any] = reader.summary or {
         "notes": [oracle_note(policy) for policy in ORACLES & records.policies.keys()]
     }
-    rows = rows_of(samples, levels, per_task, config)
+    rows = rows_of(samples, drawn, per_task, config, elsewhere=summary.get("elsewhere"))
     overall = rows["overall"]
     counted = {"planned": overall.planned, "judged": overall.attempts, "successes": overall.successes}
     manifest = manifest_of(
@@ -180,32 +180,39 @@ def rewards_by_task(run: Path, judge: str = RECORDED) -> dict[str, tuple[Level, 
 
 def rows_of(
     samples: Sequence[Sample],
-    tasks: Mapping[Level, int],
+    drawn: Sequence[tuple[str, Level]],
     per_task: int = 1,
     config: EvaluationConfig | None = None,
+    *,
+    elsewhere: Mapping[str, int] | None = None,
 ) -> dict[Group, Row]:
     """The results of a set of samples.
 
     Args:
-        samples: at most ``per_task`` samples of each task.
-        tasks: number of tasks of every level in the test set.
-        per_task: planned samples per task.
+        samples: of these tasks.
+        drawn: id and level of every task in the test set; one that was drawn twice is listed twice.
+        per_task: planned samples per listed task.
         config: settings of the intervals.
+        elsewhere: number of samples that other collectors of a shared list have taken, by task.
     """
-    config = config or EvaluationConfig()
+    config, taken = config or EvaluationConfig(), elsewhere or {}
     generator = np.random.default_rng(config.seed)
-    judged, planned = {}, {}
+    levels, times = dict(drawn), Counter(id for id, _ in drawn)
+    recorded = Counter(sample.task_id for sample in samples)
+    # At least those recorded here: another collector may have taken over a sample after an error.
+    counts = {id: max(n * per_task - taken.get(id, 0), recorded[id]) for id, n in times.items()}
+    rewarded, planned = {}, {}
     for level in LEVELS:
-        of_level = _by_task(sample for sample in samples if sample.level == level)
-        judged[level] = resampled(list(of_level.values()), 2, config.resamples, generator)
-        won = [(wins, per_task) for wins, _ in of_level.values()]
-        won += [(0, per_task)] * (tasks.get(level, 0) - len(won))  # tasks without a reward
-        planned[level] = resampled(won, 2, config.resamples, generator)
+        won = _by_task(sample for sample in samples if sample.level == level)
+        rewarded[level] = resampled(list(won.values()), 2, config.resamples, generator)
+        of_level = [(won.get(id, (0, 0))[0], n) for id, n in counts.items() if n and levels[id] == level]
+        planned[level] = resampled(of_level, 2, config.resamples, generator)
     rows: dict[Group, Row] = {}
     for group in GROUPS:
         of_group = [sample for sample in samples if group in ("overall", sample.level)]
-        count = sum(count for level, count in tasks.items() if group in ("overall", level))
-        rows[group] = _row(of_group, count, per_task, _spread(judged, group), _spread(planned, group))
+        tasks = sum(group in ("overall", level) for _, level in drawn)
+        clusters = [n for id, n in counts.items() if n and group in ("overall", levels[id])]
+        rows[group] = _row(of_group, tasks, clusters, _spread(rewarded, group), _spread(planned, group))
     return rows
 
 
@@ -217,11 +224,16 @@ def _spread(drawn: Mapping[Level, Counts], group: Group) -> Interval | None:
 
 
 def _row(
-    samples: Sequence[Sample], tasks: int, per_task: int, judged: Interval | None, planned: Interval | None
+    samples: Sequence[Sample],
+    tasks: int,
+    clusters: Sequence[int],
+    judged: Interval | None,
+    planned: Interval | None,
 ) -> Row:
+    """The row of a group: its samples, number of tasks, planned samples of each different task, intervals."""
     rewarded = [sample for sample in samples if sample.outcome.is_rewarded]
     won = sum(sample.outcome is Outcome.SUCCESS for sample in rewarded)
-    rates = Successes(won, len(rewarded), tasks * per_task)
+    rates = Successes(won, len(rewarded), sum(clusters))
     by_task = _by_task(rewarded)
     method, interval = _interval(rates.of_judged, judged, len(rewarded), len(by_task))
     lost = Counter(sample.outcome.value for sample in samples if not sample.outcome.is_rewarded)
@@ -234,11 +246,11 @@ def _row(
         method=method,
         planned=rates.planned,
         rate_of_planned=rates.of_planned.value,
-        interval_of_planned=_interval(rates.of_planned, planned, rates.planned, tasks)[1],
+        interval_of_planned=_interval(rates.of_planned, planned, rates.planned, len(clusters))[1],
         solved=(sum(bool(won) for won, _ in by_task.values()), len(by_task)),
         steps=sum(sample.steps for sample in rewarded) / len(rewarded) if rewarded else None,
         no_reward={outcome.value: lost[outcome.value] for outcome in Outcome if lost[outcome.value]},
-        missing=tasks * per_task - len(samples),
+        missing=rates.planned - len(samples),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -102,18 +103,21 @@ _NAME = re.compile(rb'"attempt_id":("(?:[^"\\]|\\.)*")')
 
 def attempt_id_in(line: bytes) -> str | None:
     """The attempt id in a damaged line, if it can still be read."""
-    found = _NAME.search(line)
-    try:
-        return msgspec.json.decode(found.group(1), type=str) if found else None
-    except ValueError:
-        return None
+    return next(_attempt_ids_in(line), None)
+
+
+def _attempt_ids_in(line: bytes) -> Iterator[str]:
+    for found in _NAME.finditer(line):
+        with suppress(ValueError):
+            yield msgspec.json.decode(found.group(1), type=str)
 
 
 def attempt_ids_in(folder: Path) -> Iterator[str]:
-    """The attempt ids in all lines of a folder's shards, damaged or not."""
+    """The attempt ids in all lines of a folder's shards, damaged or not; a line may be several joined."""
     for shard in folder.glob("*.jsonl"):
         with shard.open("rb") as lines:
-            yield from filter(None, map(attempt_id_in, lines))
+            for line in lines:
+                yield from _attempt_ids_in(line)
 
 
 def pictures(trajectory: Trajectory) -> set[str]:

@@ -211,7 +211,8 @@ class _Verification:
         moves = self._sets_aside and not stays
         if bad and moves:
             target = self._target(path)
-            write_lines(target, (line for number, line in _numbered(path) if number in bad), append=True)
+            moved = (line.rstrip(b"\n") + b"\n" for number, line in _numbered(path) if number in bad)
+            write_lines(target, moved, append=True)
             write_lines(path, (line for number, line in _numbered(path) if number not in bad))
         for number, reason in bad.items():
             self._note(name, number, reason, moved=moves)

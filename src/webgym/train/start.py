@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import warnings
 from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
+from contextlib import ExitStack, asynccontextmanager
 from pathlib import Path
 
 import yaml
@@ -81,15 +81,18 @@ async def open_training(
             config.rollout.judge
         )  # only once: iterations tolerate a judge that is temporarily unavailable
     failed = tell or (lambda line: warnings.warn(line, stacklevel=1))
-    async with serving, services(config.rollout, secrets or Secrets()) as (where, tokens):
-        if not resume:
-            folder.create(config.model_dump(mode="json", exclude={"rollout": {"sites": {"token"}}}))
-        with (
-            folder.locked(),
-            tracking(config.trackers, folder.path, config.project, folder.write_metrics(), failed) as track,
-        ):
-            training.use(where, tokens, track)
-            yield training
+    with ExitStack() as lock:
+        if resume:  # before a server is touched that another process may be training with
+            lock.enter_context(folder.locked())
+        async with serving, services(config.rollout, secrets or Secrets()) as (where, tokens):
+            if not resume:
+                folder.create(config.model_dump(mode="json", exclude={"rollout": {"sites": {"token"}}}))
+                lock.enter_context(folder.locked())
+            with tracking(
+                config.trackers, folder.path, config.project, folder.write_metrics(), failed
+            ) as track:
+                training.use(where, tokens, track)
+                yield training
 
 
 def make_serving(config: TrainConfig, folder: TrainingFolder) -> Serving:

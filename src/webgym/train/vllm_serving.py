@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import dataclasses
 import logging
 import os
 import secrets
@@ -71,6 +72,8 @@ class VllmServing:
         self._profile = profile or choose_profile(None, Path(model).name)
         self._method = _method(config, has_adapters=lora is not None)
         self._newest = (newest[0].resolve(), newest[1]) if newest else None
+        # Weights that a server elsewhere may hold already; ``None`` once it is known which weights it holds.
+        self._maybe_served = self._newest if self._method == "in_place" and not self._is_ours else None
         self._vllm = VllmPolicy(Path(model).name)
         self.policy: Policy = self._vllm
         self._api: VllmApi | None = None
@@ -94,7 +97,7 @@ class VllmServing:
                     await self._test(served, weights)
                 else:
                     await self._change(served, weights, version)
-            self._weights, self._restarts = weights, 0
+            self._weights, self._maybe_served, self._restarts = weights, None, 0
 
     async def watch(self) -> None:
         """See :class:`webgym.train.serving.Serving`."""
@@ -231,7 +234,7 @@ class VllmServing:
 
     async def _change(self, served: Served | None, weights: Path, version: str) -> None:
         test = read_selftest(weights)
-        if test is not None and served is not None:
+        if test is not None and served is not None and self._maybe_served is None:
             self._earlier = await served.policy.ask(*test.request(), GREEDY)
         try:
             await (self._hot_load if self._method == "lora" else self._drained)(weights, version)
@@ -274,10 +277,13 @@ class VllmServing:
         """Restore the previous weights after a failed update. If that fails, too, the server stays paused."""
         assert self._api is not None
         with contextlib.suppress(LLMError, PolicyError, PublishError):
-            self._earlier = None
-            await self._api.update_weights(str(self._weights or self._first), before.version)
-            if self._weights is not None:
-                await self._test(before, self._weights)
+            self._earlier, weights = None, self._weights
+            if self._maybe_served is not None:
+                weights, version = self._maybe_served
+                before = dataclasses.replace(before, version=version)
+            await self._api.update_weights(str(weights or self._first), before.version)
+            if weights is not None:
+                await self._test(before, weights)
             self._vllm.switch(before)
 
     async def _tested(self, name: str, version: str, weights: Path | None) -> Served:

@@ -44,6 +44,7 @@ RIGHT = [
     (LENGTH, "It is 36 km long and climbs 370."),
     (HOURS, "It opens at 10:45 a.m. and closes at 07:30 PM."),
     (HOURS, "10:45 to 19:30"),
+    (HOURS, "10:45 h to 19:30 h"),
     (COST, "£30.00"),
     (COST, "The total is 30 pounds."),
     (NO_REVIEWS, "There are no excellent reviews."),

@@ -60,14 +60,15 @@ class EarlyScreenshot:
         """The screenshot, or ``None`` if the page is about to change."""
         page = self._page
         options = content_options(page) if page.options.mode == "marks" else None
+        is_worth_it: bool | None = None
         try:
             seconds = page.config.busy_seconds
             is_worth_it = await page.run("beginEarly", options, self._is_calm, reply=bool, seconds=seconds)
-        except (BrowserError, asyncio.CancelledError) as error:
-            page.post("dropEarly")  # the page may still come to it
-            if isinstance(error, asyncio.CancelledError):
-                raise
+        except BrowserError:
             return None  # reported by the wait or the observation
+        finally:
+            if is_worth_it is None:
+                page.post("dropEarly")  # the page may still come to it
         if not is_worth_it:
             return None
         self._is_requested = True

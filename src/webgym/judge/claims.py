@@ -18,7 +18,7 @@ _Unit: TypeAlias = tuple[str, object]
 
 _DENIED_BEFORE: Final = re.compile(
     r"(?:\b(?:not|never|except|excluding|besides|without|instead of|rather than|other than|unlike|neither"
-    r"|nor)|n't)(?:[^\w.;!?]+(?:a|an|the|on|in|at|for|of|to|by|it|is|was|be|called|named|for))*[^\w.;!?]*$"
+    r"|nor)|n't)(?:[^\w.;!?]+(?:a|an|the|on|in|at|for|of|to|by|it|is|was|be|called|named))*[^\w.;!?]*$"
 )
 _DENIED_AFTER: Final = re.compile(
     r"[^\w.;!?]*(?:(?:is|was|are|were) (?:wrong|incorrect|false)\b"
@@ -40,6 +40,7 @@ _UNLABELLING: Final = frozenset(
     "a an and are at by for from has have in is it of on the there to was with".split()
 )
 _CLOCK: Final = {"am": ("clock", "am"), "pm": ("clock", "pm")}
+_HALVES: Final = frozenset(_CLOCK.values())
 
 _SPELLINGS: Final = tuple(
     (re.compile(pattern, re.IGNORECASE), written)
@@ -153,6 +154,8 @@ def _is_claim(text: str, start: int, end: int, units: set[_Unit], known: str) ->
         return False
     sign, word = _SIGN_BEFORE.search(before), _WORD_AFTER.match(after)
     other = {_unit(match[1]) for match in (sign, word) if match} - {None}
+    if units <= _HALVES:  # "19:30 h" is no other unit
+        other &= _HALVES
     return not units or not other or bool(other & units)
 
 

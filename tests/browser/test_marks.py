@@ -14,7 +14,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from PIL import Image, ImageChops
+from PIL import Image, ImageChops, ImageColor
 
 from webgym.core.action import LeftClick, Scroll
 from webgym.core.observation import Element
@@ -365,19 +365,18 @@ async def test_a_modal_dialog_is_all_that_is_numbered(site: Site, open_tab: Open
 
 LABELS = """
 (() => {
+  const labels = webgym.mark(webgym.observe({ elements: true }, {}).elements);
   const root = webgym.state.roots.get(document.documentElement.lastElementChild);
-  return [...root.querySelectorAll('.label')].map((label) => {
-    const { left, top, right, bottom } = label.getBoundingClientRect();
-    const wide = label.scrollWidth - label.clientWidth;
-    const colour = getComputedStyle(label).backgroundColor;
-    return { box: [left, top, right, bottom], text: label.textContent, wide, colour };
-  });
+  const widths = new Map([...root.querySelectorAll('text')].map((text) => [text.textContent, text.getBoundingClientRect().width]));
+  return labels.map(({ number, colour, left, top, right, bottom }) => ({
+    box: [left, top, right, bottom], text: String(number), digits: widths.get(String(number)), colour,
+  }));
 })()
 """
 
 
 def contrast_with_white(colour: str) -> float:
-    channels = [int(part) / 255 for part in colour.removeprefix("rgb(").removesuffix(")").split(",")]
+    channels = [part / 255 for part in ImageColor.getrgb(colour)]
     red, green, blue = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels)
     return 1.05 / (0.2126 * red + 0.7152 * green + 0.0722 * blue + 0.05)
 
@@ -395,11 +394,14 @@ async def test_labels_can_be_read(site: Site, open_tab: Open) -> None:
     await tab.goto(site.page(f"{nav}<table style='font-size:20px'>{days}</table>{edges}"))
     page = tab.slot._page
     assert page is not None
-    await page.run("observe", {"elements": True, "marks": True}, {}, reply=msgspec.Raw)
     world = {"contextId": page.worlds._worlds[page.target_id], "expression": LABELS, "returnByValue": True}
     labels = (await page.session.call("Runtime.evaluate", world, reply=_Result, seconds=5)).result.value
     assert len(labels) == len(elements(tab)) > 150
-    assert all(label["wide"] <= 0 for label in labels), "no digit is cut off"
+    assert all(label["digits"] <= label["box"][2] - label["box"][0] for label in labels), "no digit is cut off"
+    drawn = Image.open(io.BytesIO(await tab.slot.screenshot())).convert("RGB")
+    at_corners = [drawn.getpixel((label["box"][0], label["box"][1])) for label in labels]
+    in_colour = [at == ImageColor.getrgb(label["colour"]) for at, label in zip(at_corners, labels, strict=True)]
+    assert sum(in_colour) >= len(labels) * 0.98
     assert all(contrast_with_white(label["colour"]) >= 4.5 for label in labels)
     for label in labels:
         left, top, right, bottom = label["box"]

@@ -47,8 +47,8 @@
     const observer = new ResizeObserver(() => {
       observer.disconnect();
       if (early !== mine) return;
+      mine.moment = moment(); // before marks are drawn, which would have to be laid out for it
       if (wanted) mine.seen = webgym.observe(wanted, {});
-      mine.moment = moment();
     });
     observer.observe(documentElement(document));
     return true;

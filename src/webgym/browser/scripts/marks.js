@@ -1,22 +1,26 @@
-// Marks: a frame and a number over each element, drawn by the tab's own frame.
+// Marks: a frame and a number over each element, drawn by the tab's own frame: in a layer of its own, so that nothing
+// of the page is drawn again, and with as few elements as possible, which is what it costs.
 (() => {
   const webgym = globalThis.webgym;
   if (webgym.mark) return;
-  const { documentElement, make } = webgym.dom;
+  const { documentElement, createElementNS, setAttribute } = webgym.dom;
 
   // Dark enough for white digits: a contrast of 4.5 at least.
   const COLOURS = ['#c62828', '#1565c0', '#2e7d32', '#6a1b9a', '#ad1457', '#00695c', '#4527a0', '#bf360c'];
   const BORDER = 2; // around the element, so that nothing of it is hidden
-  const MARK_STYLE = `
-    :host { all: initial; }
-    .box { position: fixed; box-sizing: border-box; border: ${BORDER}px solid; border-radius: 3px; }
-    .label { position: fixed; box-sizing: border-box; text-align: center; color: #fff; border-radius: 2px;
-      white-space: nowrap; overflow: hidden; box-shadow: 0 0 0 1px #fff; }`;
-
+  const ROUND = 2; // radius of its corners, CSS pixels
   // Sizes of a label, CSS pixels: the smaller one where the larger has no room. Digits of a monospaced font
   // are 0.6 em wide everywhere.
   const SIZES = [{ font: 12, height: 14, pad: 4 }, { font: 9, height: 10, pad: 3 }];
   const FONT = 'ui-monospace, monospace';
+
+  const SVG = 'http://www.w3.org/2000/svg';
+  const MARK_STYLE = `
+    :host { all: initial; }
+    svg { position: fixed; will-change: transform; }
+    .boxes { fill: none; stroke-width: ${BORDER}px; }
+    text { fill: #fff; text-anchor: middle; dominant-baseline: central; }
+    ${SIZES.map(({ font }) => `.of${font} { font: 700 ${font}px ${FONT}; }`).join('')}`;
   let marks = null;
 
   const common = (a, b) =>
@@ -61,35 +65,80 @@
       if (!spot.hidden) break;
     }
     labels.push(spot.rect);
-    return { ...size, ...spot.rect };
+    return { font: size.font, hidden: spot.hidden, ...spot.rect };
   };
 
+  // Edges between two pixels are blurred.
+  const whole = (rect) => Object.fromEntries(Object.entries(rect).map(([side, at]) => [side, Math.round(at)]));
+
+  // What is drawn of one colour is one path.
+  const boxPath = ({ left, top, right, bottom }) => {
+    const inset = BORDER / 2;
+    const [x, y] = [Math.max(inset, left - inset), Math.max(inset, top - inset)];
+    const [w, h] = [Math.min(innerWidth, right + BORDER) - inset - x, Math.min(innerHeight, bottom + BORDER) - inset - y];
+    const r = Math.max(0, Math.min(ROUND, w / 2, h / 2));
+    const corner = (dx, dy) => `a${r} ${r} 0 0 1 ${dx} ${dy}`;
+    return (
+      `M${x + r} ${y}h${w - 2 * r}${corner(r, r)}v${h - 2 * r}${corner(-r, r)}` +
+      `h${2 * r - w}${corner(-r, -r)}v${2 * r - h}${corner(r, -r)}z`
+    );
+  };
+  const rectPath = ({ left, top, right, bottom }, edge) =>
+    `M${left - edge} ${top - edge}H${right + edge}V${bottom + edge}H${left - edge}z`;
+
+  const draw = (parent, name, attributes) => {
+    const element = createElementNS(document, SVG, name);
+    for (const [key, value] of Object.entries(attributes)) setAttribute(element, key, value);
+    parent.append(element);
+    return element;
+  };
+  // The layer is no larger than what is drawn on it.
+  const placeOver = (rects) => {
+    const far = (side, pick) => pick(...rects.map((rect) => rect[side]));
+    const [left, top] = [far('left', Math.min), far('top', Math.min)].map((at) => Math.max(0, at - BORDER));
+    const right = Math.min(innerWidth, far('right', Math.max) + BORDER);
+    const bottom = Math.min(innerHeight, far('bottom', Math.max) + BORDER);
+    const [width, height] = [right - left, bottom - top];
+    return [{ width, height, viewBox: `${left} ${top} ${width} ${height}` }, `left: ${left}px; top: ${top}px`];
+  };
+  const byColour = (some, pathOf) => {
+    const paths = new Map();
+    for (const one of some) paths.set(one.colour, (paths.get(one.colour) || '') + pathOf(one));
+    return paths;
+  };
+  // Labels that do not lie over each other.
+  const drawLabels = (parent, labels) => {
+    draw(parent, 'path', { fill: '#fff', d: labels.map((label) => rectPath(label, 1)).join('') });
+    for (const [fill, d] of byColour(labels, (label) => rectPath(label, 0))) draw(parent, 'path', { fill, d });
+    for (const { font } of SIZES) {
+      const group = draw(parent, 'g', { class: `of${font}` });
+      for (const { left, right, top, bottom, number } of labels.filter((label) => label.font === font))
+        draw(group, 'text', { x: (left + right) / 2, y: (top + bottom) / 2 }).textContent = number;
+    }
+  };
+
+  // Gives the labels, {number, colour, font, left, top, right, bottom}.
   webgym.mark = (elements) => {
     webgym.unmark();
+    if (!elements.length) return [];
+    const boxes = elements.map(({ box: [x, y, w, h] }) => whole({ left: x, top: y, right: x + w, bottom: y + h }));
+    const rects = [];
+    const labels = elements.map(({ number }, index) => ({
+      number, colour: COLOURS[number % COLOURS.length], box: boxes[index], ...labelFor(number, boxes[index], rects, boxes),
+    }));
     const { host, root } = webgym.overlay(documentElement(document), MARK_STYLE);
-    const above = []; // no frame is drawn over a label
-    const labels = [];
-    const boxes = elements.map(({ box: [x, y, w, h] }) => ({ left: x, top: y, right: x + w, bottom: y + h }));
-    elements.forEach(({ number }, index) => {
-      const colour = COLOURS[number % COLOURS.length];
-      const frame = make(document, 'div');
-      frame.className = 'box';
-      const { left, top, right, bottom } = boxes[index];
-      const [x, y] = [Math.max(0, left - BORDER), Math.max(0, top - BORDER)];
-      const [w, h] = [Math.min(innerWidth, right + BORDER) - x, Math.min(innerHeight, bottom + BORDER) - y];
-      frame.style.cssText = `left:${x}px;top:${y}px;width:${w}px;height:${h}px;border-color:${colour}`;
-      const label = make(document, 'div');
-      label.className = 'label';
-      label.textContent = number;
-      const spot = labelFor(number, boxes[index], labels, boxes);
-      label.style.cssText =
-        `left:${spot.left}px;top:${spot.top}px;width:${spot.right - spot.left}px;height:${spot.height}px;` +
-        `font:700 ${spot.font}px/${spot.height}px ${FONT};background:${colour}`;
-      root.append(frame);
-      above.push(label);
-    });
-    root.append(...above);
+    const [attributes, place] = placeOver([...rects, ...boxes]);
+    const svg = draw(root, 'svg', attributes);
+    svg.style.cssText = place; // a style attribute may be forbidden by the page's policy
+    for (const [stroke, d] of byColour(labels, ({ box }) => boxPath(box))) draw(svg, 'path', { class: 'boxes', stroke, d });
+    let layer = []; // no frame is drawn over a label
+    for (const label of labels) {
+      if (label.hidden) drawLabels(svg, layer.splice(0));
+      layer.push(label);
+    }
+    drawLabels(svg, layer);
     marks = host;
+    return labels;
   };
 
   webgym.unmark = () => {

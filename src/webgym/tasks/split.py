@@ -179,6 +179,12 @@ def leaks(tasks: Sequence[Task], test: Sequence[Task]) -> list[Leak]:
     return leaks_found
 
 
+def leaking(tasks: Sequence[Task]) -> set[str]:
+    """The ids of the tasks that must not be trained on because of the test tasks among them."""
+    test = [task for task in tasks if task.split == "test"]
+    return {leak.task.id for leak in leaks(tasks, test)} if test else set()
+
+
 def refuse_leaks(tasks: Sequence[Task], test: Sequence[Task]) -> None:
     """Refuse to train on tasks that leak test tasks; trainers call it before they start.
 

@@ -77,6 +77,9 @@ def test_a_run_trains_on_training_tasks_alone_and_says_so(tmp_path: Path) -> Non
     }
     with pytest.raises(ConfigError, match="no task to attempt for the split 'train': 2 of the test split"):
         choose_tasks(RunConfig(tasks=TaskChoice(file=tmp_path / "set" / "test.jsonl")))
+    few = RunConfig(sites=SitesConfig(collection="small", per_family=3), tasks=TaskChoice(split="test"))
+    with pytest.raises(ConfigError, match="split 'test': none of 3 websites per family is for it"):
+        choose_tasks(few)
 
 
 def test_the_name_of_a_file_tells_the_split_of_tasks_that_do_not(tmp_path: Path) -> None:

@@ -86,9 +86,9 @@ class OfflineWeb:
 
     Args:
         seed: of all websites.
-        per_family: number of well-behaved websites per family; ``None`` for the collection's default. A website
-            has the same split whatever the number. At most two large ones, or three small ones, are all for
-            training.
+        per_family: number of well-behaved websites per family; ``None`` for the collection's default. A
+            website has the same split whatever the number. Of three or fewer (two large ones) none is for
+            testing.
         collection: ``"large"``, pages as on real websites; ``"small"``, pages of a few large signs; or
             ``"cross"``, large websites with tasks about two of them.
         families: used instead of the collection's.
@@ -133,8 +133,8 @@ class OfflineWeb:
     def _split_of(self, family: type[Website]) -> dict[int, Split]:
         """The split of a family's well-behaved websites, by index in ascending order.
 
-        An index has the same split for every number of websites, so that none is for training in one web and for
-        testing in another. A larger web has all websites of a smaller one.
+        An index has the same split for every number of websites, so that none is for training in one web and
+        for testing in another. A larger web has all websites of a smaller one.
         """
         size, share = self.collection.per_family, self.collection.test_share
         order = list(range(size))

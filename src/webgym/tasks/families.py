@@ -28,8 +28,8 @@ def roots_of(tasks: Iterable[Task]) -> dict[str, str]:
 
 
 def inherited(tasks: Iterable[Task], values: Mapping[str, str]) -> dict[str, str]:
-    """The value of every task that has one or whose ancestor has one, by id: its own, else that of the nearest
-    ancestor.
+    """The value of every task that has one or whose ancestor has one, by id: its own, else the nearest
+    ancestor's.
 
     Args:
         tasks: ancestors are looked for among these.

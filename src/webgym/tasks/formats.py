@@ -53,8 +53,8 @@ def read_tasks(path: Path | str) -> TaskFile:
 
     A broken record is reported and skipped, and a task without a fact to judge is set aside.
     Tasks without a split get the one in the file's name, ``train`` or ``test``, if there is one. A
-    task that leaks a test task which is skipped or set aside (:func:`webgym.tasks.split.leaks`) counts as broken
-    unless it leaks another one as well, because nothing else would keep it out of training.
+    task that leaks a test task which is skipped or set aside (:func:`webgym.tasks.split.leaks`) counts as
+    broken unless it leaks another one as well, because nothing else would keep it out of training.
 
     Args:
         path: of a file or a folder.

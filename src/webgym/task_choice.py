@@ -50,8 +50,9 @@ def choose_tasks(config: RunConfig, tell: Tell | None = None) -> Chosen:
     available = _read(config, split, tell)
     selected = select(available.tasks, choice, Blocklist(config.blocklist).blocked())
     if not selected.tasks:
+        why = selected.told() or f"none of {config.sites.per_family} websites per family is for it"
         raise ConfigError(
-            f"there is no task to attempt for the split {choice.split!r}: {selected.told()}",
+            f"there is no task to attempt for the split {choice.split!r}: {why}",
             hint="choose another split or more domains",
         )
     return Chosen(_drawn(selected.tasks, config), available.broken, available.set_aside, selected)

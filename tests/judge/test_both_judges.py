@@ -99,7 +99,7 @@ async def make_run(path: Path) -> Path:
         for task in web.tasks_of(host)
         if task.truth is not None and len(task.truth.moves) <= 6
     ]
-    write_tasks(path / "tasks.jsonl", draw(short, 6, 1))
+    write_tasks(path / "tasks.jsonl", draw(short, 6, 5))
     config = RunConfig(
         sites=SITES,
         tasks=TaskChoice(file=path / "tasks.jsonl", split="all"),

@@ -22,6 +22,7 @@ from tests.offline.golden import lines
 from webgym.core.task import FactGroup, Rubric
 from webgym.core.truth import Click, Evidence, Give, Home, See, StateCheck
 from webgym.offline import art, latency, names, visitors
+from webgym.offline.config import CollectionName
 from webgym.offline.families import FAMILIES
 from webgym.offline.listing import paged
 from webgym.offline.look import FONTS, PALETTES, look
@@ -396,6 +397,22 @@ def test_the_split_is_by_website_and_misbehaviour_is_for_tests_alone(web: Offlin
     bad = [spec for spec in web.specs.values() if spec.behaviour != "good"]
     assert [spec.behaviour for spec in bad] == list(MISBEHAVING)
     assert {spec.split for spec in bad} == {"test"}
+
+
+@pytest.mark.parametrize("collection", ["large", "small", "cross"])
+def test_a_website_is_for_the_same_split_in_a_web_of_any_size(collection: CollectionName) -> None:
+    use: dict[str, tuple[str, str]] = {}
+    for size in (None, 1, 2, 3, 5, 10, 48, 51, 56, 70, 75, 144):
+        web = OfflineWeb(11, per_family=size, collection=collection)
+        for host, spec in web.specs.items():
+            assert use.setdefault(host, (spec.split, spec.behaviour)) == (spec.split, spec.behaviour)
+        for family in web.collection.families:
+            good = [each for each in web.specs.values() if each.family is family and each.behaviour == "good"]
+            assert len(good) == web.per_family
+            tests = sum(each.split == "test" for each in good)
+            assert tests == round(web.per_family * web.collection.test_share)
+    whole, few = (list(OfflineWeb(11, per_family=size).specs) for size in (60, 10))
+    assert set(few) <= set(whole)
 
 
 def test_tasks_are_unique_follow_their_website_and_leak_nothing(web: OfflineWeb) -> None:

@@ -108,6 +108,24 @@ async def test_tasks_of_no_known_split_are_not_for_training(run: Path, tmp_path:
         assert export(place / "run", place / "out", "parquet").attempts == wanted
 
 
+async def test_a_training_task_on_the_website_of_a_test_task_is_not_for_training(
+    run: Path, tmp_path: Path
+) -> None:
+    trajectory = next(RunReader(run).trajectories())
+    task = RunReader(run).tasks[trajectory.episode.task_id]
+    train = msgspec.structs.replace(task, split="train")
+    test = msgspec.structs.replace(task, id="copy", split="test")
+    for tasks, wanted in (([train], 1), ([train, test], 0)):
+        place = tmp_path / str(len(tasks))
+        async with await RunWriter.create(place / "run", {"tasks": {"split": "all"}}, tasks) as writer:
+            for seen in trajectory.episode.observations:
+                await writer.put_image(seen.screenshot, RunReader(run).image(seen.screenshot))
+            await writer.append(trajectory)
+        done = export(place / "run", place / "out", "parquet")
+        assert (done.attempts, done.other_split) == (wanted, 1 - wanted)
+        assert export(place / "run", place / "all", "parquet", split="all").attempts == 1
+
+
 def test_the_command_says_what_it_left_out(run: Path, tmp_path: Path, calls: Calls) -> None:
     code, said = calls.run("export", run, "--out", tmp_path / "out", "--format", "jsonl")
     assert code == 0

@@ -213,6 +213,45 @@ def test_a_test_task_counts_before_one_with_its_id(tmp_path: Path, splits: tuple
     assert [broken.line for broken in found.broken] == [2 - splits.index("test")]
 
 
+NO_FACT = Rubric((FactGroup(1, "", ("None",)),))
+
+
+@pytest.mark.parametrize(
+    ("test", "change"),
+    [
+        (task(9, rubric=NO_FACT), {}),
+        (task(1, website="http://other.test/", rubric=NO_FACT), {}),
+        (task(9, website="http://other.test/", parent_id="offline/1", rubric=NO_FACT), {}),
+        (task(9), {"domain": None}),
+        (task(9), {"id": None, "split": "tset"}),
+        (task(8), {}),
+        (task(1, website="ftp://other.test/"), {}),
+    ],
+)
+@pytest.mark.parametrize("suffix", ["jsonl", "parquet"])
+def test_a_test_task_that_is_left_out_is_kept_from_training(
+    tmp_path: Path, suffix: str, test: Task, change: dict[str, object]
+) -> None:
+    good = task(2, website="http://good.test/")
+    write_tasks(tmp_path / "train.jsonl", [task(1), good])
+    assert [each.id for each in read_tasks(tmp_path).tasks] == ["offline/1", "offline/2"]
+    tests = [task(8, website="8.test"), test]
+    if suffix == "jsonl":
+        rows = [msgspec.to_builtins(tests[0]), msgspec.to_builtins(test) | change]
+        (tmp_path / "test.jsonl").write_bytes(b"\n".join(map(msgspec.json.encode, rows)))
+    else:
+        table = table_of(*tests)
+        rows = [table.to_pylist()[0], table.to_pylist()[1] | change]
+        nullable = pa.schema([field.with_nullable(True) for field in table.schema])
+        pq.write_table(pa.Table.from_pylist(rows, nullable), tmp_path / "test.parquet")
+    found = read_tasks(tmp_path)
+    assert [each.id for each in found.tasks] == ["offline/2", "offline/8"]
+    (broken,) = [each for each in found.broken if each.file.name == "train.jsonl"]
+    assert broken.line == 1
+    assert "test task" in broken.reason
+    assert broken.reason.endswith(", which is left out")
+
+
 def table_of(*tasks: Task) -> pa.Table:
     from webgym.tasks.parquet import _batch
 

@@ -415,3 +415,32 @@ def test_the_published_set_loads_as_the_hub_converts_it_to_parquet(tmp_path: Pat
     found = read_tasks(tmp_path)
     assert found.tasks == [task_of(row(task_id="1"), "test")]
     assert [(broken.line, broken.reason) for broken in found.broken] == [(2, "task_id is empty")]
+
+
+@pytest.mark.parametrize("suffix", ["jsonl", "parquet"])
+@pytest.mark.parametrize(
+    "left_out",
+    [
+        row(task_id="9"),
+        row(task_id="9", task_name=""),
+        row(task_id="", task_name="too"),
+        row(task_id="9", website="other.test", task_id_decomposed_from="1"),
+        row(task_id="1", website="", task_name=""),
+    ],
+)
+def test_a_test_row_that_is_left_out_is_kept_from_training(
+    tmp_path: Path, left_out: dict[str, Any], suffix: str
+) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    for name, rows in {
+        "train": [row(task_id="1"), row(task_id="2", website="good.test")],
+        "test": [row(task_id="8", website="8.test"), left_out | {"evaluator_reference": "None"}],
+    }.items():
+        if suffix == "jsonl":
+            (tmp_path / f"{name}.jsonl").write_bytes(lines(*rows))
+        else:
+            texts = [each | {"evaluator_reference": str(each["evaluator_reference"])} for each in rows]
+            pq.write_table(pa.Table.from_pylist(texts), tmp_path / f"{name}.parquet")
+    assert [each.id for each in read_tasks(tmp_path).tasks] == ["deepshop/2", "deepshop/8"]

@@ -18,7 +18,7 @@ from webgym.tasks.files import write_lines
 from webgym.tasks.formats import read_tasks, write_tasks
 from webgym.tasks.sampling import Sampler, SamplerConfig
 from webgym.tasks.selection import Selection, drawn_subdomains, select, splits_in
-from webgym.tasks.split import leaks, refuse_leaks
+from webgym.tasks.split import SplitConfig, leaks, refuse_leaks, split
 from webgym.tasks.taxonomy import DOMAIN_OF
 
 RUBRIC = Rubric((FactGroup(1, "", ("it is found",)),))
@@ -77,6 +77,9 @@ def test_a_run_trains_on_training_tasks_alone_and_says_so(tmp_path: Path) -> Non
     }
     with pytest.raises(ConfigError, match="no task to attempt for the split 'train': 2 of the test split"):
         choose_tasks(RunConfig(tasks=TaskChoice(file=tmp_path / "set" / "test.jsonl")))
+    few = RunConfig(sites=SitesConfig(collection="small", per_family=3), tasks=TaskChoice(split="test"))
+    with pytest.raises(ConfigError, match="split 'test': none of 3 websites per family is for it"):
+        choose_tasks(few)
 
 
 def test_the_name_of_a_file_tells_the_split_of_tasks_that_do_not(tmp_path: Path) -> None:
@@ -103,6 +106,31 @@ def test_families_of_a_test_websites_tasks_stay_out() -> None:
     parent = task("parent", "amazon.fr", split="train")
     child = task("child", "elsewhere.example", split="train", parent_id="parent")
     assert [leak.why for leak in leaks([parent, child], TEST)] == ["test website", "test website"]
+
+
+@pytest.mark.parametrize("root_split", ["train", "test", None])
+def test_every_ancestor_counts_and_not_the_first_alone(root_split: Any) -> None:
+    root = task("root", "first.example", split=root_split)
+    parent = task("parent", "amazon.fr", split="train", parent_id="root")
+    child = task("child", "elsewhere.example", split="train", parent_id="parent")
+    for ancestors in ([parent], [parent, root]):
+        assert select([child, *ancestors, *TEST, *GOOD], Selection()).tasks[:1] == [
+            root if root_split == "train" and root in ancestors else GOOD[0]
+        ]
+    loop = [
+        task("a", "a.example", parent_id="b"),
+        task("b", "b.example", parent_id="a"),
+        task("c", "c.example", parent_id="a"),
+    ]
+    assert leaks(loop, TEST) == []
+    assert len(leaks([*loop[1:], task("a", "amazon.fr", parent_id="b")], TEST)) == 3
+
+
+def test_the_split_leaves_out_a_grandchild_of_a_task_on_a_test_website() -> None:
+    parent = task("parent", "a.example", parent_id="root")
+    child = task("child", "b.example", parent_id="parent")
+    chosen = split([task("test", "a.example"), parent, child], SplitConfig(test_tasks=1))
+    assert [each.id for each in chosen.tasks] == ["test"]
 
 
 def test_half_of_the_subdomains_by_seed() -> None:

@@ -187,6 +187,13 @@ def test_a_test_task_is_refused_whatever_became_of_it(outcome: Outcome) -> None:
         replay().add(0, run)
 
 
+def test_a_training_task_that_leaks_a_test_task_of_its_run_is_refused() -> None:
+    test = msgspec.structs.replace(task(split="test"), id="t/test")
+    run = Made([trajectory(outcome=FAILURE)], [task(), test])
+    with pytest.raises(ConfigError, match="t/a shares a website or a family with a test task"):
+        replay().add(0, run)
+
+
 def group(of: str, *rewards: int) -> list[Trajectory]:
     return [
         trajectory(number, of=of, outcome=SUCCESS if reward else FAILURE, changed=())

@@ -24,7 +24,8 @@ class SitesConfig(Settings):
     """Which websites: ``large``, as on the real web, or ``small``, with pages of a few large signs."""
 
     per_family: int | None = Field(default=None, ge=1)
-    """Websites per family; ``None`` for the collection's default (50 for large and cross, 72 for small)."""
+    """Websites per family; ``None`` for the collection's default (50 for large and cross, 72 for small). A
+    website has the same split whatever the number."""
 
     host: str = "127.0.0.1"
     """Address to listen on."""

@@ -86,7 +86,9 @@ class OfflineWeb:
 
     Args:
         seed: of all websites.
-        per_family: number of well-behaved websites per family; ``None`` for the collection's default.
+        per_family: number of well-behaved websites per family; ``None`` for the collection's default. A
+            website has the same split whatever the number. Of three or fewer (two large ones) none is for
+            testing.
         collection: ``"large"``, pages as on real websites; ``"small"``, pages of a few large signs; or
             ``"cross"``, large websites with tasks about two of them.
         families: used instead of the collection's.
@@ -122,15 +124,34 @@ class OfflineWeb:
             specs_by_host[family.host_of(label)] = spec
 
         for family in families:
-            held_out = round(self.per_family * self.collection.test_share)
-            order = list(range(self.per_family))
-            stream(self.seed, "split", family.family).shuffle(order)
-            test = set(order[:held_out])
-            for index in range(self.per_family):
-                add(family, index, "test" if index in test else "train", "good")
+            for index, split in self._split_of(family).items():
+                add(family, index, split, "good")
         for nth, behaviour in enumerate(self.collection.misbehaving):
-            add(families[nth % len(families)], self.per_family + nth, "test", behaviour)
+            add(families[nth % len(families)], self.collection.per_family + nth, "test", behaviour)
         return specs_by_host
+
+    def _split_of(self, family: type[Website]) -> dict[int, Split]:
+        """The split of a family's well-behaved websites, by index in ascending order.
+
+        An index has the same split for every number of websites, so that none is for training in one web and
+        for testing in another. A larger web has all websites of a smaller one.
+        """
+        size, share = self.collection.per_family, self.collection.test_share
+        order = list(range(size))
+        rng = stream(self.seed, "split", family.family)
+        rng.shuffle(order)
+        held_out = round(size * share)
+        test, train = sorted(order[:held_out]), sorted(order[held_out:])
+        wanted = round(self.per_family * share)
+        start, block = size + len(MISBEHAVING), round(1 / share)  # websites that misbehave are between
+        while len(test) < wanted or len(train) < self.per_family - wanted:
+            chosen = start + rng.randrange(block)
+            test.append(chosen)
+            train += [index for index in range(start, start + block) if index != chosen]
+            start += block
+        splits: dict[int, Split] = dict.fromkeys(test[:wanted], "test")
+        splits |= dict.fromkeys(train[: self.per_family - wanted], "train")
+        return dict(sorted(splits.items()))
 
     def website(self, host: str) -> Website | None:
         """The website with this hostname; ``None`` if there is none.

@@ -22,6 +22,7 @@ from webgym.core.task import Task
 from webgym.core.trajectory import ImageRef, Message, Step, TextPart, Trajectory
 from webgym.rollout.files import TORN, disk_errors, make_folder, write_lines
 from webgym.rollout.store import RunReader
+from webgym.tasks.split import leaking
 
 Format: TypeAlias = Literal["jsonl", "parquet", "sharegpt"]
 
@@ -64,7 +65,8 @@ class Exported(msgspec.Struct):
     Attributes:
         attempts, steps, pictures: numbers in the files.
         unrewarded: attempts left out because of their outcome.
-        other_split: attempts left out because their task belongs to another split.
+        other_split: attempts left out because their task belongs to another split, or leaks a test task of
+            the run although it is for training.
         unusable: steps left out because the format cannot represent them.
     """
 
@@ -139,6 +141,7 @@ class _Exporter:
         self._tasks = reader.tasks
         self._folder = out / PICTURES
         self._split = split
+        self._leaking = leaking(list(self._tasks.values())) if split == "train" else set()
         self._default_split = reader.config.get("tasks", {}).get("split")
         self._outcomes = outcomes
         self._progress = progress
@@ -148,7 +151,7 @@ class _Exporter:
         for number, trajectory in enumerate(self._reader.trajectories(), 1):
             self._progress(number)
             task = self._tasks[trajectory.episode.task_id]
-            if self._split not in ("all", task.split or self._default_split):
+            if task.id in self._leaking or self._split not in ("all", task.split or self._default_split):
                 self.done.other_split += 1
             elif trajectory.outcome not in self._outcomes:
                 self.done.unrewarded += 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from webgym.core.task import Task
 
@@ -25,3 +25,23 @@ def roots_of(tasks: Iterable[Task]) -> dict[str, str]:
         for descendant in trail:
             roots[descendant] = root
     return roots
+
+
+def inherited(tasks: Iterable[Task], values: Mapping[str, str]) -> dict[str, str]:
+    """The value of every task that has one or whose ancestor has one, by id: its own, else the nearest
+    ancestor's.
+
+    Args:
+        tasks: ancestors are looked for among these.
+        values: by id.
+    """
+    parents = {task.id: task.parent_id for task in tasks if task.parent_id is not None}
+    found: dict[str, str | None] = dict(values)
+    for start in parents:
+        trail: dict[str, None] = {}
+        ancestor = start
+        while ancestor in parents and ancestor not in found and ancestor not in trail:
+            trail[ancestor] = None
+            ancestor = parents[ancestor]
+        found |= dict.fromkeys(trail, found.get(ancestor))
+    return {id: value for id, value in found.items() if value is not None}

@@ -74,18 +74,29 @@ class TaskCollector:
     Attributes:
         tasks: valid tasks by id.
         broken, set_aside: as in :class:`TaskFile`.
+        withheld: what can be read of test tasks that are not among the tasks. Nothing that leaks them may be
+            trained on.
         split: of tasks without a split of their own, in the file that is being read.
     """
 
     tasks: dict[str, Task] = field(default_factory=dict)
     broken: list[BrokenRecord] = field(default_factory=list)
     set_aside: list[BrokenRecord] = field(default_factory=list)
+    withheld: list[Task] = field(default_factory=list)
     split: Literal["train", "test"] | None = None
     _places: dict[str, tuple[Path, int]] = field(default_factory=dict)
 
     def add(self, file: Path, line: int, task: Task) -> bool:
         """Add a task; whether it was added. It is not if it cannot be attempted or judged or its id is in
         use."""
+        if task.split is None and self.split is not None:
+            task = replace(task, split=self.split)
+        is_added = self._add(file, line, task)
+        if not is_added and task.split == "test":
+            self.withheld.append(task)
+        return is_added
+
+    def _add(self, file: Path, line: int, task: Task) -> bool:
         if why := unfit(task):
             self.skip(file, line, why)
             return False
@@ -93,8 +104,6 @@ class TaskCollector:
         if judged is None:
             self.set_aside.append(BrokenRecord(file, line, f"{task.id} has no fact to judge"))
             return False
-        if judged.split is None and self.split is not None:
-            judged = replace(judged, split=self.split)
         kept = self.tasks.get(judged.id)
         if kept is not None and (judged.split != "test" or kept.split == "test"):
             self.skip(file, line, f"a second task with the id {task.id!r}")
@@ -104,9 +113,29 @@ class TaskCollector:
         self.tasks[judged.id], self._places[judged.id] = judged, (file, line)
         return True
 
-    def skip(self, file: Path, line: int, reason: object) -> None:
-        """Note a record that is not a valid task."""
+    def leave_out(self, task: Task, reason: str) -> None:
+        """Leave out a task that was added."""
+        self.skip(*self._places[task.id], reason)
+        del self.tasks[task.id]
+
+    def skip(self, file: Path, line: int, reason: object, record: object = None) -> None:
+        """Note a record that is not a valid task.
+
+        Args:
+            file, line: its place.
+            reason: what is wrong with it.
+            record: its fields by name, as far as they can be read.
+        """
         self.broken.append(BrokenRecord(file, line, str(reason)))
+        if not isinstance(record, dict):
+            return
+        split = record.get("split")
+        if split == "test" or (split != "train" and self.split == "test"):
+            names = ("id", "website", "parent_id")
+            told: dict[str, Any] = {"id": f"{file.name}:{line}", "website": ""}
+            told |= {name: record[name] for name in names if isinstance(record.get(name), str)}
+            task = Task(instruction="", domain="", subdomain="", rubric=WHOLE_TASK, source="", **told)
+            self.withheld.append(task)
 
 
 NONE_FACT: Final = "none-fact"
@@ -243,7 +272,10 @@ def read_lines(lines: Iterable[bytes], file: Path, collector: TaskCollector) -> 
             try:
                 task = _with_defaults(line, file, number)
             except (ValueError, RecursionError) as error:
-                collector.skip(file, number, error)
+                record = None
+                with suppress(ValueError, RecursionError):
+                    record = msgspec.json.decode(line)
+                collector.skip(file, number, error, record)
                 continue
         collector.add(file, number, task)
 

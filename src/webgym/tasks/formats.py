@@ -33,6 +33,7 @@ from webgym.tasks.files import (
     write_lines,
 )
 from webgym.tasks.published import decoded, looks_published, read_published, write_published
+from webgym.tasks.split import leaking, leaks
 
 Format: TypeAlias = Literal["jsonl", "parquet", "published"]
 FORMATS: Final[tuple[Format, ...]] = get_args(Format)
@@ -51,7 +52,9 @@ def read_tasks(path: Path | str) -> TaskFile:
     """Read a task file, or the task files of a folder, in any format.
 
     A broken record is reported and skipped, and a task without a fact to judge is set aside.
-    Tasks without a split get the one in the file's name, ``train`` or ``test``, if there is one.
+    Tasks without a split get the one in the file's name, ``train`` or ``test``, if there is one. A
+    task that leaks a test task which is skipped or set aside (:func:`webgym.tasks.split.leaks`) counts as
+    broken unless it leaks another one as well, because nothing else would keep it out of training.
 
     Args:
         path: of a file or a folder.
@@ -64,6 +67,13 @@ def read_tasks(path: Path | str) -> TaskFile:
     with gc_paused():
         for file in _files(path):
             _read(file, collector)
+        if collector.withheld:
+            tasks = list(collector.tasks.values())
+            found = leaks(tasks, collector.withheld)
+            leaked = leaking(tasks) if found else set()
+            for leak in found:
+                if leak.task.id not in leaked:
+                    collector.leave_out(leak.task, f"{leak}, which is left out")
     if not collector.tasks:
         raise TaskFileError(f"{path} contains no task{_why_none(collector)}")
     return TaskFile(list(collector.tasks.values()), collector.broken, collector.set_aside)

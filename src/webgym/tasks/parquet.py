@@ -21,7 +21,7 @@ from webgym.core.errors import TaskFileError
 from webgym.core.task import Attachment, FactGroup, Rubric, Task, WebsiteFrom
 from webgym.core.truth import Truth
 from webgym.tasks.files import TaskCollector
-from webgym.tasks.published import looks_published, task_of
+from webgym.tasks.published import identity, looks_published, task_of
 
 VERSION: Final = 1
 """Version of the columns. Files with a higher version are refused."""
@@ -189,7 +189,7 @@ def _add_published(
         try:
             task = task_of(row, split)
         except ValueError as error:
-            collector.skip(path, number, error)
+            collector.skip(path, number, error, identity(row, split))
         else:
             collector.add(path, number, task)
 
@@ -273,7 +273,7 @@ def _row_by_row(
                 values["rubric"] = {"groups": values["rubric"]}
             task = msgspec.convert(values, Task)
         except ValueError as error:
-            collector.skip(path, number, error)
+            collector.skip(path, number, error, values)
             yield None
         else:
             yield task

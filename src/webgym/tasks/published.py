@@ -79,11 +79,12 @@ def read_published(lines: Iterable[bytes], file: Path, split: str | None, collec
         if not line.strip():
             blank += line
             continue
+        row: Any = None
         try:
             row = decoded(line.removeprefix(BYTE_ORDER_MARK) if number == 1 else line)
             task = task_of(row, split)
         except (ValueError, RecursionError) as error:
-            collector.skip(file, number, error)
+            collector.skip(file, number, error, identity(row, split))
             blank = b""
             continue
         whole, blank = blank + line, b""
@@ -130,6 +131,22 @@ def task_of(row: object, split: str | None = None) -> Task:
         extra={name: value for name, value in row.items() if name not in _FIELD_OF and name != ORIGINAL_LINE},
     )
     return _with_webgym_fields(task) if WEBGYM_COLUMN in row else task
+
+
+def identity(row: object, split: str | None) -> dict[str, Any]:
+    """The fields of a row's task by which it is known, even if the row is not a valid task."""
+    if not isinstance(row, dict):
+        return {}
+    source = _text(row, "benchmark_name") or SOURCE
+    id, parent = _text(row, "task_id"), _text(row, "task_id_decomposed_from")
+    told = {
+        "id": _namespaced(id, source) if id else None,
+        "website": _text(row, "website"),
+        "parent_id": _namespaced(parent, source) if parent else None,
+        "split": split,
+    }
+    own = row.get(WEBGYM_COLUMN)
+    return told | own if isinstance(own, dict) else told
 
 
 def _is_canonical(line: bytes, row: dict[str, Any], task: Task, split: str | None) -> bool:

@@ -21,7 +21,7 @@ from webgym.core.errors import ConfigError
 from webgym.core.task import Level, Task
 from webgym.core.websites import host_or_text
 from webgym.settings import Settings
-from webgym.tasks.split import leaks
+from webgym.tasks.split import leaking
 from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
 
 BLOCKED: Final = "on blocked websites"
@@ -105,7 +105,7 @@ def select(tasks: Sequence[Task], selection: Selection, blocked: Collection[str]
     if split in ("train", "test") and not any(task.split for task in tasks):
         split = "unsplit"
     without = _without(tasks, selection)
-    leaking = _leaking(tasks) if split == "train" else set()
+    leaked = leaking(tasks) if split == "train" else set()
     if selection.split == "test":  # also if the set has no splits
         blocked = ()
     wanted, unwanted = {*selection.domains}, {*without}
@@ -115,7 +115,7 @@ def select(tasks: Sequence[Task], selection: Selection, blocked: Collection[str]
         names = (task.domain, task.subdomain)
         if split != "all" and (task.split or "unsplit") != split:
             left_out["of the test split" if task.split == "test" else "of another split"] += 1
-        elif task.id in leaking:
+        elif task.id in leaked:
             left_out["on a website or of a family of the test split"] += 1
         elif (wanted and wanted.isdisjoint(names)) or not unwanted.isdisjoint(names):
             left_out["of other domains"] += 1
@@ -124,11 +124,6 @@ def select(tasks: Sequence[Task], selection: Selection, blocked: Collection[str]
         else:
             remaining.append(task)
     return Selected(remaining, split, without, left_out)
-
-
-def _leaking(tasks: Sequence[Task]) -> set[str]:
-    test = [task for task in tasks if task.split == "test"]
-    return {leak.task.id for leak in leaks(tasks, test)} if test else set()
 
 
 def _without(tasks: Sequence[Task], selection: Selection) -> tuple[str, ...]:

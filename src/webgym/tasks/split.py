@@ -25,7 +25,7 @@ from webgym.core.websites import site_or_text
 from webgym.settings import Settings
 from webgym.tasks.balance import balanced
 from webgym.tasks.brands import brand_of
-from webgym.tasks.families import roots_of
+from webgym.tasks.families import inherited, roots_of
 from webgym.tasks.files import gc_paused
 
 WhyLeftOut: TypeAlias = Literal["test website", "test family", "no website"]
@@ -103,6 +103,7 @@ def split(tasks: Sequence[Task], config: SplitConfig | None = None) -> Split:
     chosen = _test_tasks(tasks, sites, config)
     test_sites = {sites[id] for id in chosen}
     test_families = {roots.get(id, id) for id in chosen}
+    on_test_site = inherited(tasks, {id: id for id, site in sites.items() if site in test_sites})
     remaining: list[Task] = []
     left_out: list[LeftOut] = []
     for task in tasks:
@@ -113,7 +114,7 @@ def split(tasks: Sequence[Task], config: SplitConfig | None = None) -> Split:
             continue
         if site is None:
             why = "no website"
-        elif site in test_sites or sites.get(root) in test_sites:
+        elif task.id in on_test_site:
             why = "test website"
         elif root in test_families:
             why = "test family"
@@ -163,20 +164,25 @@ def leaks(tasks: Sequence[Task], test: Sequence[Task]) -> list[Leak]:
     test_ids = {task.id for task in test}
     test_on = {site: task.id for task in reversed(test) if (site := _site(task)) is not None}
     roots = roots_of([*tasks, *test])
-    site_of_root = {task.id: _site(task) for task in tasks if task.parent_id is None}
+    own = {task.id: id for task in tasks if (id := test_on.get(_site(task) or "")) is not None}
+    on_test_site = inherited(tasks, own)
     test_of = {roots.get(task.id, task.id): task.id for task in reversed(test)}
     leaks_found = []
     for task in tasks:
         root = roots.get(task.id, task.id)
         if task.id in test_ids or task.split == "test":
             leaks_found.append(Leak(task, task.id, "test task"))
-        elif (
-            test_id := test_on.get(_site(task) or "") or test_on.get(site_of_root.get(root) or "")
-        ) is not None:
+        elif (test_id := on_test_site.get(task.id)) is not None:
             leaks_found.append(Leak(task, test_id, "test website"))
         elif (test_id := test_of.get(root)) is not None:
             leaks_found.append(Leak(task, test_id, "test family"))
     return leaks_found
+
+
+def leaking(tasks: Sequence[Task]) -> set[str]:
+    """The ids of the tasks that must not be trained on because of the test tasks among them."""
+    test = [task for task in tasks if task.split == "test"]
+    return {leak.task.id for leak in leaks(tasks, test)} if test else set()
 
 
 def refuse_leaks(tasks: Sequence[Task], test: Sequence[Task]) -> None:

@@ -38,6 +38,7 @@ from webgym.core.action import Answer
 from webgym.core.errors import ConfigError
 from webgym.core.task import Task
 from webgym.core.trajectory import Step, Trajectory
+from webgym.tasks.split import leaking
 from webgym.train.config import ReplayConfig
 from webgym.train.objectives import Attempt, Objective
 
@@ -176,10 +177,11 @@ class Replay:
             run: its trajectories.
 
         Raises:
-            ConfigError: a trajectory is of a test task.
+            ConfigError: a trajectory is of a test task, or of one that leaks a test task of the run.
         """
         if self._pool and iteration <= max(self._pool):
             raise ValueError(f"iteration {iteration} comes after {max(self._pool)}")
+        leaks = leaking(list(run.tasks.values()))
         trajectories = 0
         rewarded: list[Attempt] = []
         steps: dict[str, list[str]] = {}  # why each step is not reinforced; empty if it is
@@ -187,7 +189,12 @@ class Replay:
         for trajectory in run.trajectories():
             trajectories += 1
             episode = trajectory.episode
-            self._guard(run.tasks[episode.task_id])
+            self._guard(task := run.tasks[episode.task_id])
+            if task.id in leaks:
+                raise ConfigError(
+                    f"{task.id} shares a website or a family with a test task of its run",
+                    hint="collect with split: train",
+                )
             if (reward := trajectory.outcome.reward) is not None:
                 rewarded.append(Attempt(episode.attempt_id, episode.task_id, reward))
                 steps[episode.attempt_id] = [self._fault(step) for step in episode.steps]

@@ -19,7 +19,7 @@ from webgym.judge.config import JudgeChoice, JudgeConfig, StageConfig
 from webgym.judge.factory import open_judge
 from webgym.judge.rubric import cited
 from webgym.llm.cache import ReplyCache
-from webgym.llm.config import ChatConfig
+from webgym.llm.config import ChatConfig, Sampling
 
 PUZZLES = tuple(look(f"Welches Bild zeigt {number} Katzen?", title="Ein Moment") for number in (3, 4))
 """A challenge that only a model knows for one."""
@@ -594,6 +594,9 @@ async def test_the_same_episode_is_asked_about_in_the_same_words() -> None:
 
 
 async def test_a_name_tells_settings_apart() -> None:
+    def sampled(**sampling: Any) -> ChatConfig:
+        return ChatConfig(base_url="http://127.0.0.1:1/v1", model="judge-1", sampling=Sampling(**sampling))
+
     async with serve_judge(agrees) as model:
         names = set()
         elsewhere = ChatConfig(base_url="http://127.0.0.1:1/v1", model="judge-1", concurrency=2)
@@ -604,11 +607,15 @@ async def test_a_name_tells_settings_apart() -> None:
             {"early_exit": True},
             {"signed_verdicts": False},
             {"keypoint": StageConfig(images_per_call=2)},
+            {"chat": sampled(temperature=0.9)},  # every stage sets its own
+            {"chat": sampled(top_p=0.5)},
+            {"fact": StageConfig(chat=sampled(extra_body={"chat_template_kwargs": {"thinking": True}}))},
         )
         for change in changes:
             async with open_judge(JudgeChoice(name="rubric", rubric=model.config(**change))) as opened:
                 names.add(opened.name)
-    assert len(names) == 4  # where a model is served, and how many at once, changes no verdict
+    # Where a model is served, how many at once, and what no request is sent with change no verdict.
+    assert len(names) == 6
 
 
 async def test_large_rubrics_and_long_episodes_are_judged_at_once() -> None:

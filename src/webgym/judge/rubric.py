@@ -79,11 +79,13 @@ class RubricJudge:
 
 def _digest(config: JudgeConfig) -> str:
     """Digest of every setting that can change a verdict, which endpoints, concurrency and retries cannot."""
-    stages = {
-        name: config.stage(name).model_dump(mode="json", exclude={"chat"})
-        | {"model": config.chat_of(name).model}
-        for name in STAGES
-    }
+    stages = {}
+    for name in STAGES:
+        stage, chat = config.stage(name), config.chat_of(name)
+        sampling = stage.sampling.over(chat.sampling)  # as it is sent
+        stages[name] = stage.model_copy(update={"sampling": sampling}).model_dump(
+            mode="json", exclude={"chat"}
+        ) | {"model": chat.model}
     rules = config.model_dump(mode="json", exclude={"chat", "concurrency", "tries", *STAGES})
     return code_of(json.dumps([stages, rules], sort_keys=True))[:6]
 

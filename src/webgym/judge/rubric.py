@@ -209,9 +209,9 @@ class _EpisodeJudging:
     ) -> Finding:
         """Judge a criterion by screenshots that do not fit in one request.
 
-        A fact that one part confirms is confirmed. Everything else is decided by a last request about the
-        notes on all parts: a claim may be visible in one part and contradicted in another, or a total be
-        spread over all.
+        A fact that every part confirms is confirmed. Everything else is decided by a last request about the
+        notes on all parts: what one part shows may be contradicted or undone in another, or a total be spread
+        over all.
         """
         count = len(split)
         results = await gather(
@@ -220,11 +220,11 @@ class _EpisodeJudging:
             )
             for number, part in enumerate(split, 1)
         )
-        notes = [result for result in results if isinstance(result, Finding)]
-        if stage == "fact" and (confirmed := next((note for note in notes if note.passed), None)):
-            return confirmed
         if unread := next((result for result in results if isinstance(result, JudgeError)), None):
             raise unread
+        notes = [result for result in results if isinstance(result, Finding)]
+        if stage == "fact" and all(note.passed for note in notes):
+            return notes[-1]
         limit = self._config.texts.history_chars // count
         parts = [
             f"Part {number} of {count}:\n{shorten(note.reason, limit)}"

@@ -152,7 +152,7 @@ async def test_an_answer_that_hides_from_the_reference_is_not_matched() -> None:
         assert "reference stage" in found.message
 
 
-async def test_a_wall_of_text_is_shortened_from_the_middle() -> None:
+async def test_a_wall_of_text_hides_nothing() -> None:
     seen: list[Asked] = []
 
     def note(asked: Asked) -> str:
@@ -160,10 +160,10 @@ async def test_a_wall_of_text_is_shortened_from_the_middle() -> None:
         return asked.each(lambda name: True) if asked.stage == "keypoint" else asked.verdict(True)
 
     await judged(note, episode(answer="a" * 50_000 + "z"))
-    (asked,) = [asked for asked in seen if asked.stage == "response"]
-    assert len(asked.quotes["answer"]) < 12_100
-    assert "38001 characters left out" in asked.quotes["answer"]
-    assert asked.quotes["answer"].endswith("z")
+    parts = [asked.quotes["answer"] for asked in seen if asked.stage == "response"]
+    assert all(len(part) <= 12_000 for part in parts)
+    assert sum(map(len, parts)) > 50_000
+    assert any(part.endswith("z") for part in parts)
 
 
 @given(st.text(), st.text())

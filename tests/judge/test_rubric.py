@@ -273,6 +273,45 @@ def test_a_request_that_could_hold_no_screenshot_is_refused_early() -> None:
         JudgeConfig(chat=chat, fact=StageConfig(request_tokens=8_192))
 
 
+@pytest.mark.parametrize("false_claim", ["", "It was free. "])
+async def test_the_middle_of_a_long_answer_is_judged_too(false_claim: str) -> None:
+    filler = [f"Mug {number} of 40 costs {number}.50 dollars. " for number in range(40)]
+    answer = "".join([*filler[:20], false_claim, *filler[20:]])
+
+    def answers(asked: Asked) -> str:
+        if asked.stage != "response":
+            return agrees(asked)
+        return asked.verdict("It was free." not in asked.quotes["answer"], "Step 2 shows it.")
+
+    texts = {"answer_chars": 400}
+    async with serve_judge(answers) as model:
+        verdict = await judge(model, made=episode(answer=answer), texts=texts)
+    assert verdict.reward == int(not false_claim)
+    parts = [asked.quotes["answer"] for asked in model.of("response")]
+    assert len(parts) == 6
+    assert all(len(part) <= 400 for part in parts)
+    assert all(any(claim.strip() in part for part in parts) for claim in filler)
+    assert verdict.response is not None
+    assert verdict.response.steps == (1,)
+
+    async with serve_judge(without("response")) as model:
+        assert (await judge(model, made=episode(answer=answer), texts=texts)).reward == 0
+    async with serve_judge(lambda asked: "?" if "free" in str(asked.quotes) else agrees(asked)) as model:
+        long = episode(answer=answer + "It was free.")
+        with pytest.raises(JudgeError, match="response stage"):
+            await judge(model, made=long, texts=texts, tries=1)
+
+
+async def test_an_answer_too_long_to_compare_with_the_reference_has_no_verdict() -> None:
+    """What it says in its middle may be another answer."""
+    task = msgspec.structs.replace(TASK, reference_answer="twelve and a half dollars, I should say")
+    made = episode(answer="A bit over twelve dollars. " + "words " * 100)
+    async with serve_judge(agrees) as model:
+        with pytest.raises(JudgeError, match=r"longer than 400 characters.*texts\.answer_chars"):
+            await judge(model, task, made, texts={"answer_chars": 400})
+        assert (await judge(model, task, made)).reward == 1
+
+
 async def test_early_exit_stops_at_the_first_failure() -> None:
     async with serve_judge(without("fact", "Its price is found")) as model:
         verdict = await judge(model, early_exit=True)

@@ -31,7 +31,7 @@ from webgym.judge.keypoints import fit_in_request, page_texts, select, split_int
 from webgym.judge.model_client import JudgeModelClient, Question, gather, result_or_error
 from webgym.judge.reference import compare_with_reference, is_reference
 from webgym.judge.soft import score_of
-from webgym.judge.untrusted import code_of, shorten
+from webgym.judge.untrusted import code_of, in_parts, shorten
 from webgym.judge.value_comparison import Match
 from webgym.judge.verdicts import Finding
 from webgym.llm.completion import Completes
@@ -102,7 +102,7 @@ class _EpisodeJudging:
         self._client = client
         self._config = config
         self._instruction = shorten(task.instruction, config.texts.instruction_chars)
-        self._answer = shorten(episode.answer or "", config.texts.answer_chars)
+        self._answer = episode.answer or ""
         self._keypoints: tuple[int, ...] | None = None
         self._facts: list[FactJudgement] = []
         self._response: Judgement | None = None
@@ -186,8 +186,20 @@ class _EpisodeJudging:
         """Criterion B: whether the screenshots support every claim of the answer."""
         if not self._answer.strip():
             return Judgement(False, "the answer is empty")
-        write = partial(prompts.response, instruction=self._instruction, answer=self._answer)
-        return await self._ask("response", write, (self._instruction, self._answer))
+        parts = in_parts(self._answer, self._config.texts.answer_chars)
+        questions = []
+        for number, answer in enumerate(parts, 1):
+            excerpt = f"{number} of {len(parts)}" if len(parts) > 1 else ""
+            write = partial(prompts.response, instruction=self._instruction, answer=answer, excerpt=excerpt)
+            questions.append(self._ask("response", write, (self._instruction, answer)))
+        found = await gather(questions)
+        for passed in (False, None):  # one that fails decides, whatever was not read
+            if decisive := next((judgement for judgement in found if judgement.passed is passed), None):
+                return decisive
+        if len(found) == 1:
+            return found[0]
+        reasons = shorten("\n".join(judgement.reason for judgement in found), self._config.texts.reason_chars)
+        return Judgement(True, reasons, tuple(sorted({step for each in found for step in each.steps})))
 
     async def _ask(self, stage: Stage, write: Write, quoted: Quoted) -> Judgement:
         """Judge a criterion by the selected screenshots, in one request or in several."""
@@ -252,7 +264,10 @@ class _EpisodeJudging:
             return Judgement(finding.match is Match.SAME, finding.reason)
         if "model" not in methods:
             return Judgement(False, f"{finding.reason}, and no model is asked for this source")
-        expected = shorten(expected, config.texts.answer_chars)
+        limit = config.texts.answer_chars
+        if max(len(expected), len(self._answer)) > limit:
+            why = f"an answer longer than {limit} characters cannot be compared with the reference answer"
+            return self._read(JudgeError(f"{why}; raise texts.answer_chars"), ())
         write = partial(
             prompts.reference, instruction=self._instruction, answer=self._answer, expected=expected
         )

@@ -53,6 +53,18 @@ def shorten(text: str, limit: int) -> str:
     return f"{text[:half]}\n[{left_out} characters left out]\n{text[len(text) - half :]}"
 
 
+def in_parts(text: str, limit: int) -> list[str]:
+    """The whole text in parts of at most ``limit`` characters (at least 200), each of which begins with the
+    last eighth of the one before; cut between lines where possible, else between sentences or words."""
+    if len(text) <= limit:
+        return [text]
+    most = limit // 8 - 2
+    some = f".{{{most // 2},{most}}}"
+    cuts = rf"{some}\n|{some}[.!?]\s|{some}[。！？]|{some}\s|.{{1,{most}}}"
+    pieces = re.findall(cuts, text, re.DOTALL)
+    return ["".join(pieces[start : start + 8]) for start in range(0, len(pieces) - 1, 7)]
+
+
 def quote(label: str, text: str, code: str) -> str:
     """The text as a quotation that nothing in it can end."""
     lines = _barred(text.splitlines() or [""])

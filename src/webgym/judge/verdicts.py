@@ -37,7 +37,9 @@ _THOUGHT: Final = re.compile(r"<think(?:ing)?\s*>", re.IGNORECASE)
 _MARKUP: Final = "*_`#\"'“”‘’«»[](){}"
 """Markup that is ignored. ``>`` and ``|`` are not: a line that begins with them is a quotation."""
 _CODE: Final = r"(?: (?P<code>[0-9a-z]{4,64}))?\s?[:=–—-]\s?"
-_LINE: Final = re.compile(rf"(?:(?:final )?verdict{_CODE})?(?P<said>not success|success|yes|no)")
+_LINE: Final = re.compile(
+    rf"(?:(?:final )?verdict{_CODE})?(?P<said>success|yes|no|not (?:success|confirmed)|fail(?:ure|ed)?)"
+)
 _WHOLE: Final = re.compile(r"(?<!\.)[.!?。！？]$")
 """The end of a sentence, without quotation marks and brackets. An ellipsis is not an end."""
 _NO: Final = r"n['’ ]t|\b(?:no|not|never|cannot|nor|neither|none|nope|hardly|scarcely|barely)"
@@ -122,10 +124,9 @@ def read_verdict(
     lines = _lines(text, finish_reason)
     if isinstance(lines, NoVerdict):
         return lines
-    line_verdicts = [_verdict_of(line, words, code) for line in lines]
-    signed = {verdict for verdict, is_signed in filter(None, line_verdicts) if is_signed}
-    # YES or NO within a reply to a criterion counts as a verdict, too.
-    stated = {found[0] for kind in WORDS for line in lines if (found := _verdict_of(line, kind, code))}
+    line_verdicts = [_verdict_of(line, WORDS[words], code) for line in lines]
+    # Other words contradict a verdict, too: NO or FAILURE within a reply to a criterion.
+    stated = {found for line in lines if (found := _verdict_of(line, None, code))}
     last = line_verdicts[-1]
     positive, negative = (word.upper() for word in WORDS[words])
     if last is None:
@@ -136,7 +137,7 @@ def read_verdict(
     if not is_signed and not stands_alone(lines[-1], "".join(lines[-2:-1])):
         return NoVerdict("the verdict line may be quoted, or the end of the line before; say it for itself")
     # Lines without the code may be quotations, and contradict the last line unless it is signed.
-    if len(signed if is_signed else stated) > 1:
+    if any(other is not verdict for other, carries_code in stated if carries_code or not is_signed):
         return NoVerdict(f"the reply says both {positive} and {negative}")
     reason = "\n".join(
         line for line, line_verdict in zip(lines, line_verdicts, strict=True) if line_verdict is None
@@ -202,12 +203,13 @@ def _lines(text: str, finish_reason: str) -> list[str] | NoVerdict:
     return lines or NoVerdict("the reply is empty")
 
 
-def _verdict_of(line: str, words: Words, code: str) -> tuple[bool, bool] | None:
-    """The verdict that a line states and whether it carries the code; ``None`` if it is no verdict line."""
+def _verdict_of(line: str, allowed: tuple[str, str] | None, code: str) -> tuple[bool, bool] | None:
+    """The verdict that a line states, in the allowed or in any words, and whether it carries the code;
+    ``None`` if it is no verdict line."""
     match = _LINE.fullmatch(plain(line))
-    if match is None or match["said"] not in WORDS[words]:
+    if match is None or (allowed and match["said"] not in allowed):
         return None
     given = match["code"]
     if given is not None and given != code:
         return None
-    return match["said"] == WORDS[words][0], given is not None
+    return match["said"] in ("success", "yes"), given is not None

@@ -155,9 +155,10 @@ def _read_run(
     run: Path, labels: Path | None, judges: Sequence[str], annotator: str | None, humans: Humans
 ) -> _Labelled:
     from webgym.judge.labels import annotator_agreement, read_labels
-    from webgym.rollout.agreement import pairs_of
+    from webgym.rollout.agreement import pairs_of, resolved
     from webgym.rollout.labels import labels_path
     from webgym.rollout.rejudge import RECORDED
+    from webgym.rollout.store import RunReader
     from webgym.rollout.verdicts import read_verdicts
 
     read = read_labels(labels or labels_path(run))
@@ -172,7 +173,8 @@ def _read_run(
     names = tuple(map(_printed_name, pairs.judges, labels_by_name.values()))
     if len(set(names)) < len(names):
         raise UsageError("two judges have the same name", hint="give them labels: --judge NAME=LABEL")
-    return _Labelled(names, pairs.cases, pairs.left_out, notes, annotator_agreement(read.labels))
+    people = annotator_agreement(resolved(RunReader(run, skip_corrupt=True), read.labels))
+    return _Labelled(names, pairs.cases, pairs.left_out, notes, people)
 
 
 def _name_and_label(option: str) -> tuple[str, str]:

@@ -110,6 +110,26 @@ def test_a_label_by_task_and_one_by_attempt_are_one_persons(run: Path) -> None:
     assert [pair.pair for pair in people.pairs] == [("ann", "bob")]
 
 
+def test_labels_of_other_agents_runs_are_not_of_ours(
+    run: Path,
+    command: Command,  # noqa: F811
+    tmp_path: Path,
+) -> None:
+    attempt = by_outcome(run)[Outcome.SUCCESS][0]
+    file = tmp_path / "human_label.json"
+    record = {"task_id": RunReader(run).attempts[attempt].task_id}
+    file.write_text(json.dumps([record | {"SeeAct_human_label": "0", "Ours_human_label": "1"}]))
+    options = (run, "--labels", file, "--judge", "recorded", "--json")
+    code, said = command(*options)
+    assert code == 2
+    assert "2 × a label of another agent's run" in said
+    code, said = command(*options, "--agent", "Ours")
+    assert code == 0, said
+    told = json.loads(said)
+    assert told["successes"]["overall"] == told["cases"]["overall"] == 1
+    assert told["left_out"] == {"a label of another agent's run": 1}
+
+
 def test_the_command_on_labels_of_the_labelling_page(
     run: Path,
     command: Command,  # noqa: F811

@@ -32,7 +32,12 @@ class Pairs:
 
 
 def pairs_of(
-    run: Path, judges: Sequence[str], labels: Iterable[HumanLabel], humans: Humans = "majority"
+    run: Path,
+    judges: Sequence[str],
+    labels: Iterable[HumanLabel],
+    humans: Humans = "majority",
+    *,
+    agent: str | None = None,
 ) -> Pairs:
     """Pair a run's verdicts with people's labels.
 
@@ -44,13 +49,14 @@ def pairs_of(
         judges: names of judges, or prefixes; ``recorded`` is the judge of the collection.
         labels: labels of attempts, or of tasks that were attempted once.
         humans: which label counts if several people labelled an attempt.
+        agent: the agent that made the run, in files that name agents; labels of others are left out.
 
     Raises:
         RunFolderError: the folder is not a run, or a judge has not judged it.
     """
     reader = RunReader(run, skip_corrupt=True)
     named = [verdicts_of(run, judge) for judge in judges]
-    labels_by_attempt, left_out = _labels_by_attempt(labels, reader)
+    labels_by_attempt, left_out = _labels_by_attempt(labels, reader, agent)
     cases = []
     for attempt_id, attempt_labels in labels_by_attempt.items():
         label = settled(attempt_labels, humans)
@@ -96,7 +102,7 @@ def resolved(reader: RunReader, labels: Iterable[HumanLabel]) -> list[HumanLabel
 
 
 def _labels_by_attempt(
-    labels: Iterable[HumanLabel], reader: RunReader
+    labels: Iterable[HumanLabel], reader: RunReader, agent: str | None
 ) -> tuple[dict[str, list[Label]], Counter[str]]:
     """People's labels by attempt, and the number of labels that are not used by reason."""
     given, labels_by_attempt, left_out = list(labels), defaultdict(list), Counter[str]()
@@ -104,7 +110,9 @@ def _labels_by_attempt(
     if again := len(given) - len(kept):
         left_out["a label that the same person gave again"] = again
     for label in kept:
-        if label.attempt_id in reader.attempts:
+        if label.agent not in ("", agent):
+            left_out["a label of another agent's run"] += 1
+        elif label.attempt_id in reader.attempts:
             labels_by_attempt[label.attempt_id].append(label.label)
         elif not label.attempt_id and label.task_id in attempts_of:
             left_out["a label of a task that was attempted several times"] += 1

@@ -124,6 +124,21 @@ async def test_a_verdict_without_a_reward_is_none_unless_it_says_blocked(run: Pa
     assert all(judged.verdict is None for judged in read_verdicts(run)[judge.name].values())
 
 
+async def test_a_judge_that_fails_when_asked_anew_leaves_its_earlier_verdicts(run: Path) -> None:
+    judge = Counting()
+    await judge_run(run, judge)
+    kept = read_verdicts(run)[judge.name]
+    judge.failing = frozenset(judge.asked)
+    state = await judge_run(run, judge, RejudgeConfig(again=True, judge_again=1))
+    assert set(judge.asked.values()) == {3}
+    assert state.outcomes[Outcome.JUDGE_ERROR] == state.failures.total() == state.done == state.total
+    assert read_verdicts(run)[judge.name] == kept
+    judge.failing, judge.reward = frozenset(), 0
+    anew = await judge_run(run, judge, RejudgeConfig(again=True))
+    assert anew.done == anew.total
+    assert {judged.verdict.reward for judged in read_verdicts(run)[judge.name].values() if judged.verdict} == {0}
+
+
 async def test_a_part_at_a_time(run: Path) -> None:
     judge = Counting()
     state = await judge_run(run, judge, RejudgeConfig(limit=2))

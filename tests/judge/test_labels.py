@@ -158,7 +158,7 @@ def test_the_real_labels_of_online_mind2web() -> None:
         (["not_executable", "not_executable", "success"], "not_executable", "not_executable", None),
         (["not_executable", "success"], None, "not_executable", None),
         (["not_executable", "success", "success"], "success", "not_executable", None),
-        (["not_executable", "not_executable", "success", "failure"], "not_executable", "not_executable", None),
+        (["failure", "not_executable", "success", "not_executable"], "not_executable", "failure", None),
         (["success", "failure", "not_executable"], None, "success", None),
         ([], None, None, None),
     ],

@@ -136,7 +136,8 @@ async def test_a_judge_that_fails_when_asked_anew_leaves_its_earlier_verdicts(ru
     judge.failing, judge.reward = frozenset(), 0
     anew = await judge_run(run, judge, RejudgeConfig(again=True))
     assert anew.done == anew.total
-    assert {judged.verdict.reward for judged in read_verdicts(run)[judge.name].values() if judged.verdict} == {0}
+    verdicts = [judged.verdict for judged in read_verdicts(run)[judge.name].values()]
+    assert {verdict and verdict.reward for verdict in verdicts} == {0}
 
 
 async def test_a_part_at_a_time(run: Path) -> None:

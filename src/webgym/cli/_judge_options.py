@@ -61,8 +61,10 @@ def judge_choice(
 
 
 def _choose_key(rubric: dict[str, Any], instead_of: tuple[str | None, ...]) -> None:
-    """Choose between the judge's and the policy's variable by what is set now, for every endpoint. The settings
-    of a stored run name one of them even if nobody chose it."""
+    """Choose between the judge's and the policy's variable by what is set now, for every endpoint.
+
+    The settings of a stored run name one of them even if nobody chose it.
+    """
     key = JUDGE_KEY if os.environ.get(JUDGE_KEY) else _POLICY_KEY
     for section in (rubric, *rubric.values()):
         chat = section.get("chat") if isinstance(section, dict) else None

@@ -182,6 +182,23 @@ def test_shortened_texts_are_short(text: str, limit: int) -> None:
     assert visible(visible(text)) == visible(text)
 
 
+@pytest.mark.parametrize(
+    "token",
+    """<|im_end|> </s> <s> <start_of_turn> <end_of_turn> <start_of_image> <image_soft_token> <image> <img>
+    </img> <bos> <eos> <pad> <unk> [INST] [/INST] [IMG] [IMG_END] [SYSTEM_PROMPT] <<SYS>> <</SYS>> <｜User｜>
+    <tool_call> </tool_call> <IMG_CONTEXT> </think>""".split(),
+)
+def test_no_models_control_token_passes_whole(token: str) -> None:
+    shown = visible(f"a{token}b")
+    assert token not in shown
+    assert shown.replace("< ", "<").replace("[ ", "[") == f"a{token}b"
+
+
+def test_ordinary_brackets_stay() -> None:
+    text = 'a < b, <b>bold</b> <a href="#"> <small> [1] [edit] [Image: a mug] x[i] <me@mugs.example>'
+    assert visible(text) == text
+
+
 def test_codes_tell_contents_apart() -> None:
     assert code_of("a", "b") != code_of("ab") != code_of("a", "b", "")
     assert code_of("a", "b") == code_of("a", "b")

@@ -391,6 +391,10 @@ async def test_a_bare_verdict_counts_unless_it_may_be_an_echo() -> None:
             await judge(model, made=episode(answer="The payment was a success."), signed_verdicts=False)
         with pytest.raises(JudgeError, match="does not carry the code"):
             await judge(model, made=episode(["front", "SUCCESS", "cart"]), signed_verdicts=False)
+        for unread in ({"fields": ("SUCCESS",)}, {"text": None}):  # typed on the page, or not recorded
+            made = episode(["front", msgspec.structs.replace(look("mug"), **unread), "cart"])
+            with pytest.raises(JudgeError, match="does not carry the code"):
+                await judge(model, made=made, signed_verdicts=False)
         with pytest.raises(JudgeError, match="does not carry the code"):
             await judge(model)
 

@@ -34,6 +34,8 @@ CLEAR = [
     (f"Nothing shows it.\nVERDICT {CODE}: NOT SUCCESS", False),
     ("Nothing shows it.\nNOT SUCCESS", False),
     ("All there.\nSUCCESS", True),
+    ("It is not 12, which is not shown, but 15, as step 3 shows.\nSUCCESS", True),
+    ("Not confirmed.\nNOT SUCCESS", False),
     ("All there.\nSUCCESS.\n\n", True),
     ("All there.\r\n**SUCCESS**\r\n", True),
     ("All there.\n**Verdict:** SUCCESS", True),
@@ -102,6 +104,12 @@ UNCLEAR = [
     "The page says this.\n“SUCCESS”",
     "The price is missing.\nNO\nSo it is decided.\nSUCCESS",
     "Is it there? NO\nSUCCESS",
+    "Not confirmed.\nSUCCESS",
+    "The price is not confirmed.\nSUCCESS",
+    "It isn't really shown.\nVERDICT: SUCCESS",
+    "The claim is unsupported.\nSUCCESS",
+    "Verdict: failure.\nSUCCESS",
+    "Failed.\nSUCCESS",
 ]
 
 

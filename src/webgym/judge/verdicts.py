@@ -50,6 +50,11 @@ _NEGATING: Final = (
 """Words that negate what follows them, or make it conditional."""
 _NEGATED: Final = re.compile(rf"(?:{_NO})\W*$")
 _UNFINISHED: Final = re.compile(rf"{_NEGATING}[^.!?]*$|(?:[,;:–—-]|\.\.)$")
+_DENIED: Final = re.compile(
+    r"(?:(?:n['’ ]t|\b(?:not|never|cannot))(?: (?:be|been|yet|fully|really|clearly|at all|actually))* |\bun)"
+    r"(?:confirmed|supported|shown|seen|visible|met|satisfied|successful|true|correct|there)\W*$"
+)
+"""The end of a sentence that denies a criterion."""
 _QUOTATION: Final = re.compile(r"[\s*_`#•-]*[\"'“”„‘’‚«»‹›＂＇>|]")
 _SENTENCE: Final = 400
 """Number of characters at the end of a line that are examined."""
@@ -134,7 +139,9 @@ def read_verdict(
     verdict, is_signed = last
     if not is_signed and not bare:
         return NoVerdict("the verdict line does not carry the code of this request")
-    if not is_signed and not stands_alone(lines[-1], "".join(lines[-2:-1])):
+    before = "".join(lines[-2:-1])
+    is_denied = verdict and _DENIED.search(_unmarked(before[-_SENTENCE:]))
+    if not is_signed and (is_denied or not stands_alone(lines[-1], before)):
         return NoVerdict("the verdict line may be quoted, or the end of the line before; say it for itself")
     # Lines without the code may be quotations, and contradict the last line unless it is signed.
     if any(other is not verdict for other, carries_code in stated if carries_code or not is_signed):
@@ -172,13 +179,15 @@ def read_per_image(
     return tuple(verdicts[number].pop() for number in numbers)
 
 
-def may_be_echoed(texts: Iterable[str], words: Words) -> bool:
-    """Whether a bare verdict line in a reply could be an echo of these texts.
+def may_be_echoed(texts: Iterable[str | None], words: Words) -> bool:
+    """Whether a bare verdict line in a reply could be an echo of these texts. One that is not known could be.
 
     The positive word anywhere in a text is enough. The negative "no" is too common for that: it must be a
     line of its own, or the text must contain the word "verdict".
     """
     for text in texts:
+        if text is None:
+            return True
         folded = unicodedata.normalize("NFKC", text).casefold()
         if "verdict" in folded or WORDS[words][0] in folded:
             return True

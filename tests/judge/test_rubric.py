@@ -379,6 +379,19 @@ async def test_an_endpoint_that_is_gone_is_an_error_and_never_a_reward() -> None
             await opened.judge(TASK, episode(), pictures)
 
 
+@pytest.mark.parametrize("kept", [0.0, 0.2, 0.5, 0.9])
+async def test_a_damaged_screenshot_is_an_error_and_is_not_sent(kept: float) -> None:
+    async def damaged(name: str) -> bytes:
+        whole = await pictures(name)
+        return whole[: int(len(whole) * kept)] if name == picture("cart") else whole
+
+    async with serve_judge(agrees) as model:
+        async with open_judge(JudgeChoice(name="rubric", rubric=model.config())) as opened:
+            with pytest.raises(JudgeError, match="cannot be read as an image"):
+                await opened.judge(TASK, episode(), damaged)
+        assert {asked.stage for asked in model.asked} == {"keypoint"}
+
+
 async def test_a_bare_verdict_counts_unless_it_may_be_an_echo() -> None:
     def bare(asked: Asked) -> str:
         if asked.stage == "keypoint":

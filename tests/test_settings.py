@@ -16,7 +16,7 @@ from pydantic import BaseModel
 import webgym
 from webgym.agent.profiles import profile_of
 from webgym.cli import _run
-from webgym.cli._judge_options import judge_choice
+from webgym.cli._judge_options import judge_choice, own_choice
 from webgym.core.errors import ConfigError
 from webgym.judge.config import WAYS_BY_SOURCE, JudgeConfig, StageConfig
 from webgym.llm.config import ChatConfig, Sampling
@@ -109,6 +109,30 @@ def test_an_option_keeps_what_a_file_says_of_the_judge(tmp_path: Path) -> None:
     assert found is not None
     assert (found.chat.model, found.chat.concurrency) == ("another", 7)
     assert found.fact.sampling.body() == {"temperature": 0.0, "max_tokens": 2048}
+
+
+@pytest.mark.parametrize("collected_with", ["", "a-key"])
+@pytest.mark.parametrize("now", ["", "a-key"])
+def test_the_judges_key_is_chosen_by_what_is_set_now(
+    collected_with: str, now: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("WEBGYM_API_KEY", "the policy's")
+    monkeypatch.setenv("WEBGYM_JUDGE_API_KEY", collected_with)
+    stages = {"fact": {"chat": CHAT}, "response": {"chat": CHAT | {"api_key_env": "OTHER_KEY"}}}
+    given = {"name": "rubric", "rubric": {"chat": dict(CHAT), **stages}}
+    stored = {"judge": judge_choice(given).model_dump(mode="json")}
+    assert given["rubric"] == {"chat": CHAT, **stages}
+    monkeypatch.setenv("WEBGYM_JUDGE_API_KEY", now)
+    key = "WEBGYM_JUDGE_API_KEY" if now else "WEBGYM_API_KEY"
+    file = written(tmp_path / "judge.yaml", given)
+    for choice in (judge_choice({}, default=own_choice(stored)), judge_choice({}, file=file)):
+        assert choice.rubric is not None
+        names = [choice.rubric.chat_of(stage).api_key_env for stage in ("keypoint", "fact", "response")]
+        assert names == [key, key, "OTHER_KEY"]
+    chosen = written(tmp_path / "chosen.yaml", {"rubric": {"chat": CHAT | {"api_key_env": "WEBGYM_API_KEY"}}})
+    found = judge_choice({"name": "rubric"}, file=chosen).rubric
+    assert found is not None
+    assert found.chat.api_key_env == "WEBGYM_API_KEY"
 
 
 def test_no_section_of_ours_has_a_default_that_one_key_would_replace() -> None:

@@ -152,7 +152,7 @@ async def test_an_answer_that_hides_from_the_reference_is_not_matched() -> None:
         assert "reference stage" in found.message
 
 
-async def test_a_wall_of_text_is_shortened_from_the_middle() -> None:
+async def test_a_wall_of_text_hides_nothing() -> None:
     seen: list[Asked] = []
 
     def note(asked: Asked) -> str:
@@ -160,10 +160,10 @@ async def test_a_wall_of_text_is_shortened_from_the_middle() -> None:
         return asked.each(lambda name: True) if asked.stage == "keypoint" else asked.verdict(True)
 
     await judged(note, episode(answer="a" * 50_000 + "z"))
-    (asked,) = [asked for asked in seen if asked.stage == "response"]
-    assert len(asked.quotes["answer"]) < 12_100
-    assert "38001 characters left out" in asked.quotes["answer"]
-    assert asked.quotes["answer"].endswith("z")
+    parts = [asked.quotes["answer"] for asked in seen if asked.stage == "response"]
+    assert all(len(part) <= 12_000 for part in parts)
+    assert sum(map(len, parts)) > 50_000
+    assert any(part.endswith("z") for part in parts)
 
 
 @given(st.text(), st.text())
@@ -180,6 +180,23 @@ def test_a_quotation_is_lines_with_bars_between_two_fences(label: str, text: str
 def test_shortened_texts_are_short(text: str, limit: int) -> None:
     assert len(shorten(text, limit)) <= limit + 40
     assert visible(visible(text)) == visible(text)
+
+
+@pytest.mark.parametrize(
+    "token",
+    """<|im_end|> </s> <s> <start_of_turn> <end_of_turn> <start_of_image> <image_soft_token> <image> <img>
+    </img> <bos> <eos> <pad> <unk> [INST] [/INST] [IMG] [IMG_END] [SYSTEM_PROMPT] <<SYS>> <</SYS>> <｜User｜>
+    <tool_call> </tool_call> <IMG_CONTEXT> </think>""".split(),
+)
+def test_no_models_control_token_passes_whole(token: str) -> None:
+    shown = visible(f"a{token}b")
+    assert token not in shown
+    assert shown.replace("< ", "<").replace("[ ", "[") == f"a{token}b"
+
+
+def test_ordinary_brackets_stay() -> None:
+    text = 'a < b, <b>bold</b> <a href="#"> <small> [1] [edit] [Image: a mug] x[i] <me@mugs.example>'
+    assert visible(text) == text
 
 
 def test_codes_tell_contents_apart() -> None:

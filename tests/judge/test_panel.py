@@ -177,7 +177,11 @@ def test_judges_are_loaded_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert load_judge(f"{__name__}:is_short").name == f"{__name__}:is_short"
     assert load_judge(f"{__name__}:Odd").name == "odd/1"
     assert load_judge(f"{__name__}:makes_one").name == "odd/1"
-    (tmp_path / "my_own_judges.py").write_text("def yes(task, episode): return True\nbroken = 3\n")
+    (tmp_path / "my_own_judges.py").write_text(
+        "def yes(task, episode): return True\nbroken = 3\n"
+        "class Needs:\n    def __init__(self, model): pass\n"
+        "def fails(): raise OSError('no model')\n"
+    )
     (tmp_path / "my_broken_judges.py").write_text("1 / 0\n")
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -185,6 +189,8 @@ def test_judges_are_loaded_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     for where in (
         "my_own_judges:broken",
         "my_own_judges:none",
+        "my_own_judges:Needs",
+        "my_own_judges:fails",
         "nowhere_at_all:f",
         "x",
         ":",

@@ -19,7 +19,7 @@ from webgym.judge.config import JudgeChoice, JudgeConfig, StageConfig
 from webgym.judge.factory import open_judge
 from webgym.judge.rubric import cited
 from webgym.llm.cache import ReplyCache
-from webgym.llm.config import ChatConfig
+from webgym.llm.config import ChatConfig, Sampling
 
 PUZZLES = tuple(look(f"Welches Bild zeigt {number} Katzen?", title="Ein Moment") for number in (3, 4))
 """A challenge that only a model knows for one."""
@@ -169,9 +169,8 @@ async def test_more_screenshots_than_a_request_takes_are_shown_in_parts_and_none
     one = [asked for asked in model.of("fact") if asked.quotes["fact"] == "Its price is found"]
     labels = sorted(label for asked in one for label, _ in asked.shots)
     assert labels == sorted(f"step {number}" for number in range(1, 31))
-    assert {len(asked.shots) for asked in one} <= {3, 4}
-    assert not any("notes" in asked.quotes for asked in one)  # a part that confirms it is enough
-    assert verdict.facts[1].judgement.reason == "Noted step 16."
+    assert {len(asked.shots) for asked in one if asked.shots} == {3, 4}
+    assert ["Part 5 of 8:\nNoted step 16." in asked.quotes.get("notes", "") for asked in one].count(True) == 1
     parts = [asked for asked in model.of("response") if asked.shots]
     assert [len(asked.shots) for asked in parts] == [15, 15]
     (closing,) = [asked for asked in model.of("response") if not asked.shots]
@@ -208,23 +207,39 @@ async def test_no_single_part_decides_about_an_answer(says: bool) -> None:
     assert verdict.reward == int(says)
 
 
-async def test_a_part_without_a_clear_verdict() -> None:
-    seen = [f"page {number}" for number in range(30)]
+@pytest.mark.parametrize("says", [True, False])
+async def test_a_part_without_a_clear_verdict(says: bool) -> None:
+    """It may show that a fact which another part confirms was undone."""
 
-    def answers(fact: str) -> Answers:
-        def said(asked: Asked) -> str:
-            is_first = bool(asked.shots) and asked.shots[0][0] == "step 1"
-            if asked.stage == "fact" and is_first:
-                return "It is hard to say."
-            return asked.verdict(fact == "yes") if asked.stage == "fact" else agrees(asked)
+    def answers(asked: Asked) -> str:
+        is_last = bool(asked.shots) and asked.shots[-1][0] == "step 30"
+        if asked.stage == "fact":
+            return "It is hard to say." if is_last else asked.verdict(says)
+        return agrees(asked)
 
-        return said
-
-    async with serve_judge(answers("yes")) as model:
-        assert (await judge(model, made=episode(seen), tries=1)).reward == 1
-    async with serve_judge(answers("no")) as model:
+    async with serve_judge(answers) as model:
         with pytest.raises(JudgeError, match="fact stage"):
-            await judge(model, made=episode(seen), tries=1)
+            await judge(model, made=episode([f"page {number}" for number in range(30)]), tries=1)
+
+
+@pytest.mark.parametrize("emptied", [True, False])
+async def test_a_fact_that_a_later_part_shows_undone_does_not_hold(emptied: bool) -> None:
+    def answers(asked: Asked) -> str:
+        if asked.stage != "fact":
+            return agrees(asked)
+        if notes := asked.quotes.get("notes"):
+            return asked.verdict(not notes.endswith("an empty cart."))
+        if picture("a mug") in [name for _, name in asked.shots]:
+            return asked.verdict(True, "A mug in the cart.")
+        return asked.verdict(not emptied, f"{asked.shots[-1][0]}: an empty cart.")
+
+    seen = ["a mug", "page 2", "page 3", "page 4", "empty"]
+    async with serve_judge(answers) as model:
+        verdict = await judge(model, made=episode(seen), fact=StageConfig(images_per_call=2))
+        assert verdict.reward == int(not emptied)
+        assert [fact.judgement.passed for fact in verdict.facts] == [not emptied] * 3
+        # What every part confirms is confirmed, without a closing question.
+        assert any("notes" in asked.quotes for asked in model.of("fact")) is emptied
 
 
 @pytest.mark.parametrize("tokens", [8_000, 12_000, 16_000])
@@ -256,6 +271,45 @@ def test_a_request_that_could_hold_no_screenshot_is_refused_early() -> None:
     chat = ChatConfig(base_url="http://127.0.0.1:1/v1", model="m")
     with pytest.raises(ValidationError, match="a fact request may take 8192 tokens"):
         JudgeConfig(chat=chat, fact=StageConfig(request_tokens=8_192))
+
+
+@pytest.mark.parametrize("false_claim", ["", "It was free. "])
+async def test_the_middle_of_a_long_answer_is_judged_too(false_claim: str) -> None:
+    filler = [f"Mug {number} of 40 costs {number}.50 dollars. " for number in range(40)]
+    answer = "".join([*filler[:20], false_claim, *filler[20:]])
+
+    def answers(asked: Asked) -> str:
+        if asked.stage != "response":
+            return agrees(asked)
+        return asked.verdict("It was free." not in asked.quotes["answer"], "Step 2 shows it.")
+
+    texts = {"answer_chars": 400}
+    async with serve_judge(answers) as model:
+        verdict = await judge(model, made=episode(answer=answer), texts=texts)
+    assert verdict.reward == int(not false_claim)
+    parts = [asked.quotes["answer"] for asked in model.of("response")]
+    assert len(parts) == 6
+    assert all(len(part) <= 400 for part in parts)
+    assert all(any(claim.strip() in part for part in parts) for claim in filler)
+    assert verdict.response is not None
+    assert verdict.response.steps == (1,)
+
+    async with serve_judge(without("response")) as model:
+        assert (await judge(model, made=episode(answer=answer), texts=texts)).reward == 0
+    async with serve_judge(lambda asked: "?" if "free" in str(asked.quotes) else agrees(asked)) as model:
+        long = episode(answer=answer + "It was free.")
+        with pytest.raises(JudgeError, match="response stage"):
+            await judge(model, made=long, texts=texts, tries=1)
+
+
+async def test_an_answer_too_long_to_compare_with_the_reference_has_no_verdict() -> None:
+    """What it says in its middle may be another answer."""
+    task = msgspec.structs.replace(TASK, reference_answer="twelve and a half dollars, I should say")
+    made = episode(answer="A bit over twelve dollars. " + "words " * 100)
+    async with serve_judge(agrees) as model:
+        with pytest.raises(JudgeError, match=r"longer than 400 characters.*texts\.answer_chars"):
+            await judge(model, task, made, texts={"answer_chars": 400})
+        assert (await judge(model, task, made)).reward == 1
 
 
 async def test_early_exit_stops_at_the_first_failure() -> None:
@@ -325,6 +379,19 @@ async def test_an_endpoint_that_is_gone_is_an_error_and_never_a_reward() -> None
             await opened.judge(TASK, episode(), pictures)
 
 
+@pytest.mark.parametrize("kept", [0.0, 0.2, 0.5, 0.9])
+async def test_a_damaged_screenshot_is_an_error_and_is_not_sent(kept: float) -> None:
+    async def damaged(name: str) -> bytes:
+        whole = await pictures(name)
+        return whole[: int(len(whole) * kept)] if name == picture("cart") else whole
+
+    async with serve_judge(agrees) as model:
+        async with open_judge(JudgeChoice(name="rubric", rubric=model.config())) as opened:
+            with pytest.raises(JudgeError, match="cannot be read as an image"):
+                await opened.judge(TASK, episode(), damaged)
+        assert {asked.stage for asked in model.asked} == {"keypoint"}
+
+
 async def test_a_bare_verdict_counts_unless_it_may_be_an_echo() -> None:
     def bare(asked: Asked) -> str:
         if asked.stage == "keypoint":
@@ -337,6 +404,10 @@ async def test_a_bare_verdict_counts_unless_it_may_be_an_echo() -> None:
             await judge(model, made=episode(answer="The payment was a success."), signed_verdicts=False)
         with pytest.raises(JudgeError, match="does not carry the code"):
             await judge(model, made=episode(["front", "SUCCESS", "cart"]), signed_verdicts=False)
+        for unread in ({"fields": ("SUCCESS",)}, {"text": None}):  # typed on the page, or not recorded
+            made = episode(["front", msgspec.structs.replace(look("mug"), **unread), "cart"])
+            with pytest.raises(JudgeError, match="does not carry the code"):
+                await judge(model, made=made, signed_verdicts=False)
         with pytest.raises(JudgeError, match="does not carry the code"):
             await judge(model)
 
@@ -594,6 +665,9 @@ async def test_the_same_episode_is_asked_about_in_the_same_words() -> None:
 
 
 async def test_a_name_tells_settings_apart() -> None:
+    def sampled(**sampling: Any) -> ChatConfig:
+        return ChatConfig(base_url="http://127.0.0.1:1/v1", model="judge-1", sampling=Sampling(**sampling))
+
     async with serve_judge(agrees) as model:
         names = set()
         elsewhere = ChatConfig(base_url="http://127.0.0.1:1/v1", model="judge-1", concurrency=2)
@@ -604,11 +678,15 @@ async def test_a_name_tells_settings_apart() -> None:
             {"early_exit": True},
             {"signed_verdicts": False},
             {"keypoint": StageConfig(images_per_call=2)},
+            {"chat": sampled(temperature=0.9)},  # every stage sets its own
+            {"chat": sampled(top_p=0.5)},
+            {"fact": StageConfig(chat=sampled(extra_body={"chat_template_kwargs": {"thinking": True}}))},
         )
         for change in changes:
             async with open_judge(JudgeChoice(name="rubric", rubric=model.config(**change))) as opened:
                 names.add(opened.name)
-    assert len(names) == 4  # where a model is served, and how many at once, changes no verdict
+    # Where a model is served, how many at once, and what no request is sent with change no verdict.
+    assert len(names) == 6
 
 
 async def test_large_rubrics_and_long_episodes_are_judged_at_once() -> None:

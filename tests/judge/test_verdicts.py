@@ -34,6 +34,8 @@ CLEAR = [
     (f"Nothing shows it.\nVERDICT {CODE}: NOT SUCCESS", False),
     ("Nothing shows it.\nNOT SUCCESS", False),
     ("All there.\nSUCCESS", True),
+    ("It is not 12, which is not shown, but 15, as step 3 shows.\nSUCCESS", True),
+    ("Not confirmed.\nNOT SUCCESS", False),
     ("All there.\nSUCCESS.\n\n", True),
     ("All there.\r\n**SUCCESS**\r\n", True),
     ("All there.\n**Verdict:** SUCCESS", True),
@@ -81,6 +83,10 @@ UNCLEAR = [
     f"| VERDICT {CODE}: SUCCESS",
     "VERDICT ffffffffffff: SUCCESS",
     f"VERDICT {CODE}: SUCCESS\nVERDICT {CODE}: NOT SUCCESS",
+    f"VERDICT {CODE}: NO\nVERDICT {CODE}: SUCCESS",
+    f"VERDICT {CODE}: FAILURE\nVERDICT {CODE}: SUCCESS",
+    f"VERDICT {CODE}: Not confirmed.\nVERDICT {CODE}: SUCCESS",
+    f"VERDICT {CODE}: FAILURE",
     "<think>it is there\nSUCCESS",
     "Done.\nSUCCESS\n<think>",
     "~~NOT~~ SUCCESS",
@@ -98,6 +104,12 @@ UNCLEAR = [
     "The page says this.\n“SUCCESS”",
     "The price is missing.\nNO\nSo it is decided.\nSUCCESS",
     "Is it there? NO\nSUCCESS",
+    "Not confirmed.\nSUCCESS",
+    "The price is not confirmed.\nSUCCESS",
+    "It isn't really shown.\nVERDICT: SUCCESS",
+    "The claim is unsupported.\nSUCCESS",
+    "Verdict: failure.\nSUCCESS",
+    "Failed.\nSUCCESS",
 ]
 
 

@@ -108,6 +108,38 @@ async def test_an_attempt_that_gets_its_verdict_later_is_counted_once(run: Path)
     assert state.outcomes[Outcome.JUDGE_ERROR] == state.failures.total() == 0
 
 
+async def test_a_verdict_without_a_reward_is_none_unless_it_says_blocked(run: Path) -> None:
+    class Undecided(Counting):
+        async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
+            self.asked[episode.attempt_id] += 1
+            return Verdict(self.name, None, (), Judgement(False, "no"))
+
+    judge = Undecided()
+    for rounds in (1, 2):
+        state = await judge_run(run, judge, RejudgeConfig(judge_again=0))
+        assert set(judge.asked.values()) == {rounds}
+        assert state.outcomes == {Outcome.JUDGE_ERROR: state.total}
+        (why,) = state.failures
+        assert "no reward" in why
+    assert all(judged.verdict is None for judged in read_verdicts(run)[judge.name].values())
+
+
+async def test_a_judge_that_fails_when_asked_anew_leaves_its_earlier_verdicts(run: Path) -> None:
+    judge = Counting()
+    await judge_run(run, judge)
+    kept = read_verdicts(run)[judge.name]
+    judge.failing = frozenset(judge.asked)
+    state = await judge_run(run, judge, RejudgeConfig(again=True, judge_again=1))
+    assert set(judge.asked.values()) == {3}
+    assert state.outcomes[Outcome.JUDGE_ERROR] == state.failures.total() == state.done == state.total
+    assert read_verdicts(run)[judge.name] == kept
+    judge.failing, judge.reward = frozenset(), 0
+    anew = await judge_run(run, judge, RejudgeConfig(again=True))
+    assert anew.done == anew.total
+    verdicts = [judged.verdict for judged in read_verdicts(run)[judge.name].values()]
+    assert {verdict and verdict.reward for verdict in verdicts} == {0}
+
+
 async def test_a_part_at_a_time(run: Path) -> None:
     judge = Counting()
     state = await judge_run(run, judge, RejudgeConfig(limit=2))

@@ -15,9 +15,9 @@ from webgym.core.task import WHOLE_TASK, Task
 from webgym.core.trajectory import Episode
 from webgym.core.verdict import FactJudgement, Judgement, Verdict
 from webgym.judge.base import Pictures
-from webgym.judge.labels import HumanLabel
+from webgym.judge.labels import HumanLabel, annotator_agreement
 from webgym.judge.without_rubric import PREFIX, WithoutRubric
-from webgym.rollout.agreement import pairs_of
+from webgym.rollout.agreement import pairs_of, resolved
 from webgym.rollout.labels import LabelStore, labels_path
 from webgym.rollout.rejudge import RECORDED, judge_run
 from webgym.rollout.store import RunReader
@@ -90,6 +90,44 @@ def test_every_label_is_a_case_or_is_counted(run: Path) -> None:
     }
     first_labels = pairs_of(run, [RECORDED], labels, "first")
     assert len(first_labels.cases) == 5
+
+
+def test_a_label_by_task_and_one_by_attempt_are_one_persons(run: Path) -> None:
+    reader = RunReader(run)
+    attempt, other = by_outcome(run)[Outcome.SUCCESS][:2]
+    tasks = [reader.attempts[attempt_id].task_id for attempt_id in (attempt, other)]
+    labels = [
+        HumanLabel("failure", task_id=tasks[0], annotator="ann"),
+        HumanLabel("failure", other, annotator="bob"),
+        HumanLabel("success", attempt, annotator="ann"),
+        HumanLabel("success", task_id=tasks[1], annotator="ann"),
+    ]
+    pairs = pairs_of(run, [RECORDED], labels, "first")
+    assert [case.human for case in pairs.cases] == [True, False]  # the later label of ann, the first of bob
+    assert pairs.left_out == {"a label that the same person gave again": 1}
+    people = annotator_agreement(resolved(reader, labels))
+    assert (people.attempts, people.observed) == (1, 0.0)
+    assert [pair.pair for pair in people.pairs] == [("ann", "bob")]
+
+
+def test_labels_of_other_agents_runs_are_not_of_ours(
+    run: Path,
+    command: Command,  # noqa: F811
+    tmp_path: Path,
+) -> None:
+    attempt = by_outcome(run)[Outcome.SUCCESS][0]
+    file = tmp_path / "human_label.json"
+    record = {"task_id": RunReader(run).attempts[attempt].task_id}
+    file.write_text(json.dumps([record | {"SeeAct_human_label": "0", "Ours_human_label": "1"}]))
+    options = (run, "--labels", file, "--judge", "recorded", "--json")
+    code, said = command(*options)
+    assert code == 2
+    assert "2 × a label of another agent's run" in said
+    code, said = command(*options, "--agent", "Ours")
+    assert code == 0, said
+    told = json.loads(said)
+    assert told["successes"]["overall"] == told["cases"]["overall"] == 1
+    assert told["left_out"] == {"a label of another agent's run": 1}
 
 
 def test_the_command_on_labels_of_the_labelling_page(

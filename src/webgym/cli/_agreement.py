@@ -75,6 +75,13 @@ def agreement_command(
     annotator: str | None = typer.Option(
         None, "--annotator", help="Use only the labels of this annotator.", show_default=False
     ),
+    agent: str | None = typer.Option(
+        None,
+        "--agent",
+        help="In files that name agents, such as Online-Mind2Web's: which one made the run; labels of others "
+        "are left out.",
+        show_default=False,
+    ),
     humans: str | None = typer.Option(
         None,
         "--humans",
@@ -117,7 +124,7 @@ def agreement_command(
     if run is None:
         labelled = _read_webjudge(webjudge, _humans(humans or "first"), unsure)
     else:
-        labelled = _read_run(run, labels, judge, annotator, _humans(humans or "majority"))
+        labelled = _read_run(run, labels, judge, annotator, agent, _humans(humans or "majority"))
     if not labelled.cases:
         why = ", ".join(f"{count} × {reason}" for reason, count in labelled.left_out.items())
         raise UsageError(
@@ -152,12 +159,18 @@ def _humans(name: str) -> Humans:
 
 
 def _read_run(
-    run: Path, labels: Path | None, judges: Sequence[str], annotator: str | None, humans: Humans
+    run: Path,
+    labels: Path | None,
+    judges: Sequence[str],
+    annotator: str | None,
+    agent: str | None,
+    humans: Humans,
 ) -> _Labelled:
     from webgym.judge.labels import annotator_agreement, read_labels
-    from webgym.rollout.agreement import pairs_of
+    from webgym.rollout.agreement import pairs_of, resolved
     from webgym.rollout.labels import labels_path
     from webgym.rollout.rejudge import RECORDED
+    from webgym.rollout.store import RunReader
     from webgym.rollout.verdicts import read_verdicts
 
     read = read_labels(labels or labels_path(run))
@@ -168,11 +181,12 @@ def _read_run(
         raise UsageError(f"there are no labels of {annotator!r}", hint=f"the annotators are {known}")
     labels_by_name = dict(_name_and_label(option) for option in judges)
     labels_by_name = labels_by_name or dict.fromkeys([RECORDED, *read_verdicts(run)], "")
-    pairs = pairs_of(run, list(labels_by_name), own, humans)
+    pairs = pairs_of(run, list(labels_by_name), own, humans, agent=agent)
     names = tuple(map(_printed_name, pairs.judges, labels_by_name.values()))
     if len(set(names)) < len(names):
         raise UsageError("two judges have the same name", hint="give them labels: --judge NAME=LABEL")
-    return _Labelled(names, pairs.cases, pairs.left_out, notes, annotator_agreement(read.labels))
+    people = annotator_agreement(resolved(RunReader(run, skip_corrupt=True), read.labels))
+    return _Labelled(names, pairs.cases, pairs.left_out, notes, people)
 
 
 def _name_and_label(option: str) -> tuple[str, str]:

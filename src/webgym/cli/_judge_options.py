@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ from webgym.settings import merged, read_yaml, validated
 
 JUDGE_KEY = "WEBGYM_JUDGE_API_KEY"
 """Environment variable of the judge's API key; if it is not set, the policy's variable is used."""
+
+_POLICY_KEY = "WEBGYM_API_KEY"
 
 
 def judge_choice(
@@ -40,22 +43,33 @@ def judge_choice(
     has_endpoint = "base_url" in rubric.get("chat", {})
     name = given.get("name") or ("rubric" if has_endpoint else settings.get("name"))
     if name == "rubric":
-        settings["rubric"] = merged(settings.get("rubric") or {}, rubric)
+        settings["rubric"] = deepcopy(merged(settings.get("rubric") or {}, rubric))
         chat = settings["rubric"].setdefault("chat", {})
         if not {"base_url", "model"} <= chat.keys():
             raise ConfigError(
                 "the rubric judge needs an endpoint and a model", hint="set its base URL and its model"
             )
-        if os.environ.get(JUDGE_KEY):
-            chat.setdefault("api_key_env", JUDGE_KEY)
         for stage in STAGES:
             if stage in rubric:
                 settings["rubric"][stage]["chat"] = chat | rubric[stage]["chat"]
+        _choose_key(settings["rubric"], (None,) if file else (None, JUDGE_KEY, _POLICY_KEY))
     elif has_endpoint:
         raise ConfigError(f"the judge {name} uses no endpoint", hint="leave out the base URL")
     others = {key: value for key, value in given.items() if key not in ("name", "rubric")}
     settings = merged(settings, others | ({"name": name} if name else {}))
     return validated(JudgeChoice, settings, str(file or "judge options"))
+
+
+def _choose_key(rubric: dict[str, Any], instead_of: tuple[str | None, ...]) -> None:
+    """Choose between the judge's and the policy's variable by what is set now, for every endpoint.
+
+    The settings of a stored run name one of them even if nobody chose it.
+    """
+    key = JUDGE_KEY if os.environ.get(JUDGE_KEY) else _POLICY_KEY
+    for section in (rubric, *rubric.values()):
+        chat = section.get("chat") if isinstance(section, dict) else None
+        if isinstance(chat, dict) and chat.get("api_key_env") in instead_of:
+            chat["api_key_env"] = key
 
 
 def own_choice(config: Mapping[str, Any]) -> JudgeChoice:

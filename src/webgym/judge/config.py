@@ -81,7 +81,8 @@ class TextConfig(Section):
     """Longest task instruction; the middle of a longer one is left out."""
 
     answer_chars: int = Field(default=12_000, ge=200)
-    """Longest answer; the middle of a longer one is left out."""
+    """Longest answer in a request. A longer one is judged in parts, all of which must be supported; where a
+    model would have to compare it with a reference answer, there is no verdict."""
 
     history_chars: int = Field(default=12_000, ge=200)
     """Longest action history; the oldest lines of a longer one are left out."""

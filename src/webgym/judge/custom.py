@@ -109,10 +109,10 @@ def load_judge(where: str) -> Judge:
         target: Any = importlib.import_module(module_name)
         for part in name.split("."):
             target = getattr(target, part)
+        if inspect.isclass(target) or (inspect.isfunction(target) and _parameters(target) == 0):
+            target = target()
     except Exception as error:  # a module's own code runs here, and may raise anything
         raise ConfigError(f"cannot load {where}: {type(error).__name__}: {error}", hint=hint) from error
-    if inspect.isclass(target) or (inspect.isfunction(target) and _parameters(target) == 0):
-        target = target()
     if hasattr(target, "judge") and hasattr(target, "name"):
         return cast(Judge, target)
     if callable(target) and _parameters(target) >= 2:

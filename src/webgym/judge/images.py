@@ -6,7 +6,7 @@ import base64
 import io
 import math
 
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
 from webgym.core.errors import JudgeError
 from webgym.judge.config import ImageConfig
@@ -36,6 +36,7 @@ def data_url(name: str, data: bytes, config: ImageConfig) -> str:
     kind = "png"
     try:
         with Image.open(io.BytesIO(data)) as picture:
+            picture.load()  # also of one that is sent as it is: it may be cut off
             size = sent_size(picture.size, config)
             if size != picture.size or picture.format != "PNG" or len(data) > config.max_bytes:
                 small = picture.convert("RGB")
@@ -44,7 +45,7 @@ def data_url(name: str, data: bytes, config: ImageConfig) -> str:
                 data = _encoded(small, "PNG")
                 if len(data) > config.max_bytes:
                     data, kind = _encoded(small, "JPEG", quality=config.jpeg_quality), "jpeg"
-    except (UnidentifiedImageError, OSError, Image.DecompressionBombError) as error:
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise JudgeError(f"the screenshot {name[:12]} cannot be read as an image: {error}") from error
     return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
 

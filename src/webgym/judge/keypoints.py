@@ -72,10 +72,10 @@ def _question(task: Task, episode: Episode, batch: Sequence[int], config: JudgeC
     return Question("keypoint", "question", write, shots, (instruction, *facts, *page_texts(seen, batch)))
 
 
-def page_texts(seen: Sequence[Observation], indices: Sequence[int]) -> tuple[str, ...]:
-    """The recorded visible texts of these observations, so that echoes of them are not mistaken for
-    verdicts."""
-    return tuple(seen[index].text or "" for index in indices)
+def page_texts(seen: Sequence[Observation], indices: Sequence[int]) -> tuple[str | None, ...]:
+    """The visible texts of these observations and of the fields in them, so that echoes are not mistaken for
+    verdicts; ``None`` for a text that was not recorded."""
+    return tuple(text for index in indices for text in (seen[index].text, *seen[index].fields))
 
 
 def label(episode: Episode, index: int) -> str:

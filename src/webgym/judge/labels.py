@@ -295,7 +295,7 @@ def settled(labels: Sequence[Label], humans: Humans = "majority") -> Label | Non
 
     Args:
         labels: in the order of the annotators.
-        humans: ``majority`` compares the numbers of success and failure; ``first`` takes the first label;
+        humans: ``majority`` takes the most frequent label apart from unsure; ``first`` takes the first label;
             ``unanimous`` requires all labels to be the same.
 
     Returns:
@@ -305,10 +305,8 @@ def settled(labels: Sequence[Label], humans: Humans = "majority") -> Label | Non
         return labels[0] if labels else None
     if humans == "unanimous":
         return None
-    counts = Counter(labels)
-    if counts["success"] != counts["failure"]:
-        return "success" if counts["success"] > counts["failure"] else "failure"
-    return None
+    counts = Counter(label for label in labels if label != "unsure").most_common(2)
+    return None if len({count for _, count in counts}) < len(counts) else counts[0][0]
 
 
 class Annotators(msgspec.Struct, frozen=True):

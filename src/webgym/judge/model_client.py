@@ -50,14 +50,14 @@ class Question(msgspec.Struct, frozen=True):
         write: makes the texts from the request's signature code.
         shots: the screenshots, in order.
         untrusted: all text in the request that comes from the agent or a website; a verdict that merely
-            repeats it does not count.
+            repeats it does not count. ``None`` for a text that was not recorded.
     """
 
     stage: Stage
     words: Words
     write: Write
     shots: tuple[LabelledScreenshot, ...]
-    untrusted: tuple[str, ...]
+    untrusted: tuple[str | None, ...]
 
 
 class JudgeModelClient:
@@ -116,7 +116,8 @@ class JudgeModelClient:
     def _signature(self, question: Question) -> tuple[str, bool]:
         """The request's code, and whether a verdict without it counts."""
         content = [question.stage, *question.write("")]
-        code = code_of(*content, *(shot.name for shot in question.shots), *question.untrusted)
+        texts = (text or "" for text in question.untrusted)
+        code = code_of(*content, *(shot.name for shot in question.shots), *texts)
         bare = not self._config.signed_verdicts and not may_be_echoed(question.untrusted, question.words)
         return code, bare
 

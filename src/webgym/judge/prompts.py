@@ -174,13 +174,24 @@ def fact(
 
 
 def response(
-    code: str, *, instruction: str, answer: str, labels: Sequence[str], part: str = "", notes: str = ""
+    code: str,
+    *,
+    instruction: str,
+    answer: str,
+    labels: Sequence[str],
+    part: str = "",
+    notes: str = "",
+    excerpt: str = "",
 ) -> tuple[str, str]:
-    """Criterion B: ask whether every claim of the answer is visible. Arguments as for :func:`fact`."""
+    """Criterion B: ask whether every claim of the answer is visible. Arguments as for :func:`fact`, and
+    ``excerpt``: which part of a long answer this is ("2 of 3")."""
     parts = [
         "The task:",
         quote("task", instruction, code),
-        "The agent's final answer:",
+        f"Part {excerpt} of the agent's final answer. Judge this part alone; a claim that is cut off at its "
+        "beginning or end stands whole in another part and is judged there:"
+        if excerpt
+        else "The agent's final answer:",
         quote("answer", answer, code),
         *_evidence(labels, part, notes, code),
     ]

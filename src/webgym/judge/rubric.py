@@ -31,7 +31,7 @@ from webgym.judge.keypoints import fit_in_request, page_texts, select, split_int
 from webgym.judge.model_client import JudgeModelClient, Question, gather, result_or_error
 from webgym.judge.reference import compare_with_reference, is_reference
 from webgym.judge.soft import score_of
-from webgym.judge.untrusted import code_of, shorten
+from webgym.judge.untrusted import code_of, in_parts, shorten
 from webgym.judge.value_comparison import Match
 from webgym.judge.verdicts import Finding
 from webgym.llm.completion import Completes
@@ -79,11 +79,13 @@ class RubricJudge:
 
 def _digest(config: JudgeConfig) -> str:
     """Digest of every setting that can change a verdict, which endpoints, concurrency and retries cannot."""
-    stages = {
-        name: config.stage(name).model_dump(mode="json", exclude={"chat"})
-        | {"model": config.chat_of(name).model}
-        for name in STAGES
-    }
+    stages = {}
+    for name in STAGES:
+        stage, chat = config.stage(name), config.chat_of(name)
+        sampling = stage.sampling.over(chat.sampling)  # as it is sent
+        stages[name] = stage.model_copy(update={"sampling": sampling}).model_dump(
+            mode="json", exclude={"chat"}
+        ) | {"model": chat.model}
     rules = config.model_dump(mode="json", exclude={"chat", "concurrency", "tries", *STAGES})
     return code_of(json.dumps([stages, rules], sort_keys=True))[:6]
 
@@ -100,7 +102,7 @@ class _EpisodeJudging:
         self._client = client
         self._config = config
         self._instruction = shorten(task.instruction, config.texts.instruction_chars)
-        self._answer = shorten(episode.answer or "", config.texts.answer_chars)
+        self._answer = episode.answer or ""
         self._keypoints: tuple[int, ...] | None = None
         self._facts: list[FactJudgement] = []
         self._response: Judgement | None = None
@@ -184,8 +186,20 @@ class _EpisodeJudging:
         """Criterion B: whether the screenshots support every claim of the answer."""
         if not self._answer.strip():
             return Judgement(False, "the answer is empty")
-        write = partial(prompts.response, instruction=self._instruction, answer=self._answer)
-        return await self._ask("response", write, (self._instruction, self._answer))
+        parts = in_parts(self._answer, self._config.texts.answer_chars)
+        questions = []
+        for number, answer in enumerate(parts, 1):
+            excerpt = f"{number} of {len(parts)}" if len(parts) > 1 else ""
+            write = partial(prompts.response, instruction=self._instruction, answer=answer, excerpt=excerpt)
+            questions.append(self._ask("response", write, (self._instruction, answer)))
+        found = await gather(questions)
+        for passed in (False, None):  # one that fails decides, whatever was not read
+            if decisive := next((judgement for judgement in found if judgement.passed is passed), None):
+                return decisive
+        if len(found) == 1:
+            return found[0]
+        reasons = shorten("\n".join(judgement.reason for judgement in found), self._config.texts.reason_chars)
+        return Judgement(True, reasons, tuple(sorted({step for each in found for step in each.steps})))
 
     async def _ask(self, stage: Stage, write: Write, quoted: Quoted) -> Judgement:
         """Judge a criterion by the selected screenshots, in one request or in several."""
@@ -207,9 +221,9 @@ class _EpisodeJudging:
     ) -> Finding:
         """Judge a criterion by screenshots that do not fit in one request.
 
-        A fact that one part confirms is confirmed. Everything else is decided by a last request about the
-        notes on all parts: a claim may be visible in one part and contradicted in another, or a total be
-        spread over all.
+        A fact that every part confirms is confirmed. Everything else is decided by a last request about the
+        notes on all parts: what one part shows may be contradicted or undone in another, or a total be spread
+        over all.
         """
         count = len(split)
         results = await gather(
@@ -218,11 +232,11 @@ class _EpisodeJudging:
             )
             for number, part in enumerate(split, 1)
         )
-        notes = [result for result in results if isinstance(result, Finding)]
-        if stage == "fact" and (confirmed := next((note for note in notes if note.passed), None)):
-            return confirmed
         if unread := next((result for result in results if isinstance(result, JudgeError)), None):
             raise unread
+        notes = [result for result in results if isinstance(result, Finding)]
+        if stage == "fact" and all(note.passed for note in notes):
+            return notes[-1]
         limit = self._config.texts.history_chars // count
         parts = [
             f"Part {number} of {count}:\n{shorten(note.reason, limit)}"
@@ -250,7 +264,10 @@ class _EpisodeJudging:
             return Judgement(finding.match is Match.SAME, finding.reason)
         if "model" not in methods:
             return Judgement(False, f"{finding.reason}, and no model is asked for this source")
-        expected = shorten(expected, config.texts.answer_chars)
+        limit = config.texts.answer_chars
+        if max(len(expected), len(self._answer)) > limit:
+            why = f"an answer longer than {limit} characters cannot be compared with the reference answer"
+            return self._read(JudgeError(f"{why}; raise texts.answer_chars"), ())
         write = partial(
             prompts.reference, instruction=self._instruction, answer=self._answer, expected=expected
         )

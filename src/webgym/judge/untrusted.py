@@ -22,7 +22,12 @@ _KEPT: Final = frozenset("\t\u200c\u200d")
 """Invisible characters that are kept: joiners are part of scripts and emoji."""
 
 _HIDDEN: Final = frozenset({"Cc", "Cf", "Co", "Cs", "Cn"})
-_CONTROL_TOKEN: Final = re.compile(r"<(?=\||/?(?:s|im_start|im_end|think|image|vision)\b)", re.IGNORECASE)
+_CONTROL_TOKEN: Final = re.compile(
+    r"<(?=[|｜]|/?(?:s|think|image|img|video|audio|vision|bos|eos|pad|unk|mask|sys|[a-z]+_\w+)\b)"
+    r"|\[(?=/?(?-i:INST|IMG|THINK|[A-Z]+_[A-Z_]+)\])",
+    re.IGNORECASE,
+)
+"""The start of what may be a control token: no tag of HTML has an underscore."""
 
 
 def code_of(*content: str) -> str:
@@ -41,7 +46,7 @@ def visible(text: str) -> str:
         character if character in _KEPT or unicodedata.category(character) not in _HIDDEN else "\ufffd"
         for character in text
     )
-    return _CONTROL_TOKEN.sub("< ", shown)
+    return _CONTROL_TOKEN.sub(r"\g<0> ", shown)
 
 
 def shorten(text: str, limit: int) -> str:
@@ -51,6 +56,18 @@ def shorten(text: str, limit: int) -> str:
     half = limit // 2
     left_out = len(text) - 2 * half
     return f"{text[:half]}\n[{left_out} characters left out]\n{text[len(text) - half :]}"
+
+
+def in_parts(text: str, limit: int) -> list[str]:
+    """The whole text in parts of at most ``limit`` characters (at least 200), each of which begins with the
+    last eighth of the one before; cut between lines where possible, else between sentences or words."""
+    if len(text) <= limit:
+        return [text]
+    most = limit // 8 - 2
+    some = f".{{{most // 2},{most}}}"
+    cuts = rf"{some}\n|{some}[.!?]\s|{some}[。！？]|{some}\s|.{{1,{most}}}"
+    pieces = re.findall(cuts, text, re.DOTALL)
+    return ["".join(pieces[start : start + 8]) for start in range(0, len(pieces) - 1, 7)]
 
 
 def quote(label: str, text: str, code: str) -> str:

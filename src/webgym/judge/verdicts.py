@@ -37,7 +37,9 @@ _THOUGHT: Final = re.compile(r"<think(?:ing)?\s*>", re.IGNORECASE)
 _MARKUP: Final = "*_`#\"'“”‘’«»[](){}"
 """Markup that is ignored. ``>`` and ``|`` are not: a line that begins with them is a quotation."""
 _CODE: Final = r"(?: (?P<code>[0-9a-z]{4,64}))?\s?[:=–—-]\s?"
-_LINE: Final = re.compile(rf"(?:(?:final )?verdict{_CODE})?(?P<said>not success|success|yes|no)")
+_LINE: Final = re.compile(
+    rf"(?:(?:final )?verdict{_CODE})?(?P<said>success|yes|no|not (?:success|confirmed)|fail(?:ure|ed)?)"
+)
 _WHOLE: Final = re.compile(r"(?<!\.)[.!?。！？]$")
 """The end of a sentence, without quotation marks and brackets. An ellipsis is not an end."""
 _NO: Final = r"n['’ ]t|\b(?:no|not|never|cannot|nor|neither|none|nope|hardly|scarcely|barely)"
@@ -48,6 +50,11 @@ _NEGATING: Final = (
 """Words that negate what follows them, or make it conditional."""
 _NEGATED: Final = re.compile(rf"(?:{_NO})\W*$")
 _UNFINISHED: Final = re.compile(rf"{_NEGATING}[^.!?]*$|(?:[,;:–—-]|\.\.)$")
+_DENIED: Final = re.compile(
+    r"(?:(?:n['’ ]t|\b(?:not|never|cannot))(?: (?:be|been|yet|fully|really|clearly|at all|actually))* |\bun)"
+    r"(?:confirmed|supported|shown|seen|visible|met|satisfied|successful|true|correct|there)\W*$"
+)
+"""The end of a sentence that denies a criterion."""
 _QUOTATION: Final = re.compile(r"[\s*_`#•-]*[\"'“”„‘’‚«»‹›＂＇>|]")
 _SENTENCE: Final = 400
 """Number of characters at the end of a line that are examined."""
@@ -122,10 +129,9 @@ def read_verdict(
     lines = _lines(text, finish_reason)
     if isinstance(lines, NoVerdict):
         return lines
-    line_verdicts = [_verdict_of(line, words, code) for line in lines]
-    signed = {verdict for verdict, is_signed in filter(None, line_verdicts) if is_signed}
-    # YES or NO within a reply to a criterion counts as a verdict, too.
-    stated = {found[0] for kind in WORDS for line in lines if (found := _verdict_of(line, kind, code))}
+    line_verdicts = [_verdict_of(line, WORDS[words], code) for line in lines]
+    # Other words contradict a verdict, too: NO or FAILURE within a reply to a criterion.
+    stated = {found for line in lines if (found := _verdict_of(line, None, code))}
     last = line_verdicts[-1]
     positive, negative = (word.upper() for word in WORDS[words])
     if last is None:
@@ -133,10 +139,12 @@ def read_verdict(
     verdict, is_signed = last
     if not is_signed and not bare:
         return NoVerdict("the verdict line does not carry the code of this request")
-    if not is_signed and not stands_alone(lines[-1], "".join(lines[-2:-1])):
+    before = "".join(lines[-2:-1])
+    is_denied = verdict and _DENIED.search(_unmarked(before[-_SENTENCE:]))
+    if not is_signed and (is_denied or not stands_alone(lines[-1], before)):
         return NoVerdict("the verdict line may be quoted, or the end of the line before; say it for itself")
     # Lines without the code may be quotations, and contradict the last line unless it is signed.
-    if len(signed if is_signed else stated) > 1:
+    if any(other is not verdict for other, carries_code in stated if carries_code or not is_signed):
         return NoVerdict(f"the reply says both {positive} and {negative}")
     reason = "\n".join(
         line for line, line_verdict in zip(lines, line_verdicts, strict=True) if line_verdict is None
@@ -171,13 +179,15 @@ def read_per_image(
     return tuple(verdicts[number].pop() for number in numbers)
 
 
-def may_be_echoed(texts: Iterable[str], words: Words) -> bool:
-    """Whether a bare verdict line in a reply could be an echo of these texts.
+def may_be_echoed(texts: Iterable[str | None], words: Words) -> bool:
+    """Whether a bare verdict line in a reply could be an echo of these texts. One that is not known could be.
 
     The positive word anywhere in a text is enough. The negative "no" is too common for that: it must be a
     line of its own, or the text must contain the word "verdict".
     """
     for text in texts:
+        if text is None:
+            return True
         folded = unicodedata.normalize("NFKC", text).casefold()
         if "verdict" in folded or WORDS[words][0] in folded:
             return True
@@ -202,12 +212,13 @@ def _lines(text: str, finish_reason: str) -> list[str] | NoVerdict:
     return lines or NoVerdict("the reply is empty")
 
 
-def _verdict_of(line: str, words: Words, code: str) -> tuple[bool, bool] | None:
-    """The verdict that a line states and whether it carries the code; ``None`` if it is no verdict line."""
+def _verdict_of(line: str, allowed: tuple[str, str] | None, code: str) -> tuple[bool, bool] | None:
+    """The verdict that a line states, in the allowed or in any words, and whether it carries the code;
+    ``None`` if it is no verdict line."""
     match = _LINE.fullmatch(plain(line))
-    if match is None or match["said"] not in WORDS[words]:
+    if match is None or (allowed and match["said"] not in allowed):
         return None
     given = match["code"]
     if given is not None and given != code:
         return None
-    return match["said"] == WORDS[words][0], given is not None
+    return match["said"] in ("success", "yes"), given is not None

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
+
 from webgym.judge.agreement import Case
 from webgym.judge.labels import HumanLabel, Humans, Label, settled
 from webgym.rollout.rejudge import verdicts_of
@@ -30,7 +32,12 @@ class Pairs:
 
 
 def pairs_of(
-    run: Path, judges: Sequence[str], labels: Iterable[HumanLabel], humans: Humans = "majority"
+    run: Path,
+    judges: Sequence[str],
+    labels: Iterable[HumanLabel],
+    humans: Humans = "majority",
+    *,
+    agent: str | None = None,
 ) -> Pairs:
     """Pair a run's verdicts with people's labels.
 
@@ -42,16 +49,14 @@ def pairs_of(
         judges: names of judges, or prefixes; ``recorded`` is the judge of the collection.
         labels: labels of attempts, or of tasks that were attempted once.
         humans: which label counts if several people labelled an attempt.
+        agent: the agent that made the run, in files that name agents; labels of others are left out.
 
     Raises:
         RunFolderError: the folder is not a run, or a judge has not judged it.
     """
     reader = RunReader(run, skip_corrupt=True)
     named = [verdicts_of(run, judge) for judge in judges]
-    attempts_of = defaultdict(list)
-    for attempt_id, entry in reader.attempts.items():
-        attempts_of[entry.task_id].append(attempt_id)
-    labels_by_attempt, left_out = _labels_by_attempt(labels, reader, attempts_of)
+    labels_by_attempt, left_out = _labels_by_attempt(labels, reader, agent)
     cases = []
     for attempt_id, attempt_labels in labels_by_attempt.items():
         label = settled(attempt_labels, humans)
@@ -76,20 +81,43 @@ _WHY: Mapping[Label | None, str] = {
 }
 
 
-def _labels_by_attempt(
-    labels: Iterable[HumanLabel], reader: RunReader, attempts_of: Mapping[str, Sequence[str]]
-) -> tuple[dict[str, list[Label]], Counter[str]]:
-    """People's labels by attempt, and the number of labels without an attempt by reason."""
-    labels_by_attempt: dict[str, list[Label]] = {}
-    left_out: Counter[str] = Counter()
+def _attempts_of(reader: RunReader) -> Mapping[str, Sequence[str]]:
+    """The attempts at each task."""
+    attempts = defaultdict(list)
+    for attempt_id, entry in reader.attempts.items():
+        attempts[entry.task_id].append(attempt_id)
+    return attempts
+
+
+def resolved(reader: RunReader, labels: Iterable[HumanLabel]) -> list[HumanLabel]:
+    """The labels, those of a task that was attempted once as labels of that attempt; the last of every person
+    on each attempt."""
+    attempts_of, latest = _attempts_of(reader), {}
     for label in labels:
-        candidates = [label.attempt_id] if label.attempt_id else attempts_of.get(label.task_id, ())
-        if len(candidates) > 1:
+        attempts = attempts_of.get(label.task_id, ())
+        if not label.attempt_id and len(attempts) == 1:
+            label = msgspec.structs.replace(label, attempt_id=attempts[0])
+        latest[label.subject, label.agent, label.annotator] = label
+    return list(latest.values())
+
+
+def _labels_by_attempt(
+    labels: Iterable[HumanLabel], reader: RunReader, agent: str | None
+) -> tuple[dict[str, list[Label]], Counter[str]]:
+    """People's labels by attempt, and the number of labels that are not used by reason."""
+    given, labels_by_attempt, left_out = list(labels), defaultdict(list), Counter[str]()
+    kept, attempts_of = resolved(reader, given), _attempts_of(reader)
+    if again := len(given) - len(kept):
+        left_out["a label that the same person gave again"] = again
+    for label in kept:
+        if label.agent not in ("", agent):
+            left_out["a label of another agent's run"] += 1
+        elif label.attempt_id in reader.attempts:
+            labels_by_attempt[label.attempt_id].append(label.label)
+        elif not label.attempt_id and label.task_id in attempts_of:
             left_out["a label of a task that was attempted several times"] += 1
-        elif not candidates or candidates[0] not in reader.attempts:
-            left_out["a label of an attempt that is not in the run"] += 1
         else:
-            labels_by_attempt.setdefault(candidates[0], []).append(label.label)
+            left_out["a label of an attempt that is not in the run"] += 1
     return labels_by_attempt, left_out
 
 

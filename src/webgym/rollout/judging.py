@@ -62,8 +62,10 @@ async def judge_episode(
     verdict = failure = None
     try:
         async with asyncio.timeout(seconds):
-            verdict = await judge.judge(task, episode, pictures)
-        outcome = outcome_of(episode.ending, verdict)
+            given = await judge.judge(task, episode, pictures)
+        if given.reward is None and not given.blocked.passed:  # from a user's own judge
+            raise JudgeError(f"{judge.name} gave no reward, and says that the attempt was not blocked")
+        verdict, outcome = given, outcome_of(episode.ending, given)
     except Exception as error:
         # The attempt remains without a verdict, and its record says why.
         judge_error = _as_judge_error(error, seconds)

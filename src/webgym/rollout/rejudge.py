@@ -52,7 +52,7 @@ class RejudgeConfig(Settings):
     judge."""
 
     again: bool = False
-    """Judge everything again; the latest verdict counts."""
+    """Judge everything again; the latest verdict counts, which a failure to give one does not replace."""
 
 
 @dataclass
@@ -133,10 +133,10 @@ async def judge_run(
         if show:
             show(state)
         waiting = waiting[: config.limit]
-        await _judge_all(reader, judge, verdict_log, waiting, state, config, show)
-        for _ in range(config.judge_again):
-            waiting = [attempt for attempt in waiting if verdict_log.latest[attempt].verdict is None]
-            await _judge_all(reader, judge, verdict_log, waiting, state, config, show, is_again=True)
+        made: dict[str, Judged] = {}
+        for _ in range(1 + config.judge_again):
+            await _judge_all(reader, judge, verdict_log, made, waiting, state, config, show)
+            waiting = [attempt for attempt in waiting if made[attempt].verdict is None]
     return state
 
 
@@ -167,14 +167,13 @@ async def _judge_all(
     reader: RunReader,
     judge: Judge,
     verdict_log: VerdictLog,
+    made: dict[str, Judged],
     waiting: list[str],
     state: Judging,
     config: RejudgeConfig,
     show: Callable[[Judging], None] | None,
-    *,
-    is_again: bool = False,
 ) -> None:
-    """Judge attempts; with ``is_again``, attempts that were counted without a verdict."""
+    """Judge attempts, and add the judgements to ``made``; those of this session in it are made again."""
     remaining = iter(waiting)
     writing = asyncio.Lock()
 
@@ -196,10 +195,14 @@ async def _judge_all(
                 result.verdict,
                 result.failure,
             )
+            is_again = attempt_id in made
             async with writing:
                 if is_again:
-                    state.discount(verdict_log.latest[attempt_id])
-                await asyncio.to_thread(verdict_log.append, judged)
+                    state.discount(made[attempt_id])
+                earlier = verdict_log.latest.get(attempt_id)
+                if judged.verdict or not (earlier and earlier.verdict):  # a failure replaces no verdict
+                    await asyncio.to_thread(verdict_log.append, judged)
+            made[attempt_id] = judged
             state.count(judged, now=True)
             if show:
                 show(state)

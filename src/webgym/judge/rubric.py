@@ -37,7 +37,7 @@ from webgym.judge.verdicts import Finding
 from webgym.llm.completion import Completes
 from webgym.llm.prices import Prices
 
-VERSION = "rubric/2"
+VERSION = "rubric/3"
 """Version of the rules and prompts; raised when a change of theirs can change a verdict."""
 
 _STEPS = re.compile(

@@ -208,6 +208,8 @@ def test_the_whole_conversation_by_the_template_is_prompt_and_reply(thinking: Re
         Reply("click", "p", sampling={"stop": ["</tool_call>"]}),
         Reply("", "p", reasoning="thought, and maybe closed it"),
         Reply("", "p", "length"),
+        Reply("click", "p", sampling={"chat_template_kwargs": {"enable_thinking": False}}),
+        Reply("click", "p", sampling={"tools": [{"type": "function"}]}),
     ],
 )
 def test_what_cannot_be_known_is_not_guessed(thinking: Renderer, reply: Reply) -> None:

@@ -93,6 +93,15 @@ class Reply(msgspec.Struct, frozen=True, omit_defaults=True):
     tokens: ReplyTokens | None = None
     weight_version: str = ""
 
+    @property
+    def whole(self) -> str:
+        """The text after the reasoning, as chat templates write them and models sample them."""
+        if not self.reasoning:
+            return self.text
+        if self.reasoning.endswith("\n") or self.text.startswith("\n"):  # split without stripping
+            return f"<think>\n{self.reasoning}</think>{self.text}"
+        return f"<think>\n{self.reasoning}\n</think>\n\n{self.text}"
+
 
 class Revision(msgspec.Struct, frozen=True, omit_defaults=True):
     """Corrections to a reply's memory that violated the append-only rule.

@@ -212,9 +212,7 @@ def _with_reasoning(reply: Reply, *, opened: bool, finished: bool) -> str:
         if finished:  # endpoints do not report whether the thinking was closed
             raise UntrainableStep("not_rebuilt")
         return start + reply.reasoning
-    if reply.reasoning.endswith("\n") or reply.text.startswith("\n"):  # split without stripping
-        return f"{start}{reply.reasoning}{THINK_END}{reply.text}"
-    return f"{start}{reply.reasoning}\n{THINK_END}\n\n{reply.text}"
+    return start + reply.whole.removeprefix(f"{THINK_START}\n")
 
 
 def _reads_as(reply: Reply, decoded: str) -> bool:

@@ -255,7 +255,13 @@ def test_importance_weights_need_logprobs_of_the_full_distribution(instruct: Ren
         reply = stored(instruct, "click", sampling=sampling)
         assert dropped(instruct, reply, off_policy=True) == "altered_sampling"
         assert made(instruct, reply)
-    full = {"top_k": -1, "top_p": 1.0, "temperature": 0.7, "repetition_penalty": 1.0, "min_p": None}
+    full: dict[str, object] = {
+        "top_k": -1,
+        "top_p": 1.0,
+        "temperature": 0.7,
+        "repetition_penalty": 1.0,
+        "min_p": None,
+    }
     full |= {"typical_p": 1.0, "bad_words": [], "seed": 3, "chat_template_kwargs": {"enable_thinking": False}}
     assert made(instruct, stored(instruct, "click", sampling=full), off_policy=True).temperature == 0.7
 

@@ -187,6 +187,22 @@ async def test_an_episode_without_a_reward_may_be_an_error() -> None:
         await env.reset()
 
 
+async def test_an_episode_that_its_policy_leaves_is_judged_as_a_spent_budget() -> None:
+    async with stand_in_environment() as env:
+        for fault, reward, outcome in (("", 0.0, "truncated"), ("blocked", math.nan, "blocked")):
+            for steps in range(2):
+                env._opened.judge.fault = fault  # type: ignore[attr-defined]
+                await env.reset()
+                for _ in range(steps):
+                    await env.step(Scroll("down"))
+                _, told, terminated, truncated, info = await env.finish()
+                assert told == pytest.approx(reward, nan_ok=True)
+                assert (info["outcome"], info["step"]) == (outcome, steps)
+                assert (terminated, truncated, info["is_over"]) == (False, True, True)
+        with pytest.raises(UsageError, match="call reset first"):
+            await env.finish()
+
+
 def test_without_await_and_within_a_running_loop() -> None:
     with SyncEnvironment(stand_in_environment()) as env:
         env.reset(seed=1)

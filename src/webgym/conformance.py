@@ -92,7 +92,7 @@ class StandInJudge:
     async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
         """Judge by the answer alone; the first picture is read, too, as a real judge would."""
         del task
-        await pictures(episode.steps[0].observation.screenshot)
+        await pictures(episode.observations[0].screenshot)
         if self.fault == "judge":
             raise JudgeError("the judge of the check gives no verdict")
         reward = None if self.fault in ("no_reward", "blocked") else int(episode.answer == _RIGHT)

@@ -34,6 +34,7 @@ from webgym.agent.prompts import render_reply
 from webgym.core.action import GRID, Action, Answer, GoBack, LeftClick, Scroll, Target, Wait
 from webgym.core.calls import call_queues
 from webgym.core.errors import ConfigError, EpisodeLost, UsageError
+from webgym.core.outcome import Ending
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply, Trajectory
 from webgym.judge.base import Judge
@@ -281,10 +282,21 @@ class Environment:
             UsageError: there is no episode, or it is over; or this is no action, and the episode continues.
             EpisodeLost: there is no reward, and ``on_fault`` is ``raise``.
         """
+        return await self._advance(self._as_reply(action))
+
+    async def finish(self) -> tuple[View, float, bool, bool, Info]:
+        """End the episode without an answer, as if its budget were used up: what the policy leaves undone is
+        judged, so that a website that blocked it gives no reward.
+
+        Returns, and raises:
+            As :meth:`step`.
+        """
+        return await self._advance(None)
+
+    async def _advance(self, reply: Reply | None) -> tuple[View, float, bool, bool, Info]:
         episode = self._episode
         if episode is None or episode.is_over:
             raise UsageError("there is no episode to step", hint="call reset first")
-        reply = self._as_reply(action)
         try:
             is_over = await episode.step(reply)
         except BaseException:  # cancelled: the episode cannot continue
@@ -397,9 +409,13 @@ class _Episode:
         await self._see(await self._driver.start(session))
         return self.view
 
-    async def step(self, reply: Reply) -> bool:
-        """Apply a reply, and return whether the episode is over."""
+    async def step(self, reply: Reply | None) -> bool:
+        """Apply a reply, and return whether the episode is over; ``None`` ends it as a spent budget does."""
         driver = self._driver
+        if reply is None:
+            driver.ending = Ending.BUDGET_SPENT
+            await self._end()
+            return True
         try:
             step = self._dialogue.receive(reply, self._seen_at)
             self._parse_error = step.parse_error

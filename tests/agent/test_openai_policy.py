@@ -119,7 +119,11 @@ async def test_a_reply_without_an_action_is_a_step(endpoint: Endpoint, png: byte
 
 
 @pytest.mark.parametrize(
-    ("reason", "tries"), [("error", 2), ("abort", 2), ("CANCELLED", 2), ("content_filter", 1)]
+    ("reason", "tries"),
+    [
+        *((reason, 2) for reason in ("error", "abort", "CANCELLED", "insufficient_system_resource")),
+        *((reason, 1) for reason in ("content_filter", "SAFETY", "content_filter: PROHIBITED_CONTENT")),
+    ],
 )
 @pytest.mark.parametrize("content", [None, render_reply(CLICK, "memory", description="Click it")])
 async def test_a_reply_that_the_endpoint_ended_is_its_fault(
@@ -129,6 +133,23 @@ async def test_a_reply_that_the_endpoint_ended_is_its_fault(
     with pytest.raises(PolicyBadReply, match=f"finish_reason '{reason}'"):
         await talk(endpoint.url("choice"), png)
     assert len(endpoint.requests) == tries
+
+
+async def test_an_unreadable_reply_is_the_models_only_if_the_model_is_known_to_have_ended_it(
+    endpoint: Chooses, png: bytes
+) -> None:
+    for reason in ("stop", "LENGTH", "model_length", "end_turn", None):
+        endpoint.choice = {"message": {"role": "assistant", "content": "Hm"}, "finish_reason": reason}
+        (step,) = await talk(endpoint.url("choice"), png)
+        assert step.parse_error
+    endpoint.choice["finish_reason"] = "no_more_money"
+    endpoint.requests.clear()
+    with pytest.raises(PolicyBadReply, match="no_more_money"):
+        await talk(endpoint.url("choice"), png)
+    assert len(endpoint.requests) == 2
+    endpoint.choice["message"]["content"] = endpoint.text
+    (step,) = await talk(endpoint.url("choice"), png)
+    assert step.action == CLICK
 
 
 THOUGHT_CALL = render_reply(CLICK, "memory", description="Perhaps")

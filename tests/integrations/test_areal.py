@@ -20,6 +20,7 @@ pytest.importorskip("areal", reason="areal is not installed")
 
 from areal.api.cli_args import GenerationHyperparameters
 from areal.api.io_struct import ModelRequest, ModelResponse
+from areal.infra import workflow_context
 
 from webgym.integrations.areal import WebGymWorkflow
 from webgym.testing import Adapted, Told, check_adapter, stand_in_pool
@@ -110,6 +111,19 @@ async def test_rows_that_the_engine_read_otherwise_are_dropped_and_counted(tmp_p
     async with flow.pool:
         assert await flow.arun_episode(engine, {"task_id": "check-3"}) is None
     assert flow.dropped == {"image_tokens": 2}
+
+
+async def test_replies_of_another_distribution_may_be_evaluated_and_not_trained_on(
+    tmp_path: Path,
+) -> None:
+    flow = workflow(tmp_path)
+    flow.gconfig = flow.gconfig.new(top_p=0.8)
+    async with flow.pool:
+        assert await flow.arun_episode(InferenceEngine(), {"task_id": "check-3"}) is None
+        workflow_context.set(workflow_context.WorkflowContext(is_eval=True))
+        found = await flow.arun_episode(InferenceEngine(), {"task_id": "check-3"})
+    assert found is not None
+    assert flow.dropped == {"altered_sampling": 2}
 
 
 @pytest.mark.browser

@@ -34,9 +34,9 @@ with warnings.catch_warnings():
 pytestmark = pytest.mark.filterwarnings("ignore")  # its own
 
 
-def said(text: str) -> ModelOutput:
+def said(text: str, ended: Any = "stop") -> ModelOutput:
     """What the mock model says; its tokens are counted, or inspect would download a tokenizer."""
-    output = ModelOutput.from_content("mockllm/model", text)
+    output = ModelOutput.from_content("mockllm/model", text, stop_reason=ended)
     output.usage = ModelUsage(input_tokens=1, output_tokens=1, total_tokens=2)
     return output
 
@@ -52,6 +52,8 @@ def run(folder: Path, answers: list[str], **more: Any) -> tuple[EvalLog, list[li
         asked.append(messages)
         seen = sum(isinstance(part, ContentImage) for message in messages for part in message.content)
         action = Scroll("down") if seen == 1 else Answer(left.pop(0))
+        if isinstance(action, Answer) and action.text == "filtered":
+            return said("", "content_filter")
         return said(reply_text(action))
 
     browsers = given.pop("browsers_")
@@ -149,6 +151,13 @@ def test_what_has_no_reward_is_unscored(tmp_path: Path, fault: dict[str, Any]) -
     assert all(math.isnan(each.as_float()) for each in scores)
     assert math.isnan(log.results.scores[0].metrics["success_rate"].value)
     assert not browsers.open_now
+
+
+def test_a_reply_that_a_filter_withheld_is_unscored(tmp_path: Path) -> None:
+    log, _, _ = run(tmp_path, ["filtered"])
+    assert log.status == "success", log.error
+    assert log.samples is not None
+    assert [math.isnan(each.scores["web_judge"].as_float()) for each in log.samples if each.scores] == [True]
 
 
 @pytest.mark.browser

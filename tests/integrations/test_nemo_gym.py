@@ -39,15 +39,15 @@ pytestmark = pytest.mark.filterwarnings("ignore")  # its own
 class ModelServer:
     """What NeMo Gym's client of servers gets from a model: one text after another."""
 
-    def __init__(self, texts: Sequence[str]) -> None:
-        self.texts = list(texts)
+    def __init__(self, texts: Sequence[str], **last: Any) -> None:
+        self.texts, self.last = list(texts), last
         self.requests: list[dict[str, Any]] = []
 
     async def post(self, *, server_name: str, url_path: str, json: Any, **given: Any) -> Any:
         assert (server_name, url_path) == ("model", "/v1/responses")
         text = self.texts[min(len(self.requests), len(self.texts) - 1)]
         self.requests.append(json.model_dump())
-        return Answered(text)
+        return Answered(text, **(self.last if len(self.requests) >= len(self.texts) else {}))
 
 
 class SilentModelServer(ModelServer):
@@ -68,7 +68,7 @@ class Answered:
     ok, status = True, 200
     cookies: ClassVar[dict[str, str]] = {}
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, **more: Any) -> None:
         content = [{"type": "output_text", "text": text, "annotations": []}]
         message = {
             "id": "m",
@@ -86,6 +86,7 @@ class Answered:
             "parallel_tool_calls": False,
             "tool_choice": "auto",
             "tools": [],
+            **more,
         }
 
     async def read(self) -> bytes:
@@ -173,6 +174,23 @@ async def test_a_fault_is_masked(tmp_path: Path, fault: dict[str, Any], kind: st
         told = await ran(agent(pool, model), "check-3")
     assert (told["mask_sample"], told["failure_kind"]) == (True, kind)
     assert told["failure_reason"]
+
+
+@pytest.mark.parametrize(
+    ("ended", "outcome"),
+    [
+        ({"status": "incomplete", "incomplete_details": {"reason": "content_filter"}}, "policy_error"),
+        ({"status": "failed"}, "policy_error"),
+        ({"status": "incomplete", "incomplete_details": {"reason": "max_output_tokens"}}, "truncated"),
+    ],
+)
+async def test_a_reply_that_the_model_did_not_end_is_no_step_of_its_own(
+    tmp_path: Path, ended: dict[str, Any], outcome: str
+) -> None:
+    model = ModelServer([*texts_of([Scroll("down")]), ""], **ended)
+    async with webgym.EnvironmentPool(**stand_in_pool(tmp_path)) as pool:
+        told = await ran(agent(pool, model), "check-3")
+    assert (told["outcome"], told["mask_sample"]) == (outcome, outcome == "policy_error")
 
 
 @pytest.mark.browser

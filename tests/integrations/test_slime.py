@@ -86,7 +86,7 @@ class SGLang:
 
 
 async def generated(
-    servers: AsyncExitStack, texts: Sequence[str], task_id: str, sample: Sample | None = None
+    servers: AsyncExitStack, texts: Sequence[str], task_id: str, sample: Sample | None = None, **more: Any
 ) -> tuple[SGLang, list[Sample]]:
     ports: list[int] = []
 
@@ -99,7 +99,7 @@ async def generated(
         hf_checkpoint="model", sglang_router_ip="127.0.0.1", sglang_router_port=ports[0]
     )
     sample = sample or Sample(index=5, metadata={"task_id": task_id})
-    made = await slime.generate(args, sample, {"temperature": 1.0})
+    made = await slime.generate(args, sample, {"temperature": 1.0, **more}, evaluation="top_p" in more)
     return served, made if isinstance(made, list) else [made]
 
 
@@ -169,6 +169,16 @@ async def test_steps_that_do_not_hold_together_are_dropped_and_counted(tmp_path:
     _, [sample] = await played(tmp_path, wrong)
     assert (sample.reward, sample.remove_sample, sample.status) == (None, True, Sample.Status.ABORTED)
     assert sample.metadata["dropped"] == {"image_in_reply": 2}
+
+
+async def test_replies_of_another_distribution_may_be_evaluated_and_not_trained_on(
+    tmp_path: Path,
+) -> None:
+    async with process(stand_in_pool(tmp_path)) as servers:
+        _, [sample] = await generated(servers, RIGHT, "check-3", top_k=20)
+        assert (sample.remove_sample, sample.metadata["dropped"]) == (True, {"altered_sampling": 2})
+        _, samples = await generated(servers, RIGHT, "check-3", top_k=20, top_p=0.8)  # an evaluation's
+    assert [each.reward for each in samples] == [1.0, 1.0]
 
 
 @pytest.mark.parametrize("fault", [{"fails": True}, {"fault": "judge"}, {"fault": "blocked"}])

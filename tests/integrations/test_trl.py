@@ -107,6 +107,9 @@ def test_a_reward_is_the_judges_and_a_fault_is_none(browsers: Browsers) -> None:
     tools = browsers()
     assert [played(tools, answer) for answer in ("right", "wrong", None, "broken")] == [1.0, 0.0, 0.0, None]
     assert (browsers.begun, browsers.unanswered) == (4, 1)
+    judge: Any = browsers.pool._first._judge
+    judge.fault = "blocked"
+    assert [played(tools, answer) for answer in ("wrong", None)] == [None, None]
     opened: Any = browsers.pool._first._browsers
     opened.fails = True
     tools.reset(task_id="check-3")

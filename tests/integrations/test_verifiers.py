@@ -41,7 +41,8 @@ SCROLL = reply_text(Scroll("down"))
 
 
 def said(text: str) -> dict[str, Any]:
-    return {"message": {"role": "assistant", "content": text}}
+    ended = "stop" if text else "content_filter"
+    return {"message": {"role": "assistant", "content": text}, "finish_reason": ended}
 
 
 async def run(
@@ -177,6 +178,12 @@ async def test_replies_without_actions_are_an_error(tmp_path: Path) -> None:
     episodes, requests, _ = await run(tmp_path, ["I would click there."] * 4, 1)
     assert_no_reward(episodes[0], "NoReward")
     assert len(requests) == 4
+
+
+async def test_a_reply_that_a_filter_withheld_is_an_error(tmp_path: Path) -> None:
+    episodes, requests, _ = await run(tmp_path, [SCROLL, ""], 1)
+    assert_no_reward(episodes[0], "NoReward")
+    assert len(requests) == 2
 
 
 @pytest.mark.browser

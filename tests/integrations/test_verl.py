@@ -36,7 +36,7 @@ with warnings.catch_warnings():
 
 renderer = functools.cache(tiny_renderer)  # by the first test that needs it
 RIGHT = (reply_text(Scroll("down")), reply_text(Answer("right")))
-SAMPLING = {"temperature": 1.0, "logprobs": True}
+SAMPLING = {"temperature": 1.0, "top_p": 1.0, "top_k": -1, "repetition_penalty": 1.0, "logprobs": True}
 
 
 class Server:
@@ -59,9 +59,11 @@ class Server:
         )
 
 
-def loop(server: Server, pool: webgym.EnvironmentPool | None = None, **entry: Any) -> WebGymAgentLoop:
+def loop(
+    server: Server, pool: webgym.EnvironmentPool | None = None, *, top_k: int = -1, **entry: Any
+) -> WebGymAgentLoop:
     """As verl makes it of an entry in the file of agent loops, for every episode."""
-    rollout = {"prompt_length": 8192, "response_length": 2048}
+    rollout = {"prompt_length": 8192, "response_length": 2048, **SAMPLING, "top_k": top_k}
     config = OmegaConf.create({"actor_rollout_ref": {"rollout": rollout}, "data": {}})
     made: WebGymAgentLoop = hydra.utils.instantiate(
         {"_target_": "webgym.integrations.verl.WebGymAgentLoop", **entry},
@@ -142,6 +144,13 @@ async def test_steps_that_do_not_hold_together_are_dropped_and_counted(
     assert {tuple(info) for info in infos} == {("outcome", "task_id", "dropped")}  # verl reads all by one's
     assert await played(tmp_path, Server(wrong)) == []
     assert verl.dropped == {"image_in_reply": 3}
+
+
+async def test_replies_of_another_distribution_may_be_validated_and_not_trained_on(tmp_path: Path) -> None:
+    async with webgym.EnvironmentPool(**stand_in_pool(tmp_path)) as pool:
+        altered = SAMPLING | {"top_k": 20}
+        assert await loop(Server(), pool, top_k=20).run(altered, task_id="check-3") == []
+        assert len(await loop(Server(), pool).run(altered, task_id="check-3")) == 2
 
 
 @pytest.mark.parametrize("fault", [{"fails": True}, {"fault": "judge"}, {"fault": "blocked"}])

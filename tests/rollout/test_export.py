@@ -76,11 +76,17 @@ def test_what_is_exported_for_imitation_is_success_in_training_alone(run: Path, 
         export(run, tmp_path / "no", "sharegpt", outcomes=frozenset({Outcome.BLOCKED}))
 
 
-async def test_a_page_that_writes_a_pictures_placeholder_shifts_no_picture(run: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("placeholder", ["<image>", "<video>", "<audio>"])
+async def test_a_page_that_writes_a_placeholder_shifts_no_picture_and_reasoning_is_kept(
+    run: Path, tmp_path: Path, placeholder: str
+) -> None:
     success = next(each for each in RunReader(run).trajectories() if each.outcome is Outcome.SUCCESS)
-    said = Message("user", (TextPart("see <image> here"),))
+    said = Message("user", (TextPart(f"see {placeholder} here"),))
     steps = [msgspec.structs.replace(step, messages=(*step.messages, said)) for step in success.episode.steps]
-    episode = msgspec.structs.replace(success.episode, steps=(*steps[:1], *success.episode.steps[1:]))
+    thought = msgspec.structs.replace(success.episode.steps[-1].reply, reasoning="So many signs.")
+    last = msgspec.structs.replace(success.episode.steps[-1], reply=thought)
+    steps = [*steps[:1], *success.episode.steps[1:-1], last]
+    episode = msgspec.structs.replace(success.episode, steps=tuple(steps))
     tasks = list(RunReader(run).tasks.values())
     async with await RunWriter.create(tmp_path / "run", {}, tasks) as writer:
         for name in {part.screenshot for step in episode.steps for part in _refs(step.messages)}:
@@ -90,6 +96,8 @@ async def test_a_page_that_writes_a_pictures_placeholder_shifts_no_picture(run: 
         await writer.append(msgspec.structs.replace(success, episode=episode))
     done = export(tmp_path / "run", tmp_path / "out", "sharegpt", split="test")
     assert (done.unusable, done.steps) == (1, len(steps) - 1)
+    told = json.loads((tmp_path / "out/sharegpt.json").read_bytes())
+    assert told[-1]["messages"][-1]["content"] == f"<think>\nSo many signs.\n</think>\n\n{thought.text}"
 
 
 def _refs(messages: tuple[Message, ...]) -> list[ImageRef]:

@@ -178,7 +178,7 @@ def test_nothing_to_learn_from_leaves_the_weights_and_ends_with_a_line_in_the_en
         run(tmp_path, world, config(iterations=9, give_up_after=2))
     (error,) = caught.value.exceptions
     assert isinstance(error, TrainingError)
-    assert "2 iterations in a row" in str(error)
+    assert "2 iterations in a row had nothing to train on: no step had an advantage" in str(error)
     assert done(world) == []
     assert TrainingFolder(tmp_path).is_past(2, Stage.COLLECT)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -144,6 +145,25 @@ def test_a_token_is_clipped_and_weighted(
     advantage: float, ratio: float, weight: float, loss: float, slope: float
 ) -> None:
     assert one_token(advantage, ratio=ratio, weight=weight) == pytest.approx((loss, slope), abs=1e-5)
+
+
+@pytest.mark.parametrize("behaviour", [-100.0, -9999.0, -math.inf])
+def test_a_token_that_its_sampler_thought_impossible_is_dropped(behaviour: float) -> None:
+    new = torch.tensor([-1.0, -2.0], requires_grad=True)
+    tokens = Tokens(
+        new, torch.tensor([0.1, 0.1]), torch.tensor([behaviour, -2.0]), torch.tensor([-1.0, -2.0])
+    )
+    GroupIS().loss(tokens).tokens.sum().backward()
+    assert new.grad is not None
+    assert new.grad.tolist() == pytest.approx([0.0, -0.1])
+
+
+def test_a_token_that_became_infinitely_likelier_has_a_finite_gradient() -> None:
+    new = torch.tensor([0.0, 0.0], requires_grad=True)
+    old = torch.tensor([-200.0, -200.0])
+    GroupIS().loss(Tokens(new, torch.tensor([-0.1, 0.1]), old, old)).tokens.sum().backward()
+    assert new.grad is not None
+    assert new.grad.tolist() == [0.0, 0.0]
 
 
 def test_the_advantage_does_not_depend_on_how_long_a_trajectory_was() -> None:

@@ -208,6 +208,8 @@ def test_the_whole_conversation_by_the_template_is_prompt_and_reply(thinking: Re
         Reply("click", "p", sampling={"stop": ["</tool_call>"]}),
         Reply("", "p", reasoning="thought, and maybe closed it"),
         Reply("", "p", "length"),
+        Reply("click", "p", sampling={"chat_template_kwargs": {"enable_thinking": False}}),
+        Reply("click", "p", sampling={"tools": [{"type": "function"}]}),
     ],
 )
 def test_what_cannot_be_known_is_not_guessed(thinking: Renderer, reply: Reply) -> None:
@@ -245,11 +247,22 @@ def test_importance_weights_need_logprobs_of_the_full_distribution(instruct: Ren
         {"repetition_penalty": 1.1},
         {"presence_penalty": -0.5},
         {"logit_bias": {"7": 1}},
+        {"structured_outputs": {"regex": "a|b"}},
+        {"min_tokens": 20},
+        {"ignore_eos": True},
+        {"a_parameter_of_tomorrow": 0.5},
     ):
         reply = stored(instruct, "click", sampling=sampling)
         assert dropped(instruct, reply, off_policy=True) == "altered_sampling"
         assert made(instruct, reply)
-    full = {"top_k": -1, "top_p": 1.0, "temperature": 0.7, "repetition_penalty": 1.0, "min_p": None}
+    full: dict[str, object] = {
+        "top_k": -1,
+        "top_p": 1.0,
+        "temperature": 0.7,
+        "repetition_penalty": 1.0,
+        "min_p": None,
+    }
+    full |= {"typical_p": 1.0, "bad_words": [], "seed": 3, "chat_template_kwargs": {"enable_thinking": False}}
     assert made(instruct, stored(instruct, "click", sampling=full), off_policy=True).temperature == 0.7
 
 

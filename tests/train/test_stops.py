@@ -235,6 +235,8 @@ def test_what_cannot_be_trained_is_refused_before_browsers_start(
         learn={"model": str(model), "update": {"learning_rat": 1}}
     )
     assert "unknown objective 'ppo'" in refused(learn={"model": str(model), "objective": {"name": "ppo"}})
+    alone = refused(learn={"model": str(model), "objective": {"name": "group_is"}})
+    assert "rollout.samples is 1" in alone
     (tmp_path / "none").mkdir()
     assert "tasks.jsonl" in refused(rollout={"tasks": {"file": str(tmp_path / "none" / "tasks.jsonl")}})
 

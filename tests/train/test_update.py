@@ -24,6 +24,7 @@ from webgym.inference.model import load_model
 from webgym.train import zero
 from webgym.train.config import ReplayConfig, UpdateConfig
 from webgym.train.folder import TrainingFolder
+from webgym.train.learner import Learner
 from webgym.train.logprobs import ReplyLogProbs, collate
 from webgym.train.loop import TrainConfig
 from webgym.train.objectives import FilteredBC
@@ -249,6 +250,19 @@ def test_from_a_run_folder_to_better_weights(model: Path, tmp_path: Path) -> Non
         with torch.no_grad():
             likely.append(float(ReplyLogProbs(load_model(folder).model, 100)(batch).mean()))
     assert likely[1] > likely[0] + 0.5
+
+
+def test_steps_of_attempts_that_were_set_aside_after_the_draw_are_counted(
+    model: Path, tmp_path: Path
+) -> None:
+    config, folder = learning(model), TrainingFolder(tmp_path)
+    attempts = [trajectory(number, reply=Reply("click", "p")) for number in range(2)]
+    replay = Replay(config.replay, BC)
+    replay.add(1, Made(attempts))
+    folder.iteration(1).mkdir(parents=True)
+    Made(attempts[:1]).write(folder.run(1))
+    told = Learner(config, BC).learn(1, replay.draw(), folder)
+    assert (told["samples"], told["dropped"]) == (3, {"gone": 3})
 
 
 def test_what_does_not_fit_is_one_line(model: Path, tmp_path: Path) -> None:

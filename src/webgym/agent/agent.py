@@ -20,7 +20,7 @@ from webgym.core.action import Mode, Space
 from webgym.core.errors import PolicyBadReply, PolicyError
 from webgym.core.observation import Observation
 from webgym.core.task import Task
-from webgym.core.trajectory import ENDED_BY_ENDPOINT, Reply, Revision, Step
+from webgym.core.trajectory import Reply, Revision, Step, ended_by
 
 
 class AgentTraits(NamedTuple):
@@ -177,16 +177,17 @@ class Dialogue:
         """
         assert self._pending is not None, "request comes first"
         pending, turn = self._pending, self._pending.turn
-        if reply.finish_reason.casefold() in ENDED_BY_ENDPOINT:
-            raise PolicyBadReply(
-                f"the endpoint ended the reply of {reply.policy}: finish_reason {reply.finish_reason!r}",
-                hint="look at the endpoint's log, or its content filter",
-            )
         try:
             reply.text.encode()
         except UnicodeEncodeError as error:
             raise PolicyBadReply(f"{reply.policy} replied with text that is not valid Unicode") from error
         parsed = self._parse(reply, turn)
+        ended = ended_by(reply.finish_reason)
+        if ended in ("engine", "filter") or (ended == "unknown" and isinstance(parsed, ParseError)):
+            raise PolicyBadReply(
+                f"the endpoint ended the reply of {reply.policy}: finish_reason {reply.finish_reason!r}",
+                hint="look at the endpoint's log, or its content filter",
+            )
         revision = self._remember(parsed, pending.unseen)
         if revision:
             self.revisions[turn.index] = revision
@@ -265,13 +266,19 @@ class Conversation(Dialogue):
         """Get the policy's next step for this observation: :meth:`request`, the reply, :meth:`receive`.
 
         Raises:
-            PolicyError: the policy gave no reply. The conversation is as it was before the call, so the same
-                observation may be tried again.
+            PolicyError: the policy gave no reply, or none that counts as its own. The conversation is
+                as it was before the call, so the same observation may be tried again.
         """
         turn = await self.request(observation, image)
-        with _policy_errors(self._name):
-            reply = await self._session.reply(turn)
-        return self.receive(reply, at)
+        for is_last in (False, True):
+            with _policy_errors(self._name):
+                reply = await self._session.reply(turn)
+            try:
+                return self.receive(reply, at)
+            except PolicyBadReply:
+                if is_last or ended_by(reply.finish_reason) != "unknown":
+                    raise
+        raise AssertionError("the last reply is returned or raises")
 
 
 def _with_effect(rounds: list[Round], observation: Observation) -> list[Round]:

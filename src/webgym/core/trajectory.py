@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any, Final, Literal, TypeAlias
 
 import msgspec
 
@@ -41,10 +41,29 @@ class Message(msgspec.Struct, frozen=True):
     content: tuple[TextPart | ImageRef, ...]
 
 
-ENDED_BY_ENGINE: Final = frozenset({"abort", "cancelled", "error"})
-"""Finish reasons of replies that the endpoint's engine ended: a fault of the endpoint, and it may pass."""
-ENDED_BY_ENDPOINT: Final = ENDED_BY_ENGINE | {"content_filter"}
-"""Finish reasons of replies that are not the model's own: how well it acts cannot be seen in them."""
+EndedBy: TypeAlias = Literal["model", "engine", "filter", "unknown"]
+_ENDED_BY: Final[dict[EndedBy, tuple[str, ...]]] = {
+    "model": (
+        *("", "stop", "eos", "eos_token", "stop_sequence", "end_turn", "tool_calls", "function_call"),
+        *("length", "max_tokens", "max_output_tokens", "model_length"),
+    ),
+    "engine": (
+        *("abort", "aborted", "cancelled", "canceled", "error", "failed"),
+        *("insufficient_system_resource", "engine_overloaded"),
+    ),
+    "filter": ("content_filter", "safety", "recitation", "prohibited_content", "blocklist", "spii"),
+}
+
+
+def ended_by(finish_reason: str) -> EndedBy:
+    """What ended a reply, in any case of letters and whatever detail follows a colon.
+
+    A reply is the model's own if it ended it itself or at the token limit. One that the endpoint's engine or
+    filter ended is the endpoint's fault, and the engine's may pass. Under an unknown word, a reply that can
+    be read is the model's, and any other is the endpoint's.
+    """
+    word = finish_reason.partition(":")[0].strip().casefold()
+    return next((ended for ended, words in _ENDED_BY.items() if word in words), "unknown")
 
 
 class Reply(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -73,6 +92,15 @@ class Reply(msgspec.Struct, frozen=True, omit_defaults=True):
     reasoning: str = ""
     tokens: ReplyTokens | None = None
     weight_version: str = ""
+
+    @property
+    def whole(self) -> str:
+        """The text after the reasoning, as chat templates write them and models sample them."""
+        if not self.reasoning:
+            return self.text
+        if self.reasoning.endswith("\n") or self.text.startswith("\n"):  # split without stripping
+            return f"<think>\n{self.reasoning}</think>{self.text}"
+        return f"<think>\n{self.reasoning}\n</think>\n\n{self.text}"
 
 
 class Revision(msgspec.Struct, frozen=True, omit_defaults=True):

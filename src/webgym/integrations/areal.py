@@ -20,6 +20,7 @@ import torch
 from areal.api.cli_args import GenerationHyperparameters
 from areal.api.io_struct import ModelRequest
 from areal.api.workflow_api import RolloutWorkflow
+from areal.infra import workflow_context
 from areal.utils.data import concat_padded_tensors
 
 from webgym import EnvironmentPool, Renderer, Sampled, TokenRequest, TokenRollout, TokenRow, roll_out
@@ -87,6 +88,7 @@ class WebGymWorkflow(RolloutWorkflow):
                 finish_reason="length" if response.stop_reason == "length" else "stop",
                 weight_version=str(min(response.output_versions, default="")),
                 prompt_ids=response.input_tokens,
+                sampling=_sampling(self.gconfig),
             )
 
         async with self.pool.environment() as env:
@@ -96,7 +98,7 @@ class WebGymWorkflow(RolloutWorkflow):
                 self.renderer,
                 task_id=data["task_id"],
                 cutoff_tokens=self.cutoff_tokens,
-                needs_logprobs=True,
+                needs_logprobs=not workflow_context.get().is_eval,
             )
         for reason, count in rollout.dropped.items():
             self.dropped[reason] = self.dropped.get(reason, 0) + count
@@ -125,6 +127,14 @@ class WebGymWorkflow(RolloutWorkflow):
             "rewards": torch.tensor([reward]),
             "multi_modal_input": [pictures],
         }
+
+
+def _sampling(gconfig: GenerationHyperparameters) -> dict[str, Any]:
+    names = ("top_p", "frequency_penalty", "min_new_tokens", "ignore_eos", "use_beam_search")
+    return {name: getattr(gconfig, name) for name in names} | {
+        "temperature": 0.0 if gconfig.greedy else gconfig.temperature,
+        "top_k": gconfig.top_k if gconfig.top_k < 10**8 else -1,  # AReaL's default is 10**8
+    }
 
 
 def _chat(request: TokenRequest) -> list[dict[str, Any]]:

@@ -31,7 +31,7 @@ from inspect_ai.model import (
 from inspect_ai.scorer import Metric, SampleScore, Score, Scorer, Target, metric, scorer
 from inspect_ai.solver import Generate, Solver, TaskState, solver
 
-from webgym import EnvironmentPool, UsageError, WebGymError, task_rows
+from webgym import EnvironmentPool, Reply, UsageError, WebGymError, task_rows
 
 _KEY: Final = "webgym"
 _pools: dict[str, EnvironmentPool] = {}
@@ -96,7 +96,8 @@ def web_agent(pool: str) -> Solver:
                 messages = _messages(info)
                 state.output = await get_model().generate(messages)
                 state.messages = [*messages, state.output.message]
-                _, reward, _, _, info = await env.step(state.output.completion)
+                reply = Reply(state.output.completion, "external", finish_reason=state.output.stop_reason)
+                _, reward, _, _, info = await env.step(reply)
         failure = info["failure"]
         result = {
             "outcome": str(info["outcome"]),

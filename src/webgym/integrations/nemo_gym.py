@@ -25,7 +25,7 @@ from nemo_gym.openai_utils import NeMoGymResponse, NeMoGymResponseCreateParamsNo
 from nemo_gym.server_utils import get_response_json, raise_for_status
 from pydantic import ConfigDict, PrivateAttr
 
-from webgym import EnvironmentPool, UsageError, WebGymError, task_rows
+from webgym import EnvironmentPool, Reply, UsageError, WebGymError, task_rows
 
 
 class WebGymAgentConfig(BaseResponsesAPIAgentConfig):
@@ -111,7 +111,9 @@ class WebGymAgent(SimpleResponsesAPIAgent):
                 return _response(body, replies, math.nan, error.message, fields)
             while not info["is_over"]:
                 replies.append(await self._ask(body, info))
-                _, reward, _, _, info = await env.step(_text(replies[-1]))
+                _, reward, _, _, info = await env.step(
+                    Reply(_text(replies[-1]), "external", finish_reason=_finish_reason(replies[-1]))
+                )
         why = info["failure"]["message"] if info["failure"] else "the website blocked the agent"
         fields = {"task_id": body.task_id, "outcome": str(info["outcome"]), "steps": info["step"]}
         return _response(body, replies, reward, why, fields)
@@ -144,6 +146,12 @@ def _response(
     combined["output"] = [item.model_dump() for reply in replies for item in reply.output]
     params = body.responses_create_params
     return WebGymRunResponse(responses_create_params=params, response=combined, reward=reward, **fields)
+
+
+def _finish_reason(reply: NeMoGymResponse) -> str:
+    if reply.incomplete_details is not None and reply.incomplete_details.reason:
+        return reply.incomplete_details.reason
+    return "stop" if reply.status in (None, "completed") else reply.status
 
 
 def _text(reply: NeMoGymResponse) -> str:

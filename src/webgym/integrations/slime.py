@@ -49,7 +49,7 @@ def the_renderer(args: Any) -> Renderer:
     return _renderers[path]
 
 
-async def generate(args: Any, sample: Any, sampling_params: dict[str, Any]) -> Any:
+async def generate(args: Any, sample: Any, sampling_params: dict[str, Any], evaluation: bool = False) -> Any:
     """Play one episode of ``sample.metadata["task_id"]``.
 
     Args:
@@ -57,6 +57,7 @@ async def generate(args: Any, sample: Any, sampling_params: dict[str, Any]) -> A
             ``rollout_max_context_len``.
         sample: the prompt's sample.
         sampling_params: sampling parameters of SGLang.
+        evaluation: nothing is trained on, so that any parameters will do.
 
     Returns:
         A list with a sample for each step, or the prompt's sample marked for removal.
@@ -86,6 +87,7 @@ async def generate(args: Any, sample: Any, sampling_params: dict[str, Any]) -> A
                 [pair[0] for pair in pairs],
                 finish_reason=ended if ended in ("length", "abort") else "stop",
                 weight_version=str(meta.get("weight_version", "")),
+                sampling=dict(sampling_params),
             )
 
         async with the_pool().environment() as env:
@@ -95,7 +97,7 @@ async def generate(args: Any, sample: Any, sampling_params: dict[str, Any]) -> A
                 renderer,
                 task_id=sample.metadata["task_id"],
                 cutoff_tokens=getattr(args, "rollout_max_context_len", None) or 16384,
-                needs_logprobs=True,
+                needs_logprobs=not evaluation,
             )
     return samples_of(sample, rollout, renderer)
 

@@ -10,7 +10,8 @@
 
 The seven actions are tools, and each returns the next screenshot. TRL keeps one growing conversation per
 episode. The reward of an episode without one is ``None``, which TRL leaves out of the group's mean and gives
-no advantage. A model that stops calling tools or runs out of tokens before it answers has failed: reward 0.
+no advantage. A model that stops calling tools or runs out of tokens before it answers has failed: reward 0,
+unless the judge finds that the website blocked it.
 """
 
 from __future__ import annotations
@@ -99,9 +100,9 @@ class BrowserTools:
         """1.0 or 0.0 from the judge; ``None`` for an episode without a reward."""
         if not self._is_over:  # the model stopped calling tools, or ran out of tokens
             assert self._env is not None
-            self._browsers.loop.run(self._env.abandon())
-            self._is_over, self._reward, self._final_text = True, 0.0, "The episode was not answered."
+            self._is_over, self._reward, self._final_text = True, None, "The episode was not answered."
             self._browsers.unanswered += 1
+            self._reward = _number(self._browsers.loop.run(self._env.finish())[1])
         return self._reward
 
     # --- tools --------------------------------------------------------------------------------------------
@@ -210,7 +211,7 @@ class BrowserTools:
         if not (terminated or truncated):
             return _content(view)
         self._is_over = True
-        self._reward = None if math.isnan(reward) else reward
+        self._reward = _number(reward)
         self._final_text = "The episode is over."
         return [{"type": "text", "text": self._final_text}]
 
@@ -276,6 +277,10 @@ async def _close_all(made: Iterable[BrowserTools], pool: EnvironmentPool) -> Non
     for tools in list(made):
         await tools._stack.aclose()
     await pool.close()
+
+
+def _number(reward: float) -> float | None:
+    return None if math.isnan(reward) else reward
 
 
 def _content(view: View) -> Content:

@@ -24,7 +24,7 @@ import verifiers.v1 as vf
 from openai import AsyncOpenAI
 from pydantic import Field
 
-from webgym import EnvironmentPool, RunConfig, UsageError, WebGymError, task_rows
+from webgym import EnvironmentPool, Reply, RunConfig, UsageError, WebGymError, task_rows
 
 __all__ = ["WebGymEnv", "WebGymHarness", "WebGymTaskset"]
 
@@ -196,7 +196,11 @@ class WebGymEnv(vf.Env[WebGymEnvConfig]):
                     error = interaction.trace.last_error
                     why = error.message if error else interaction.trace.stop_condition
                     raise NoReward(f"verifiers ended the episode after {info['step']} steps: {why}")
-                _, reward, _, _, info = await env.step(segment.last_reply)
+                # verifiers has no word for a reply that neither the model nor its token limit ended.
+                ended = interaction.trace.calls[-1].finish_reason or "unknown"
+                _, reward, _, _, info = await env.step(
+                    Reply(segment.last_reply, "external", finish_reason=ended)
+                )
             if math.isnan(reward):
                 failure = info["failure"]
                 why = f": {failure['message']}" if failure else ""

@@ -96,8 +96,14 @@ class WebGymAgentLoop(AgentLoopBase):
                 reply.log_probs,
                 finish_reason="abort" if reply.stop_reason in _ABORTED else "stop" if has_ended else "length",
                 weight_version="" if version is None else str(version),
+                sampling=dict(sampling_params),
             )
 
+        # A validation, or a greedy baseline, has other parameters; nothing is trained on it.
+        trains = all(
+            sampling_params.get(name) == self.rollout_config.get(name)
+            for name in ("temperature", "top_p", "top_k")
+        )
         task_id = kwargs.get("task_id") or kwargs.get("extra_info", {}).get("task_id")
         async with self._pool.environment() as env:
             rollout = await roll_out(
@@ -106,7 +112,7 @@ class WebGymAgentLoop(AgentLoopBase):
                 self._renderer,
                 task_id=task_id,
                 cutoff_tokens=self.rollout_config.prompt_length + self.rollout_config.response_length,
-                needs_logprobs=bool(sampling_params.get("logprobs")),
+                needs_logprobs=trains and bool(sampling_params.get("logprobs")),
             )
         if rollout.dropped:
             dropped.update(rollout.dropped)

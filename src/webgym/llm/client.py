@@ -17,7 +17,7 @@ import httpx
 from pydantic import SecretStr
 
 from webgym.core.errors import ConfigError, LLMBadReply, LLMError, LLMTimeout, LLMUnreachable
-from webgym.core.trajectory import ENDED_BY_ENGINE
+from webgym.core.trajectory import ended_by
 from webgym.llm.adaptive import ConcurrencyLimiter, RequestPermit
 from webgym.llm.cache import CachedReply, NewReply, ReplyCache
 from webgym.llm.completion import (
@@ -297,7 +297,7 @@ class ChatClient:
             progress.remaining_seconds -= time.monotonic() - started
         reply = CachedReply(data, time.monotonic() - started)
         completion = self._read(reply, cached=False)
-        if completion.finish_reason.casefold() in ENDED_BY_ENGINE:
+        if ended_by(completion.finish_reason) == "engine":
             problem = f"{self._where()} broke off its reply: finish_reason {completion.finish_reason!r}"
             raise _TemporaryFailure(LLMBadReply(problem, hint="the endpoint's own log says more"))
         permit.answered(reply.seconds / (_READING_TOKENS + completion.completion_tokens))

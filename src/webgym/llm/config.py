@@ -13,25 +13,27 @@ _RESERVED_FIELDS: Final = frozenset({"messages", "model", "stream", "n"})
 """Fields that the client sets itself; ``extra_body`` must not change them."""
 
 
-_NEUTRAL: Final[dict[str, tuple[float, ...]]] = {
-    "top_p": (0, 1),  # 0 means that the parameter is missing
-    "top_k": (0, -1),
-    "min_p": (0,),
-    "presence_penalty": (0,),
-    "frequency_penalty": (0,),
-    "repetition_penalty": (0, 1),
-}
-"""Values of sampling parameters that do not alter the model's distribution."""
+_NEUTRAL: Final[dict[str, float]] = {"top_p": 1, "top_k": -1, "typical_p": 1, "repetition_penalty": 1}
+"""Values of sampling parameters that do not alter the model's distribution; 0 and empty values never do."""
+_HARMLESS: Final = frozenset(
+    "temperature max_tokens max_completion_tokens max_new_tokens seed sampling_seed stop stop_token_ids "
+    "no_stop_trim include_stop_str_in_output skip_special_tokens spaces_between_special_tokens logprobs "
+    "top_logprobs return_token_ids chat_template chat_template_kwargs user metadata store priority".split()
+)
+"""Fields that leave the distribution of a token after its prompt as it is, apart from the temperature."""
 
 
 def altering(sampling: Mapping[str, Any]) -> list[str]:
-    """The parameters that alter the model's distribution, apart from the temperature.
+    """The parameters that alter the model's distribution, or may do so, apart from the temperature.
 
     Args:
         sampling: fields of a request, as :meth:`Sampling.body` returns them.
     """
-    names = [name for name, neutral in _NEUTRAL.items() if (sampling.get(name) or 0) not in neutral]
-    return names + (["logit_bias"] if sampling.get("logit_bias") else [])
+    return [
+        name
+        for name, value in sampling.items()
+        if value and name not in _HARMLESS and value != _NEUTRAL.get(name)
+    ]
 
 
 class Sampling(Settings):

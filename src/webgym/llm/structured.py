@@ -9,6 +9,7 @@ from typing import Any, Final, TypeVar
 import msgspec
 
 from webgym.core.errors import LLMUnusable
+from webgym.core.trajectory import ended_by
 from webgym.llm.client import EndpointRefused
 from webgym.llm.completion import Completes, Completion, first_line
 from webgym.llm.config import Sampling
@@ -93,7 +94,7 @@ def read_value(completion: Completion, type: type[T]) -> T:
     Raises:
         Refused: the reply does not contain a valid value.
     """
-    if completion.refusal or completion.finish_reason == "content_filter":
+    if completion.refusal or ended_by(completion.finish_reason) == "filter":
         raise Refused("it is a refusal, not the JSON that was asked for.")
     if completion.finish_reason == "length":
         raise Refused("it was cut off before its end. Be briefer.")

@@ -190,14 +190,14 @@ class _Exporter:
             messages = [{"role": message.role, "content": _flat(message)} for message in step.messages]
             refs = _refs(step.messages)
             # A placeholder in the text of a page would shift all later pictures.
-            texts = [*(message["content"] for message in messages), step.reply.text]
-            placeholders = sum(text.count(_IMAGE) for text in texts)
-            if step.action is None or placeholders != len(refs):
+            texts = "\n".join([*(message["content"] for message in messages), step.reply.whole])
+            others = any(placeholder in texts for placeholder in ("<video>", "<audio>"))
+            if step.action is None or texts.count(_IMAGE) != len(refs) or others:
                 self.done.unusable += 1
                 continue
             self.done.steps += 1
             yield {
-                "messages": [*messages, {"role": "assistant", "content": step.reply.text}],
+                "messages": [*messages, {"role": "assistant", "content": step.reply.whole}],
                 "images": [self._picture_path(ref) for ref in refs],
             }
 

@@ -46,6 +46,9 @@ class Learner:
         )
         samples = samples_of(draw, folder, maker)
         dropped: Counter[str] = Counter(maker.dropped)
+        # Of attempts that were set aside after the draw, as those of a corrupt file are.
+        if gone := len(draw.steps) - len(samples) - dropped.total():
+            dropped["gone"] = gone
         if not samples:
             raise TrainingError(
                 f"all {len(draw.steps)} steps were dropped: {dict(dropped)}",

@@ -392,7 +392,8 @@ class Training:
         self.folder.finish(number, Stage.UPDATE, figures)
         if self._empty_iterations >= self.config.loop.give_up_after:
             raise TrainingError(
-                f"{self._empty_iterations} iterations in a row had nothing to train on: no attempt succeeded",
+                f"{self._empty_iterations} iterations in a row had nothing to train on: "
+                "no step had an advantage",
                 hint="start with easier tasks or a better model; what was collected is kept",
             )
 

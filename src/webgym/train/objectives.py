@@ -14,6 +14,7 @@ and divides by their number, however they are distributed over processes and mic
 from __future__ import annotations
 
 import importlib
+import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -26,6 +27,9 @@ from pydantic import Field, ValidationError
 from webgym.core.errors import ConfigError
 from webgym.settings import Settings, first_problem
 from webgym.train.config import ObjectiveConfig
+
+_LARGEST_LOG: Final = 20.0
+"""Largest logarithm of a ratio of probabilities; a ratio is clipped far below."""
 
 
 class Attempt(msgspec.Struct, frozen=True):
@@ -167,17 +171,20 @@ class GroupIS(Settings):
         assert tokens.behaviour is not None
         assert tokens.proximal is not None
         advantage = tokens.advantage
-        ratio = torch.exp(tokens.new - tokens.proximal)
+        # Bounded, because the gradient of an infinite number times 0 is not a number.
+        ratio = torch.exp((tokens.new - tokens.proximal).clamp(max=_LARGEST_LOG))
         clipped = ratio.clamp(1 - self.clip, 1 + self.clip)
         surrogate = torch.maximum(-advantage * ratio, -advantage * clipped)
         bounded = torch.minimum(surrogate, self.dual_clip * advantage.abs())
-        weight = torch.exp(tokens.proximal - tokens.behaviour)
-        usable = weight <= self.largest_weight
+        log_weight = tokens.proximal - tokens.behaviour
+        largest = math.log(self.largest_weight)
+        usable = log_weight <= largest
+        weight = torch.exp(log_weight.clamp(max=largest))
         with torch.no_grad():
             sums = {
                 "clipped": (surrogate > -advantage * ratio).float().sum(),
                 "dropped": (~usable).float().sum(),
-                "importance_weight": weight.clamp(max=self.largest_weight).sum(),
+                "importance_weight": weight.sum(),
                 "ratio": ratio.sum(),
             }
         return Loss(torch.where(usable, bounded * weight, 0.0), sums)

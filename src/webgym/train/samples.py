@@ -6,8 +6,8 @@ Otherwise the request is rendered from its messages and the stored reply is toke
 
 - reasoning that the endpoint had split off is put back, in the chat template's form;
 - a reply that the model ended gets the end token; one that was cut off at the token limit gets none;
-- if the sampled tokens cannot be known (a stop string was removed, a tool call was parsed), the step is
-  dropped.
+- if the tokens cannot be known (a stop string was removed, a tool call was parsed, the request had parameters
+  of the chat template), the step is dropped.
 
 A step that is longer than the limit is dropped, not truncated. All drops are counted by reason.
 """
@@ -35,7 +35,7 @@ DropReason: TypeAlias = Literal[
     "image_tokens",  # stored ids whose image tokens do not match the pictures
     "reply_text",  # stored ids that do not decode to the stored reply
     "reply_end",  # stored ids whose end contradicts the finish reason
-    "not_rebuilt",  # no stored ids, and the sampled ones cannot be known
+    "not_rebuilt",  # no stored ids, and those read or sampled cannot be known
     "image_in_reply",  # an image token in the reply, without a picture
     "no_logprobs",  # the endpoint reported no log-probabilities, which the objective needs
     "altered_sampling",  # top-k, a penalty, ...: the log-probabilities are not the model's
@@ -164,6 +164,8 @@ class SampleMaker:
         raise UntrainableStep("image_tokens")
 
     def _rendered_prompt(self, step: Step) -> list[int]:
+        if any(map(step.reply.sampling.get, ("chat_template_kwargs", "chat_template", "tools"))):
+            raise UntrainableStep("not_rebuilt")
         try:
             return self._renderer.prompt_ids(step.messages)
         except PolicyError as error:
@@ -210,9 +212,7 @@ def _with_reasoning(reply: Reply, *, opened: bool, finished: bool) -> str:
         if finished:  # endpoints do not report whether the thinking was closed
             raise UntrainableStep("not_rebuilt")
         return start + reply.reasoning
-    if reply.reasoning.endswith("\n") or reply.text.startswith("\n"):  # split without stripping
-        return f"{start}{reply.reasoning}{THINK_END}{reply.text}"
-    return f"{start}{reply.reasoning}\n{THINK_END}\n\n{reply.text}"
+    return start + reply.whole.removeprefix(f"{THINK_START}\n")
 
 
 def _reads_as(reply: Reply, decoded: str) -> bool:

@@ -11,7 +11,7 @@ from pathlib import Path
 import yaml
 
 from webgym.agent.profiles import choose_profile
-from webgym.core.errors import RunFolderError
+from webgym.core.errors import ConfigError, RunFolderError
 from webgym.inference.local import LocalConfig
 from webgym.inference.model import load_renderer
 from webgym.judge.factory import check_judge, refuse_unjudgeable
@@ -24,7 +24,7 @@ from webgym.task_choice import all_tasks
 from webgym.train.folder import TrainingFolder
 from webgym.train.learner import Learner
 from webgym.train.loop import Show, Tell, TrainConfig, Training
-from webgym.train.objectives import make_objective
+from webgym.train.objectives import GroupIS, make_objective
 from webgym.train.replay import Replay
 from webgym.train.serving import LocalServing, Serving
 from webgym.train.vllm_serving import VllmServing
@@ -58,6 +58,11 @@ async def open_training(
         folder.refuse_used()
     tasks = all_tasks(config.rollout, tell)
     objective = make_objective(config.learn.objective)
+    if isinstance(objective, GroupIS) and config.rollout.samples == 1:
+        raise ConfigError(
+            "group_is compares attempts at the same task, and rollout.samples is 1",
+            hint="set rollout.samples to 2 or more; configs/train/group-is.yaml has 8",
+        )
     serving = make_serving(config, folder)
     # Stored in resolved form, so that defaults of unset settings cannot change when it is resumed.
     config = config.model_copy(update={"rollout": resolved(config.rollout, serving.policy, tell)})

@@ -371,7 +371,8 @@ LABELS = """
   const texts = [...root.querySelectorAll('text')];
   const widths = new Map(texts.map((text) => [text.textContent, text.getBoundingClientRect().width]));
   return labels.map(({ number, colour, left, top, right, bottom }) => ({
-    box: [left, top, right, bottom], text: String(number), spare: right - left - widths.get(String(number)), colour,
+    box: [left, top, right, bottom], text: String(number), colour,
+    spare: right - left - widths.get(String(number)),
   }));
 })()
 """

@@ -65,6 +65,7 @@ class _InFlight(msgspec.Struct):
         has_answer: whether the response's headers have arrived. Its body does not end while the page does not
             read it, as with responses to reports.
         is_synchronous: whether it is a request for which the page's script waits.
+        is_acted: whether it began after an action on this document, until it exceeds its limit.
     """
 
     since: float
@@ -74,6 +75,7 @@ class _InFlight(msgspec.Struct):
     is_request: bool = True
     has_answer: bool = False
     is_synchronous: bool = False
+    is_acted: bool = False
 
     def until(self, patience: float) -> float:
         return self.since + (max(self.seconds, patience) if self.is_patient else self.seconds)
@@ -83,7 +85,9 @@ class Traffic:
     """Tracks what one tab is loading, from the browser's events.
 
     What exceeds its time limit is a long poll, a stream, or too slow. The next request to the same address,
-    or the next message on the same channel, is then not awaited at all, until one is answered in time.
+    or the next message on the same channel, is then not awaited at all, until one is answered in time. What
+    begins after an action is learned apart from what the page begins by itself: an application may have one
+    address for everything.
 
     Args:
         session: the tab's session.
@@ -100,6 +104,10 @@ class Traffic:
         self._in_flight: dict[str, _InFlight] = {}
         self._too_slow: set[str] = set()
         """Endpoints that did not answer in time at the last request."""
+        self._too_slow_acted: set[str] = set()
+        """The same, of requests after an action."""
+        self._is_acting = False
+        """Whether the document is the one that was acted on, and the wait after the action has not ended."""
         self._unread: set[str] = set()
         """Endpoints whose responses did not end in time: only their headers are awaited."""
         self._request_counts: Counter[str] = Counter()
@@ -147,15 +155,16 @@ class Traffic:
         is_patient: bool = False,
         is_request: bool = True,
         is_synchronous: bool = False,
+        is_acted: bool = False,
     ) -> None:
         """Record that something is in flight.
 
         Args:
             key: identifies it, for :meth:`end`.
             seconds: time limit of the wait for it.
-            endpoint, is_patient, is_request, is_synchronous: see :class:`_InFlight`.
+            endpoint, is_patient, is_request, is_synchronous, is_acted: see :class:`_InFlight`.
         """
-        limit = 0.0 if endpoint in self._too_slow else seconds
+        limit = self._limit(endpoint, seconds, is_acted=is_acted)
         self._in_flight[key] = _InFlight(
             self._clock(),
             limit,
@@ -163,22 +172,39 @@ class Traffic:
             is_patient and limit > 0,
             is_request,
             is_synchronous=is_synchronous,
+            is_acted=is_acted,
         )
         self._changed.set()
+
+    def _limit(self, endpoint: str, seconds: float, *, is_acted: bool) -> float:
+        """The time limit, given what was learned about the endpoint."""
+        if endpoint in (self._too_slow_acted if is_acted else self._too_slow):
+            return 0.0
+        if endpoint not in self._too_slow:
+            return seconds
+        now = self._clock()
+        is_another = any(it.endpoint == endpoint and it.until(0.0) <= now for it in self._in_flight.values())
+        return seconds if is_another else min(seconds, self._config.minor_seconds)  # or the page asks again
 
     def end(self, key: str) -> None:
         """Record that something is no longer in flight."""
         ended = self._in_flight.pop(key, None)
         if ended is None:
             return
-        if ended.endpoint in self._too_slow and self._clock() - ended.since < self._config.minor_seconds:
+        if self._clock() - ended.since < self._config.minor_seconds:
             self._too_slow.discard(ended.endpoint)
+            self._too_slow_acted.discard(ended.endpoint)
         self._changed.set()
 
     def clear(self) -> None:
         """Forget everything in flight: the renderer is gone."""
         self._in_flight.clear()
         self._changed.set()
+
+    def begin_action(self) -> None:
+        """Start an action: what the document asks for until the end of the wait may be for it."""
+        self.started.clear()
+        self._is_acting = True
 
     def pass_over(self, seconds: float) -> None:
         """Do not count the last ``seconds``, during which the page was stopped."""
@@ -191,7 +217,7 @@ class Traffic:
         Args:
             all_of_it: whether to give up what has time left too.
         """
-        now = self._clock()
+        now, self._is_acting = self._clock(), False
         counts, self._request_counts, self._counted = self._request_counts, Counter(), {}
         if all_of_it:
             self._polled |= {address for address, count in counts.items() if count >= _POLLS}
@@ -200,6 +226,9 @@ class Traffic:
                 self._give_up(activity)
             if activity.endpoint and activity.until(0.0) <= now:
                 (self._unread if activity.has_answer else self._too_slow).add(activity.endpoint)
+                if activity.is_acted and not activity.has_answer:
+                    self._too_slow_acted.add(activity.endpoint)
+                activity.is_acted = False
 
     @staticmethod
     def _give_up(activity: _InFlight) -> None:
@@ -263,6 +292,7 @@ class Traffic:
             return
         self._site = _site(event.frame.url)
         self._polled.clear()
+        self._is_acting = False
         kept = {event.frame.id, event.frame.loader_id}
         self._in_flight = {key: activity for key, activity in self._in_flight.items() if key in kept}
         if self._main_frame in self._in_flight:
@@ -312,6 +342,7 @@ class Traffic:
             endpoint=f"{request.request.method} {request.request.url.partition('?')[0]}",
             is_patient=not (is_minor or is_foreign),
             is_synchronous=request.type == "XHR" and request.request.initial_priority == _SYNCHRONOUS,
+            is_acted=self._is_acting,
         )
 
     def _on_response(self, event: ResponseReceived) -> None:
@@ -335,7 +366,7 @@ class Traffic:
         """Extend the limit while a response's body arrives."""
         activity = self._in_flight.get(event.request_id)
         if activity is not None and activity.has_answer and activity.seconds:
-            more = self._clock() - activity.since + self._config.reply_seconds
+            more = self._clock() - activity.since + self._config.minor_seconds
             activity.seconds = max(activity.seconds, min(more, self._config.loading_seconds))
             self._changed.set()
 

@@ -1,0 +1,95 @@
+"""What an action asks for is waited for, whatever else the page asks for by itself."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+
+import pytest
+from starlette.requests import Request
+from starlette.responses import Response, StreamingResponse
+
+from webgym.browser.config import BrowserConfig
+from webgym.core.action import LeftClick, Target
+
+from .conftest import Open, Site, Tab
+
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
+
+NOWHERE = LeftClick(Target(coordinate=(990, 990)))
+
+
+@pytest.fixture
+def tab(new_tab: Tab) -> Tab:
+    """A new one: how long a page is waited for is told from a tab's beginning."""
+    return new_tab
+
+
+def reason(tab: Tab) -> str:
+    assert tab.last is not None
+    return tab.last.observation.settled
+
+
+def settle_ms(tab: Tab) -> float:
+    assert tab.last is not None
+    return tab.last.observation.milliseconds["settle"]
+
+
+_ONE_ADDRESS = """<p id=out>nothing</p><button onclick=ask()>Ask</button><script>
+const at = (body) => fetch('/graphql', { method: 'POST', body });
+const hear = async () => { for (let n = 0; ; n++) await at('news ' + n) };
+const ask = async () => { out.textContent = await (await at('question')).text() };
+hear();
+</script>"""
+
+
+async def test_what_is_asked_for_ever_hides_no_answer_from_its_address(site: Site, open_tab: Open) -> None:
+    news = asyncio.Event()
+    questions = 0
+
+    async def answer(request: Request) -> Response:
+        nonlocal questions, news
+        if (await request.body()).startswith(b"news"):
+            await news.wait()
+            return Response("news")
+        questions += 1
+        await asyncio.sleep(0.4)
+        return Response(f"answer {questions}")
+
+    site.on("/graphql", answer)
+    tab = await open_tab(config=BrowserConfig(long_poll_seconds=0.6, minor_seconds=0.5))
+    await tab.goto(site.page(_ONE_ADDRESS))
+    assert reason(tab) == "long_poll"
+    for number in range(1, 4):
+        await tab.step(LeftClick(tab.at("Ask")))
+        assert f"answer {number}" in tab.text
+        await tab.step(NOWHERE)
+        assert reason(tab) == "unchanged"
+    waits = []
+    for _ in range(3):  # news comes after the action, and is asked for again
+        await asyncio.sleep(0.6)
+        asyncio.get_running_loop().call_later(0.03, news.set)
+        asyncio.get_running_loop().call_later(0.06, news.clear)
+        await tab.step(NOWHERE)
+        waits.append(settle_ms(tab))
+    assert waits[2] < 400, waits
+
+
+async def test_an_answer_in_pieces_is_read_to_its_end(site: Site, tab: Tab) -> None:
+    async def answer(_: Request) -> Response:
+        async def pieces() -> AsyncIterator[str]:
+            for number in range(4):
+                await asyncio.sleep(1.3)
+                yield f"part {number} "
+
+        return StreamingResponse(pieces(), media_type="text/plain")
+
+    site.on("/answer", answer)
+    page = """<p id=out></p><button onclick=ask()>Ask</button><script>const ask = async () => {
+      const reader = (await fetch('/answer')).body.getReader();
+      for (let one; !(one = await reader.read()).done; ) out.append(new TextDecoder().decode(one.value));
+    }</script>"""
+    await tab.goto(site.page(page))
+    for _ in range(2):
+        await tab.step(LeftClick(tab.at("Ask")))
+        assert tab.text[0].endswith("part 3")

@@ -6,6 +6,8 @@ import asyncio
 from collections.abc import AsyncIterator
 
 import pytest
+import pytest_asyncio
+from benchmarks.settle.hardweb import HardSite
 from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
@@ -23,6 +25,12 @@ NOWHERE = LeftClick(Target(coordinate=(990, 990)))
 def tab(new_tab: Tab) -> Tab:
     """A new one: how long a page is waited for is told from a tab's beginning."""
     return new_tab
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="package")
+async def hard() -> AsyncIterator[HardSite]:
+    async with HardSite() as site:
+        yield site
 
 
 def reason(tab: Tab) -> str:
@@ -93,3 +101,41 @@ async def test_an_answer_in_pieces_is_read_to_its_end(site: Site, tab: Tab) -> N
     for _ in range(2):
         await tab.step(LeftClick(tab.at("Ask")))
         assert tab.text[0].endswith("part 3")
+
+
+@pytest.mark.parametrize(
+    ("how", "replies"), [("ms=1500", 1), ("ms=300&count=3", 3)], ids=["a late one", "several"]
+)
+async def test_answers_on_a_socket_are_waited_for(
+    how: str, replies: int, site: Site, hard: HardSite, tab: Tab
+) -> None:
+    page = f"""<p id=out></p><button onclick="socket.send('')">Ask</button><script>
+      const socket = new WebSocket('ws://127.0.0.1:{hard.port}/ws?{how}');
+      socket.onmessage = (e) => out.append(e.data + ' ');
+    </script>"""
+    await tab.goto(site.page(page))
+    for count in range(1, 4):
+        await tab.step(LeftClick(tab.at("Ask")))
+        assert tab.text[0] == " ".join(["reply"] * replies * count)
+
+
+async def test_a_socket_that_does_not_answer_is_known_again(site: Site, hard: HardSite, tab: Tab) -> None:
+    page = f"""<p>text</p><script>
+      const socket = new WebSocket('ws://127.0.0.1:{hard.port}/ws?ms=60000');
+      onclick = () => socket.send('');
+    </script>"""
+    await tab.goto(site.page(page))
+    for _ in range(2):
+        await tab.step(NOWHERE)
+    assert settle_ms(tab) < 400
+
+
+async def test_what_a_socket_sends_all_the_time_is_no_answer(site: Site, hard: HardSite, tab: Tab) -> None:
+    page = f"""<p>text</p><script>
+      const socket = new WebSocket('ws://127.0.0.1:{hard.port}/ws?ms=150&count=100');
+      onclick = () => socket.send('');
+    </script>"""
+    await tab.goto(site.page(page))
+    for _ in range(2):
+        await tab.step(NOWHERE)
+    assert settle_ms(tab) < 400

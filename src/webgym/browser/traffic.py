@@ -45,11 +45,29 @@ _BURST = 0.1
 """Seconds in which requests to an address count once: the tiles of a map differ only in digits, and are not
 polled."""
 
+_FOLLOW_SECONDS = 0.4
+"""How long after an answer on a WebSocket another message may belong to it."""
+
+_ALONE = 2
+"""After this many answers in a row that no other message followed, none is waited for."""
+
 _DIGITS = re.compile(r"\d+")
 
 
 class _DomContent(CdpMessage, frozen=True):
     pass
+
+
+class _Channel(msgspec.Struct):
+    """What was learned about the answers to messages on a WebSocket.
+
+    Attributes:
+        tries: how many more messages in a row may stay without an answer. One, if none was ever answered.
+        alone: number of answers in a row that no other message followed; -1 while one follows.
+    """
+
+    tries: int = 1
+    alone: int = 0
 
 
 class _InFlight(msgspec.Struct):
@@ -66,6 +84,7 @@ class _InFlight(msgspec.Struct):
             read it, as with responses to reports.
         is_synchronous: whether it is a request for which the page's script waits.
         is_acted: whether it began after an action on this document, until it exceeds its limit.
+        channel: where a message was sent, if it is one.
     """
 
     since: float
@@ -76,6 +95,7 @@ class _InFlight(msgspec.Struct):
     has_answer: bool = False
     is_synchronous: bool = False
     is_acted: bool = False
+    channel: _Channel | None = None
 
     def until(self, patience: float) -> float:
         return self.since + (max(self.seconds, patience) if self.is_patient else self.seconds)
@@ -106,6 +126,10 @@ class Traffic:
         """Endpoints that did not answer in time at the last request."""
         self._too_slow_acted: set[str] = set()
         """The same, of requests after an action."""
+        self._channels: dict[tuple[str, bool], _Channel] = {}
+        """WebSockets by address, and whether the message was sent after an action."""
+        self._sockets: dict[str, str] = {}
+        """The addresses of the open ones."""
         self._is_acting = False
         """Whether the document is the one that was acted on, and the wait after the action has not ended."""
         self._unread: set[str] = set()
@@ -141,8 +165,8 @@ class Traffic:
         session.on("Network.loadingFailed", RequestFailed, lambda failed: self.end(failed.request_id))
         session.on("Network.webSocketCreated", SocketCreated, self._on_socket)
         session.on("Network.webSocketFrameSent", RequestDone, self._on_sent)
-        for name in ("webSocketFrameReceived", "webSocketClosed"):
-            session.on(f"Network.{name}", RequestDone, lambda socket: self.end(socket.request_id))
+        session.on("Network.webSocketFrameReceived", RequestDone, self._on_received)
+        session.on("Network.webSocketClosed", RequestDone, self._on_closed)
 
     # --- what is in flight --------------------------------------------------------------------------
 
@@ -221,7 +245,9 @@ class Traffic:
         counts, self._request_counts, self._counted = self._request_counts, Counter(), {}
         if all_of_it:
             self._polled |= {address for address, count in counts.items() if count >= _POLLS}
-        for activity in self._in_flight.values():
+        for key, activity in tuple(self._in_flight.items()):
+            if activity.channel is not None:
+                self._learn_answer(key, activity, activity.channel)
             if all_of_it:
                 self._give_up(activity)
             if activity.endpoint and activity.until(0.0) <= now:
@@ -229,6 +255,15 @@ class Traffic:
                 if activity.is_acted and not activity.has_answer:
                     self._too_slow_acted.add(activity.endpoint)
                 activity.is_acted = False
+
+    def _learn_answer(self, key: str, activity: _InFlight, channel: _Channel) -> None:
+        if activity.has_answer:
+            is_endless = activity.seconds >= self._config.stir_seconds
+            channel.alone = _ALONE if is_endless else channel.alone + 1
+            self.end(key)
+        elif activity.seconds:
+            channel.tries -= 1
+            activity.seconds = 0.0
 
     @staticmethod
     def _give_up(activity: _InFlight) -> None:
@@ -377,10 +412,43 @@ class Traffic:
             self._changed.set()
 
     def _on_socket(self, socket: SocketCreated) -> None:
+        self._sockets[socket.request_id] = socket.url.partition("?")[0]
         self._await_message(socket.request_id, socket.url)
 
     def _on_sent(self, socket: RequestDone) -> None:
-        self._await_message(socket.request_id, f"{socket.request_id} answers")
+        address = self._sockets.get(socket.request_id, "")
+        channel = self._channels.setdefault((address, self._is_acting), _Channel())
+        seconds = self._answer_seconds if self._is_acting else self._config.reply_seconds
+        self.begin(socket.request_id, seconds if channel.tries else 0.0, is_request=False)
+        self._in_flight[socket.request_id].channel = channel
+
+    @property
+    def _answer_seconds(self) -> float:
+        return 2 * self._config.reply_seconds
+
+    def _on_received(self, socket: RequestDone) -> None:
+        activity = self._in_flight.get(socket.request_id)
+        channel = activity and activity.channel
+        if activity is None or channel is None:
+            self.end(socket.request_id)
+            return
+        age = self._clock() - activity.since
+        if not activity.has_answer:
+            activity.has_answer = True
+            channel.tries = 2 if age < self._answer_seconds else channel.tries
+        elif age < activity.seconds:
+            channel.alone = -1
+        else:
+            self._learn_answer(socket.request_id, activity, channel)
+            return
+        if channel.alone >= _ALONE:
+            self.end(socket.request_id)
+        activity.seconds = min(age + _FOLLOW_SECONDS, self._config.stir_seconds)
+        self._changed.set()
+
+    def _on_closed(self, socket: RequestDone) -> None:
+        self._sockets.pop(socket.request_id, None)
+        self.end(socket.request_id)
 
     def _await_message(self, channel: str, endpoint: str) -> None:
         """A channel was opened, or a message was sent on it: an answer may come."""

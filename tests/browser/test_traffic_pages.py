@@ -139,3 +139,34 @@ async def test_what_a_socket_sends_all_the_time_is_no_answer(site: Site, hard: H
     for _ in range(2):
         await tab.step(NOWHERE)
     assert settle_ms(tab) < 400
+
+
+_SHARED = """onconnect = (e) => { const [port] = e.ports; port.onmessage = async () => {
+  port.postMessage(await (await fetch('/answer')).text()) } }"""
+
+
+async def test_a_shared_worker_is_waited_for_like_others(site: Site, tab: Tab) -> None:
+    count = 0
+
+    async def script(_: Request) -> Response:
+        return Response(_SHARED, media_type="text/javascript")
+
+    async def answer(_: Request) -> Response:
+        nonlocal count
+        count += 1
+        await asyncio.sleep(0.5)
+        return Response(f"answer {count}")
+
+    site.on("/shared.js", script)
+    site.on("/answer", answer)
+    page = """<p id=out>nothing</p><button onclick="worker.port.postMessage('')">Ask</button><script>
+      const worker = new SharedWorker('%s');
+      worker.port.onmessage = (e) => { out.textContent = e.data };
+    </script>"""
+    await tab.goto(site.page(page % "/shared.js"))
+    assert reason(tab) == "quiet"
+    for number in range(1, 3):
+        await tab.step(LeftClick(tab.at("Ask")))
+        assert f"answer {number}" in tab.text
+    await tab.goto(site.page(page % "/nowhere.js"))
+    assert reason(tab) == "quiet"

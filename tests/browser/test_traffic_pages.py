@@ -9,7 +9,7 @@ import pytest
 import pytest_asyncio
 from benchmarks.settle.hardweb import HardSite
 from starlette.requests import Request
-from starlette.responses import Response, StreamingResponse
+from starlette.responses import HTMLResponse, Response, StreamingResponse
 
 from webgym.browser.config import BrowserConfig
 from webgym.core.action import LeftClick, Target
@@ -170,3 +170,30 @@ async def test_a_shared_worker_is_waited_for_like_others(site: Site, tab: Tab) -
         assert f"answer {number}" in tab.text
     await tab.goto(site.page(page % "/nowhere.js"))
     assert reason(tab) == "quiet"
+
+
+async def test_frames_that_come_and_go_for_ever_are_not_waited_for(site: Site, open_tab: Open) -> None:
+    async def late(_: Request) -> Response:
+        await asyncio.sleep(0.5)
+        return HTMLResponse("<p>text</p>")
+
+    frame, wanted = (site.elsewhere(site.on(path, late)) for path in ("/advertisement", "/wanted"))
+    tab = await open_tab(config=BrowserConfig(settle_seconds=6.0))
+    page = f"""<button onclick="add('{wanted}')">Open</button><p id=out></p><script>
+      const add = (src) => {{
+        const frame = document.body.appendChild(Object.assign(document.createElement('iframe'), {{ src }}));
+        frame.onload = () => {{ if (src === '{wanted}') out.textContent = 'arrived' }};
+        return frame;
+      }};
+      const shown = [];
+      const show = () => shown.push(add('{frame}')) > 2 && shown.shift().remove();
+      show();
+      setInterval(show, 300);
+    </script>"""
+    await tab.goto(site.page(page))
+    assert reason(tab) == "deadline"
+    await tab.step(NOWHERE)
+    assert reason(tab) != "deadline"
+    await tab.step(LeftClick(tab.at("Open")))
+    assert reason(tab) != "deadline"
+    assert "arrived" in tab.text

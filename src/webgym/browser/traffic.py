@@ -51,6 +51,9 @@ _FOLLOW_SECONDS = 0.4
 _ALONE = 2
 """After this many answers in a row that no other message followed, none is waited for."""
 
+_FRAMES = "frames"
+"""Counted as an address: documents that start to load in frames, for pages that load such ones for ever."""
+
 _DIGITS = re.compile(r"\d+")
 
 
@@ -317,7 +320,8 @@ class Traffic:
             self.begin(event.frame_id, math.inf)
             self.started.set()
         else:  # its document gets a limit of its own once its URL is known
-            self.begin(event.frame_id, self._config.minor_seconds)
+            self._count(_FRAMES)
+            self.begin(event.frame_id, 0.0 if _FRAMES in self._polled else self._config.minor_seconds)
 
     def _on_frame_stopped(self, event: FrameEvent) -> None:
         self.end(event.frame_id)
@@ -366,9 +370,7 @@ class Traffic:
             return
         is_minor = request.type == "Image" and request.request.initial_priority in _OUT_OF_VIEW
         address = _DIGITS.sub("0", f"{request.request.method} {request.request.url}")
-        if self._clock() - self._counted.get(address, -math.inf) >= _BURST:
-            self._counted[address] = self._clock()
-            self._request_counts[address] += 1
+        self._count(address)
         is_foreign = bool(request.frame_id) and _site(request.document_url) != self._site
         seconds = self._config.minor_seconds if is_minor or is_foreign else self._config.long_poll_seconds
         self.begin(
@@ -379,6 +381,11 @@ class Traffic:
             is_synchronous=request.type == "XHR" and request.request.initial_priority == _SYNCHRONOUS,
             is_acted=self._is_acting,
         )
+
+    def _count(self, address: str) -> None:
+        if self._clock() - self._counted.get(address, -math.inf) >= _BURST:
+            self._counted[address] = self._clock()
+            self._request_counts[address] += 1
 
     def _on_response(self, event: ResponseReceived) -> None:
         activity = self._in_flight.get(event.request_id)

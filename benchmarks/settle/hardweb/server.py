@@ -165,8 +165,8 @@ async def _chunks(exchange: Exchange) -> None:
 
 
 async def _websocket(exchange: Exchange) -> None:
-    """``/ws?ms&unasked&count``: responds to every message after ``ms``, and again until it has done so ``count``
-    times; with ``unasked``, sends a message first."""
+    """``/ws?ms&unasked&count``: responds to every message after ``ms``, ``count`` times one after the
+    other; with ``unasked``, sends a message first."""
     digest = hashlib.sha1((exchange.headers["sec-websocket-key"] + _WEBSOCKET_KEY).encode()).digest()
     await exchange.head(
         "101 Switching Protocols",

@@ -331,6 +331,7 @@ class Traffic:
             return
         self._site = _site(event.frame.url)
         self._polled.clear()
+        self._sockets.clear()
         self._is_acting = False
         kept = {event.frame.id, event.frame.loader_id}
         self._in_flight = {key: activity for key, activity in self._in_flight.items() if key in kept}
@@ -435,10 +436,10 @@ class Traffic:
 
     def _on_received(self, socket: RequestDone) -> None:
         activity = self._in_flight.get(socket.request_id)
-        channel = activity and activity.channel
-        if activity is None or channel is None:
+        if activity is None or activity.channel is None:
             self.end(socket.request_id)
             return
+        channel = activity.channel
         age = self._clock() - activity.since
         if not activity.has_answer:
             activity.has_answer = True

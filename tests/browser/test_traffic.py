@@ -86,3 +86,20 @@ async def test_frames_that_come_for_ever_are_not_awaited_after_a_deadline() -> N
     traffic.give_up(all_of_it=True)
     traffic._on_frame_started(FrameEvent("another"))
     assert traffic.is_idle()
+
+
+async def test_what_a_socket_sends_all_the_time_is_no_answer() -> None:
+    traffic = Traffic(_Session(), "main", BrowserConfig())  # type: ignore[arg-type]
+    now = 0.0
+    traffic._clock = lambda: now
+    waits = []
+    for _ in range(2):
+        traffic._on_sent(RequestDone("socket"))
+        start = now
+        while not traffic.is_idle():
+            now += 0.15
+            traffic._on_received(RequestDone("socket"))
+        waits.append(now - start)
+        traffic.give_up()
+    assert waits[0] > BrowserConfig().stir_seconds - 0.2
+    assert waits[1] < 0.2

@@ -165,7 +165,8 @@ async def _chunks(exchange: Exchange) -> None:
 
 
 async def _websocket(exchange: Exchange) -> None:
-    """``/ws?ms&unasked``: responds to every message after ``ms``; with ``unasked``, sends a message first."""
+    """``/ws?ms&unasked&count``: responds to every message after ``ms``, ``count`` times one after the
+    other; with ``unasked``, sends a message first."""
     digest = hashlib.sha1((exchange.headers["sec-websocket-key"] + _WEBSOCKET_KEY).encode()).digest()
     await exchange.head(
         "101 Switching Protocols",
@@ -184,8 +185,9 @@ async def _websocket(exchange: Exchange) -> None:
         await exchange.reader.readexactly(4 + length)  # the mask and the masked payload
         if first == _CLOSE_FRAME:
             return
-        await exchange.delay()
-        await exchange.write(bytes((_TEXT_FRAME, 5)) + b"reply")
+        for _ in range(int(exchange.query.get("count", "1"))):
+            await exchange.delay()
+            await exchange.write(bytes((_TEXT_FRAME, 5)) + b"reply")
 
 
 _ROUTES: dict[str, Callable[[Exchange], Awaitable[None]]] = {

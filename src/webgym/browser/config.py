@@ -191,7 +191,8 @@ class BrowserConfig(Settings):
     step."""
 
     reply_seconds: float = Field(default=1.0, gt=0)
-    """How long to wait for a message on a WebSocket or an event stream after it was opened or written to."""
+    """How long to wait for a message on a WebSocket or an event stream after it was opened or written to;
+    twice as long for the answer to a message that an action sent."""
 
     unread_seconds: float = Field(default=0.5, gt=0)
     """How long to wait for the body of a response to a script, if its length is known and none of it was

@@ -287,7 +287,7 @@ class Page:
         self._reported_unopened = self.ineffective_if_same = ""
         self.popups.begin_action()
         self.acted = time.monotonic()
-        self.traffic.started.clear()
+        self.traffic.begin_action()
 
     async def rest(self, seconds: float) -> None:
         """Wait, or return early if the page's renderer is lost."""

@@ -55,7 +55,11 @@ from webgym.core.observation import Observation
 
 T = TypeVar("T")
 
-_PAGES_ONLY = [{"type": "page", "exclude": False}, {"exclude": True}]
+_ATTACHED = [
+    {"type": "page", "exclude": False},
+    {"type": "shared_worker", "exclude": False},
+    {"exclude": True},
+]
 
 
 class Slot:
@@ -207,7 +211,7 @@ class Slot:
         self._timers = Timers(connection, self.config)
         connection.on("Target.attachedToTarget", AttachedToTarget, self._on_attached)
         connection.on("Target.detachedFromTarget", DetachedFromTarget, self._on_detached)
-        attach = {"autoAttach": True, "waitForDebuggerOnStart": True, "flatten": True, "filter": _PAGES_ONLY}
+        attach = {"autoAttach": True, "waitForDebuggerOnStart": True, "flatten": True, "filter": _ATTACHED}
         try:
             await connection.call(
                 "Target.setAutoAttach", attach, reply=EmptyReply, seconds=self.config.launch_seconds
@@ -231,6 +235,10 @@ class Slot:
             await listener.close()
 
     def _on_attached(self, attached: AttachedToTarget) -> None:
+        if attached.target_info.type == "shared_worker":
+            if self._page is not None:
+                self._page.workers.adopt(attached)
+            return
         expected = self._attached
         if expected is not None and not expected.done() and not attached.target_info.opener_id:
             expected.set_result(attached)
@@ -241,6 +249,7 @@ class Slot:
         if self._page is None:
             return
         self._page.popups.forget(detached.target_id)
+        self._page.workers.forget(detached)
         if detached.session_id == self._page.session.id:
             self._page.is_gone = True
             self._page.session.connection.fail_session(

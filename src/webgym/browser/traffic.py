@@ -45,11 +45,32 @@ _BURST = 0.1
 """Seconds in which requests to an address count once: the tiles of a map differ only in digits, and are not
 polled."""
 
+_FOLLOW_SECONDS = 0.4
+"""How long after an answer on a WebSocket another message may belong to it."""
+
+_ALONE = 2
+"""After this many answers in a row that no other message followed, none is waited for."""
+
+_FRAMES = "frames"
+"""Counted as an address: documents that start to load in frames, for pages that load such ones for ever."""
+
 _DIGITS = re.compile(r"\d+")
 
 
 class _DomContent(CdpMessage, frozen=True):
     pass
+
+
+class _Channel(msgspec.Struct):
+    """What was learned about the answers to messages on a WebSocket.
+
+    Attributes:
+        tries: how many more messages in a row may stay without an answer. One, if none was ever answered.
+        alone: number of answers in a row that no other message followed; -1 while one follows.
+    """
+
+    tries: int = 1
+    alone: int = 0
 
 
 class _InFlight(msgspec.Struct):
@@ -65,6 +86,8 @@ class _InFlight(msgspec.Struct):
         has_answer: whether the response's headers have arrived. Its body does not end while the page does not
             read it, as with responses to reports.
         is_synchronous: whether it is a request for which the page's script waits.
+        is_acted: whether it began after an action on this document, until it exceeds its limit.
+        channel: where a message was sent, if it is one.
     """
 
     since: float
@@ -74,6 +97,8 @@ class _InFlight(msgspec.Struct):
     is_request: bool = True
     has_answer: bool = False
     is_synchronous: bool = False
+    is_acted: bool = False
+    channel: _Channel | None = None
 
     def until(self, patience: float) -> float:
         return self.since + (max(self.seconds, patience) if self.is_patient else self.seconds)
@@ -83,7 +108,9 @@ class Traffic:
     """Tracks what one tab is loading, from the browser's events.
 
     What exceeds its time limit is a long poll, a stream, or too slow. The next request to the same address,
-    or the next message on the same channel, is then not awaited at all, until one is answered in time.
+    or the next message on the same channel, is then not awaited at all, until one is answered in time. What
+    begins after an action is learned apart from what the page begins by itself: an application may have one
+    address for everything.
 
     Args:
         session: the tab's session.
@@ -100,6 +127,14 @@ class Traffic:
         self._in_flight: dict[str, _InFlight] = {}
         self._too_slow: set[str] = set()
         """Endpoints that did not answer in time at the last request."""
+        self._too_slow_acted: set[str] = set()
+        """The same, of requests after an action."""
+        self._channels: dict[tuple[str, bool], _Channel] = {}
+        """WebSockets by address, and whether the message was sent after an action."""
+        self._sockets: dict[str, str] = {}
+        """The addresses of the open ones."""
+        self._is_acting = False
+        """Whether the document is the one that was acted on, and the wait after the action has not ended."""
         self._unread: set[str] = set()
         """Endpoints whose responses did not end in time: only their headers are awaited."""
         self._request_counts: Counter[str] = Counter()
@@ -133,8 +168,8 @@ class Traffic:
         session.on("Network.loadingFailed", RequestFailed, lambda failed: self.end(failed.request_id))
         session.on("Network.webSocketCreated", SocketCreated, self._on_socket)
         session.on("Network.webSocketFrameSent", RequestDone, self._on_sent)
-        for name in ("webSocketFrameReceived", "webSocketClosed"):
-            session.on(f"Network.{name}", RequestDone, lambda socket: self.end(socket.request_id))
+        session.on("Network.webSocketFrameReceived", RequestDone, self._on_received)
+        session.on("Network.webSocketClosed", RequestDone, self._on_closed)
 
     # --- what is in flight --------------------------------------------------------------------------
 
@@ -147,15 +182,16 @@ class Traffic:
         is_patient: bool = False,
         is_request: bool = True,
         is_synchronous: bool = False,
+        is_acted: bool = False,
     ) -> None:
         """Record that something is in flight.
 
         Args:
             key: identifies it, for :meth:`end`.
             seconds: time limit of the wait for it.
-            endpoint, is_patient, is_request, is_synchronous: see :class:`_InFlight`.
+            endpoint, is_patient, is_request, is_synchronous, is_acted: see :class:`_InFlight`.
         """
-        limit = 0.0 if endpoint in self._too_slow else seconds
+        limit = self._limit(endpoint, seconds, is_acted=is_acted)
         self._in_flight[key] = _InFlight(
             self._clock(),
             limit,
@@ -163,22 +199,39 @@ class Traffic:
             is_patient and limit > 0,
             is_request,
             is_synchronous=is_synchronous,
+            is_acted=is_acted,
         )
         self._changed.set()
+
+    def _limit(self, endpoint: str, seconds: float, *, is_acted: bool) -> float:
+        """The time limit, given what was learned about the endpoint."""
+        if endpoint in (self._too_slow_acted if is_acted else self._too_slow):
+            return 0.0
+        if endpoint not in self._too_slow:
+            return seconds
+        now = self._clock()
+        is_another = any(it.endpoint == endpoint and it.until(0.0) <= now for it in self._in_flight.values())
+        return seconds if is_another else min(seconds, self._config.minor_seconds)  # or the page asks again
 
     def end(self, key: str) -> None:
         """Record that something is no longer in flight."""
         ended = self._in_flight.pop(key, None)
         if ended is None:
             return
-        if ended.endpoint in self._too_slow and self._clock() - ended.since < self._config.minor_seconds:
+        if self._clock() - ended.since < self._config.minor_seconds:
             self._too_slow.discard(ended.endpoint)
+            self._too_slow_acted.discard(ended.endpoint)
         self._changed.set()
 
     def clear(self) -> None:
         """Forget everything in flight: the renderer is gone."""
         self._in_flight.clear()
         self._changed.set()
+
+    def begin_action(self) -> None:
+        """Start an action: what the document asks for until the end of the wait may be for it."""
+        self.started.clear()
+        self._is_acting = True
 
     def pass_over(self, seconds: float) -> None:
         """Do not count the last ``seconds``, during which the page was stopped."""
@@ -191,15 +244,29 @@ class Traffic:
         Args:
             all_of_it: whether to give up what has time left too.
         """
-        now = self._clock()
+        now, self._is_acting = self._clock(), False
         counts, self._request_counts, self._counted = self._request_counts, Counter(), {}
         if all_of_it:
             self._polled |= {address for address, count in counts.items() if count >= _POLLS}
-        for activity in self._in_flight.values():
+        for key, activity in tuple(self._in_flight.items()):
+            if activity.channel is not None:
+                self._learn_answer(key, activity, activity.channel)
             if all_of_it:
                 self._give_up(activity)
             if activity.endpoint and activity.until(0.0) <= now:
                 (self._unread if activity.has_answer else self._too_slow).add(activity.endpoint)
+                if activity.is_acted and not activity.has_answer:
+                    self._too_slow_acted.add(activity.endpoint)
+                activity.is_acted = False
+
+    def _learn_answer(self, key: str, activity: _InFlight, channel: _Channel) -> None:
+        if activity.has_answer:
+            is_endless = activity.seconds >= self._config.stir_seconds
+            channel.alone = _ALONE if is_endless else channel.alone + 1
+            self.end(key)
+        elif activity.seconds:
+            channel.tries -= 1
+            activity.seconds = 0.0
 
     @staticmethod
     def _give_up(activity: _InFlight) -> None:
@@ -253,7 +320,8 @@ class Traffic:
             self.begin(event.frame_id, math.inf)
             self.started.set()
         else:  # its document gets a limit of its own once its URL is known
-            self.begin(event.frame_id, self._config.minor_seconds)
+            self._count(_FRAMES)
+            self.begin(event.frame_id, 0.0 if _FRAMES in self._polled else self._config.minor_seconds)
 
     def _on_frame_stopped(self, event: FrameEvent) -> None:
         self.end(event.frame_id)
@@ -263,6 +331,8 @@ class Traffic:
             return
         self._site = _site(event.frame.url)
         self._polled.clear()
+        self._sockets.clear()
+        self._is_acting = False
         kept = {event.frame.id, event.frame.loader_id}
         self._in_flight = {key: activity for key, activity in self._in_flight.items() if key in kept}
         if self._main_frame in self._in_flight:
@@ -301,9 +371,7 @@ class Traffic:
             return
         is_minor = request.type == "Image" and request.request.initial_priority in _OUT_OF_VIEW
         address = _DIGITS.sub("0", f"{request.request.method} {request.request.url}")
-        if self._clock() - self._counted.get(address, -math.inf) >= _BURST:
-            self._counted[address] = self._clock()
-            self._request_counts[address] += 1
+        self._count(address)
         is_foreign = bool(request.frame_id) and _site(request.document_url) != self._site
         seconds = self._config.minor_seconds if is_minor or is_foreign else self._config.long_poll_seconds
         self.begin(
@@ -312,7 +380,13 @@ class Traffic:
             endpoint=f"{request.request.method} {request.request.url.partition('?')[0]}",
             is_patient=not (is_minor or is_foreign),
             is_synchronous=request.type == "XHR" and request.request.initial_priority == _SYNCHRONOUS,
+            is_acted=self._is_acting,
         )
+
+    def _count(self, address: str) -> None:
+        if self._clock() - self._counted.get(address, -math.inf) >= _BURST:
+            self._counted[address] = self._clock()
+            self._request_counts[address] += 1
 
     def _on_response(self, event: ResponseReceived) -> None:
         activity = self._in_flight.get(event.request_id)
@@ -335,7 +409,7 @@ class Traffic:
         """Extend the limit while a response's body arrives."""
         activity = self._in_flight.get(event.request_id)
         if activity is not None and activity.has_answer and activity.seconds:
-            more = self._clock() - activity.since + self._config.reply_seconds
+            more = self._clock() - activity.since + self._config.minor_seconds
             activity.seconds = max(activity.seconds, min(more, self._config.loading_seconds))
             self._changed.set()
 
@@ -346,10 +420,43 @@ class Traffic:
             self._changed.set()
 
     def _on_socket(self, socket: SocketCreated) -> None:
+        self._sockets[socket.request_id] = socket.url.partition("?")[0]
         self._await_message(socket.request_id, socket.url)
 
     def _on_sent(self, socket: RequestDone) -> None:
-        self._await_message(socket.request_id, f"{socket.request_id} answers")
+        address = self._sockets.get(socket.request_id, "")
+        channel = self._channels.setdefault((address, self._is_acting), _Channel())
+        seconds = self._answer_seconds if self._is_acting else self._config.reply_seconds
+        self.begin(socket.request_id, seconds if channel.tries else 0.0, is_request=False)
+        self._in_flight[socket.request_id].channel = channel
+
+    @property
+    def _answer_seconds(self) -> float:
+        return 2 * self._config.reply_seconds
+
+    def _on_received(self, socket: RequestDone) -> None:
+        activity = self._in_flight.get(socket.request_id)
+        if activity is None or activity.channel is None:
+            self.end(socket.request_id)
+            return
+        channel = activity.channel
+        age = self._clock() - activity.since
+        if not activity.has_answer:
+            activity.has_answer = True
+            channel.tries = 2 if age < self._answer_seconds else channel.tries
+        elif age < activity.seconds:
+            channel.alone = -1
+        else:
+            self._learn_answer(socket.request_id, activity, channel)
+            return
+        if channel.alone >= _ALONE:
+            self.end(socket.request_id)
+        activity.seconds = min(age + _FOLLOW_SECONDS, self._config.stir_seconds)
+        self._changed.set()
+
+    def _on_closed(self, socket: RequestDone) -> None:
+        self._sockets.pop(socket.request_id, None)
+        self.end(socket.request_id)
 
     def _await_message(self, channel: str, endpoint: str) -> None:
         """A channel was opened, or a message was sent on it: an answer may come."""

@@ -1,6 +1,7 @@
-"""The dedicated workers of a page: what they load, and whether they compute.
+"""The workers of a page, dedicated and shared ones: what they load, and whether they compute.
 
-A worker is a target with a session of its own: the page's session does not report what it loads. Whether it
+A worker is a target with a session of its own: the page's session does not report what it loads, nor when the
+script of a shared one has come. Whether it
 computes is found out by evaluating a trivial expression, which it answers once it is idle. Pages without
 workers cost nothing.
 """
@@ -22,7 +23,7 @@ AUTO_ATTACH = {
     "flatten": True,
     "filter": [{"type": "worker", "exclude": False}, {"exclude": True}],
 }
-"""Parameters of ``Target.setAutoAttach`` in a page's session."""
+"""Parameters of ``Target.setAutoAttach`` in a page's session, which is told of dedicated workers only."""
 
 
 class Workers:
@@ -40,8 +41,8 @@ class Workers:
         self._config = config
         self._sessions: dict[str, Session] = {}
         self._probes: dict[str, asyncio.Task[None]] = {}
-        session.on("Target.attachedToTarget", AttachedToTarget, self._on_attached)
-        session.on("Target.detachedFromTarget", DetachedFromTarget, self._on_detached)
+        session.on("Target.attachedToTarget", AttachedToTarget, self.adopt)
+        session.on("Target.detachedFromTarget", DetachedFromTarget, self.forget)
 
     def __len__(self) -> int:
         return len(self._sessions)
@@ -70,14 +71,17 @@ class Workers:
             task.cancel()
         await asyncio.gather(*self._probes.values(), return_exceptions=True)
 
-    def _on_attached(self, attached: AttachedToTarget) -> None:
+    def adopt(self, attached: AttachedToTarget) -> None:
+        """Handle a new worker, which is attached to and does not run yet."""
         session = Session(self._session.connection, attached.session_id)
         self._sessions[session.id] = session
         self._traffic.follow(session)
         session.send("Network.enable", {"maxTotalBufferSize": 0, "maxResourceBufferSize": 0})
         session.send("Runtime.runIfWaitingForDebugger")
 
-    def _on_detached(self, detached: DetachedFromTarget) -> None:
+    def forget(self, detached: DetachedFromTarget) -> None:
+        """Handle that a worker is gone."""
         session = self._sessions.pop(detached.session_id, None)
         if session is not None:
+            self._traffic.end(detached.target_id)  # the request for its script
             session.connection.drop_session(session.id, BrowserError("the worker ended"))

@@ -192,10 +192,14 @@ def rewards(found: Mapping[str, Outcome]) -> dict[str, Outcome]:
     return {name.rpartition(".")[0]: each for name, each in found.items() if each.is_rewarded}
 
 
-def to_break(found: Mapping[str, Outcome]) -> dict[str, str]:
-    """30 % of the attempts, successes and failures by turns, and the three faults by turns."""
-    won = sorted(name for name, outcome in found.items() if outcome is Outcome.SUCCESS)
-    lost = sorted(name for name, outcome in found.items() if outcome is not Outcome.SUCCESS)
+def to_break(folder: TrainingFolder) -> dict[str, str]:
+    """30 % of the attempts, successes and failures by turns, and the three faults by turns. None is over before
+    its browser breaks."""
+    found = outcomes(folder)
+    runs = RunReader(folder.run(1)).trajectories()
+    long = sorted(each.episode.attempt_id for each in runs if len(each.episode.steps) > 2)
+    won = [name for name in long if found[name] is Outcome.SUCCESS]
+    lost = [name for name in long if found[name] is not Outcome.SUCCESS]
     by_turns = [name for pair in zip_longest(won, lost) for name in pair if name]
     count = math.ceil(0.3 * len(found))
     return dict(zip(by_turns[:count], cycle(OUTCOMES), strict=False))
@@ -211,7 +215,7 @@ def test_an_iteration_learns_from_successes_alone_and_faults_never_become_gradie
     async def both() -> Any:
         async with services(config.rollout, Secrets()) as reached:
             first = await train(clean.path, config, *reached)
-            faults.update(to_break(outcomes(clean)))
+            faults.update(to_break(clean))
             inject(faults, monkeypatch)
             loop = config.loop.model_copy(update={"evaluate_every": 0})
             again = config.model_copy(update={"loop": loop})

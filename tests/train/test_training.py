@@ -193,8 +193,10 @@ def rewards(found: Mapping[str, Outcome]) -> dict[str, Outcome]:
 
 
 def to_break(folder: TrainingFolder) -> dict[str, str]:
-    """30 % of the attempts, successes and failures by turns, and the three faults by turns. None is over before
-    its browser breaks."""
+    """30 % of the attempts, successes and failures by turns, and the three faults by turns.
+
+    None is over before its browser breaks.
+    """
     found = outcomes(folder)
     runs = RunReader(folder.run(1)).trajectories()
     long = sorted(each.episode.attempt_id for each in runs if len(each.episode.steps) > 2)

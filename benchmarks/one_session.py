@@ -1,8 +1,10 @@
 """Steps of one session compared with a loop that does not wait, in the same browser, in alternating rounds.
 
-Steps with marks, in a second browser, alternate with them.
+Steps with marks, in a second browser, alternate with them. With ``--sessions``, as many sessions of each kind
+step at once, so that the processors limit them.
 
     .venv/bin/python benchmarks/one_session.py --rounds 12
+    .venv/bin/python benchmarks/one_session.py --rounds 12 --sessions 4
 
 The page is settled at once. The bare loop clicks or scrolls and takes a screenshot without a pause; a step
 waits until the page is settled, and makes an observation. The ratio is taken per pair of rounds, as other
@@ -35,12 +37,16 @@ STEPS = 8
 MODES: tuple[Mode, ...] = ("coordinates", "marks")
 
 
-async def timed(step: StepFunction) -> float:
-    """Milliseconds per step, mean of a round."""
+async def timed(sessions: list[StepFunction]) -> float:
+    """Milliseconds per step, mean of a round in which all sessions step at once."""
+
+    async def play(step: StepFunction) -> None:
+        for number in range(STEPS):
+            await step(number)
+
     start = time.perf_counter()
-    for number in range(STEPS):
-        await step(number)
-    return (time.perf_counter() - start) * 1000 / STEPS
+    await asyncio.gather(*map(play, sessions))
+    return (time.perf_counter() - start) * 1000 / STEPS / len(sessions)
 
 
 def _bare(page: Page) -> StepFunction:
@@ -56,22 +62,22 @@ def _stepping(slot: Slot) -> StepFunction:
     return lambda number: slot.step(click_or_scroll(number))
 
 
-async def measure(rounds: int) -> str:
+async def measure(rounds: int, sessions: int) -> str:
     """Measure, and return the lines to print."""
     async with AsyncExitStack() as stack:
         pages = await stack.enter_async_context(serving_pages())
         config = browser_for(pages)
         egress = await stack.enter_async_context(Egress(config.egress))
-        slots = []
-        for mode in MODES:
+        slots: dict[Mode, list[Slot]] = {mode: [] for mode in MODES}
+        for mode in MODES * sessions:
             slot = Slot(config, find_browser().path, ProfileRoot(), egress)
             stack.push_async_callback(slot.stop)
             await slot.open(PageOptions(mode=mode))
             await slot.step(Navigate(pages.url("static")))
-            slots.append(slot)
-        plain, marked = slots
-        step_functions = (_bare(plain.page), _stepping(plain), _stepping(marked))
-        times = [[await timed(step) for step in step_functions] for _ in range(rounds)]
+            slots[mode].append(slot)
+        plain, marked = slots.values()
+        kinds = ([_bare(slot.page) for slot in plain], [*map(_stepping, plain)], [*map(_stepping, marked)])
+        times = [[await timed(steps) for steps in kinds] for _ in range(rounds)]
     bare, step, marks = (statistics.median(column) for column in zip(*times, strict=True))
     return "\n".join(
         (
@@ -91,7 +97,9 @@ def main() -> None:
     """Print the results."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--rounds", type=int, default=12)
-    print(asyncio.run(measure(parser.parse_args().rounds)))
+    parser.add_argument("--sessions", type=int, default=1)
+    given = parser.parse_args()
+    print(asyncio.run(measure(given.rounds, given.sessions)))
 
 
 if __name__ == "__main__":

@@ -198,10 +198,13 @@
   };
 
   // For frames of other origins, which the tab's own `quiet` does not see: how often they changed, and how
-  // many milliseconds ago. Asked from outside, for no timer runs in a frame without scripts.
+  // many milliseconds ago, and what they were given to do. Asked from outside, for no timer runs in a frame without
+  // scripts.
   webgym.still = () => {
     webgym.attach();
-    return { changes: state.changes, ago: performance.now() - state.changedAt };
+    const { target, hasTyped: typed, changes } = state;
+    Object.assign(state, { target: 0, hasTyped: false });
+    return { changes, ago: performance.now() - state.changedAt, timers: webgym.counters.timers.asked(), target, typed };
   };
 
   // --- the same picture for the same page ---------------------------------------------------------

@@ -82,6 +82,12 @@ poll();
 )
 
 
+async def test_a_crowd_that_turns_is_decoration(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page(f"{_TURNING}<p>text</p>{'<i style=display:inline-block>*</i>' * 400}"))
+    assert reason(tab) == "quiet"
+    assert tab.notices == []
+
+
 async def test_what_turns_on_a_page_that_never_rests_costs_one_wait(site: Site, open_tab: Open) -> None:
     site.on("/slow", slow)
     tab = await open_tab(config=BrowserConfig(settle_seconds=3.0))

@@ -90,26 +90,40 @@
   };
   const isSign = (element) => element && !overlooked.has(element) && isSeen(element);
 
-  // No document lists those in its shadow roots.
-  const animations = () => [...views().map((view) => view.document), ...webgym.shadows()].flatMap((root) => getAnimations(root));
+  // No document lists those in its shadow roots. A thousand take the browser half a second to put in order, so they
+  // are asked for in a quarter of the time at most.
+  const SHARE = 4;
+  let listed = [];
+  let listedUntil = -Infinity;
+  const animations = () => {
+    const start = performance.now();
+    if (start < listedUntil) return listed;
+    listed = [...views().map((view) => view.document), ...webgym.shadows()].flatMap((root) => getAnimations(root));
+    const end = performance.now();
+    listedUntil = end + SHARE * (end - start);
+    return listed;
+  };
   const endOf = (animation) => (animation.effect ? animation.effect.getComputedTiming().endTime : 0);
 
-  // A small thing that turns or pulses for ever.
+  // A small thing that turns or pulses for ever. A crowd of them is decoration.
+  const CROWD = 100;
   const isSmall = (element) => {
     const { innerWidth, innerHeight } = defaultView(ownerDocument(element));
     return offsetWidth(element) * offsetHeight(element) < (innerWidth * innerHeight) / 4;
   };
-  const endless = () =>
-    animations()
-      .filter((animation) => animation.playState === 'running' && endOf(animation) === Infinity)
-      .map((animation) => animation.effect.target)
-      .filter((element) => element && isSmall(element));
+  const endless = () => {
+    const found = animations().filter((animation) => animation.playState === 'running' && endOf(animation) === Infinity);
+    const elements = found.length > CROWD ? [] : found.map((animation) => animation.effect.target);
+    return elements.filter((element) => element && isSmall(element));
+  };
+  let turning = null; // what was found in this pass
+  const allTurning = () => (turning ??= new Set(endless()));
 
   const SKIPPED = new Set(['SCRIPT', 'STYLE', 'NOSCRIPT', 'TEMPLATE', 'TITLE']);
   const CONTENT = 'img, svg, canvas, video, iframe, object, embed, input, button, select, textarea';
 
-  // The first text that says so, and whether anything at all is to be read or seen.
-  const read = (view) => {
+  // Yields what holds a text that says so; returns whether nothing at all is to be read or seen.
+  function* told(view) {
     const { document } = view;
     const walker = createTreeWalker(document, body(document), NodeFilter.SHOW_TEXT);
     let isBlank = true;
@@ -118,11 +132,11 @@
       const tells = data.length <= TEXT_LENGTH && TELLS.test(data);
       if (!tells && !(isBlank && /\S/.test(data))) continue;
       if (SKIPPED.has(nodeName(parentElement))) continue;
-      if (tells && isSign(parentElement)) return { sign: parentElement, isBlank: false };
+      if (tells && isSign(parentElement)) yield parentElement;
       isBlank &&= !checkVisibility(parentElement, VISIBLE);
     }
-    return { sign: null, isBlank: isBlank && ![...querySelectorAll(document, CONTENT)].some(isSeen) };
-  };
+    return isBlank && ![...querySelectorAll(document, CONTENT)].some(isSeen);
+  }
 
   // A box to enter a number in is named like what turns: it holds a field or buttons, and nothing in it turns.
   const CONTROLS = 'input, select, textarea, button, [role="spinbutton" i]';
@@ -130,7 +144,7 @@
   const isNumberBox = (element) => {
     const box = closest(element, `[class*="spinner" i]:has(${CONTROLS})`) || element;
     if (!matches(box, CONTROLS) && !querySelector(box, CONTROLS)) return false;
-    return !endless().some((turning) => isIn(turning, box));
+    return ![...allTurning()].some((element) => isIn(element, box));
   };
   const isSaid = (element) => matches(element, SAID);
   const isCalled = (element) => {
@@ -138,34 +152,34 @@
     return isNamed.test(name) || (isNamedSpinner.test(name) && !isNumberBox(element));
   };
   const isTold = (element) => TELLS.test(textContent(element).slice(0, TEXT_LENGTH));
-  const isTurning = (element) => endless().includes(element);
+  const isTurning = (element) => allTurning().has(element);
 
-  // What shows that more is to come: an element and the test that found it, `true` for a page that shows nothing, or
-  // null.
-  const sign = () => {
+  // All that shows that more is to come: elements and the tests that found them, `true` for a page that shows nothing.
+  function* signs() {
+    turning = null;
     for (const view of views()) {
       const { document } = view;
       if (!body(document)) continue;
-      const said = [...querySelectorAll(document, SAID)].find(isSign);
-      if (said) return [said, isSaid];
-      const called = [...querySelectorAll(document, NAMED)].find((element) => isCalled(element) && isSign(element));
-      if (called) return [called, isCalled];
-      const text = read(view);
-      if (text.sign) return [text.sign, isTold];
-      if (text.isBlank && view === window && !isBlankKnown) return true;
+      for (const element of querySelectorAll(document, SAID)) if (isSign(element)) yield [element, isSaid];
+      for (const element of querySelectorAll(document, NAMED))
+        if (isCalled(element) && isSign(element)) yield [element, isCalled];
+      let next;
+      for (const texts = told(view); !(next = texts.next()).done; ) yield [next.value, isTold];
+      if (next.value && view === window && !isBlankKnown) yield true;
     }
-    const turning = endless().find(isSign);
-    return turning ? [turning, isTurning] : null;
-  };
+    for (const element of allTurning()) if (isSign(element)) yield [element, isTurning];
+  }
+  const sign = () => signs().next().value || null;
 
   // Take what is shown now for decoration: it is no sign any more in this document, unless it goes and comes again.
   webgym.overlook = () => {
-    for (let found = sign(); found; found = sign()) {
+    for (const found of signs()) {
       if (found === true) isBlankKnown = true;
       else overlooked.set(...found);
     }
   };
   const remember = () => {
+    turning = null;
     for (const [element, holds] of overlooked)
       if (!isConnected(element) || !checkVisibility(element) || !holds(element)) overlooked.delete(element);
   };

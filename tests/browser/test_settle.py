@@ -126,6 +126,11 @@ async def test_a_sign_that_came_back_is_a_sign_again(site: Site, open_tab: Open)
         ("Processing", True),
         ("Searching for flights", True),
         ("Fetching 3 pages…", True),
+        ("Checking", False),
+        ("Saving for later", False),
+        ("Saving…", True),
+        ("Signing in...", True),
+        ("Sending your message …", True),
     ],
 )
 async def test_a_heading_is_no_sign_of_loading(site: Site, tab: Tab, text: str, is_loading: bool) -> None:

@@ -25,7 +25,7 @@ BUTTON = LeftClick(Target(coordinate=(100, 50)))
 FIELD = Target(coordinate=(100, 300))
 PLACED = """<style>
 #b, #f { position: fixed; left: 0; width: 300px; height: 60px } #b { top: 0 } #f { top: 150px }
-#out { position: absolute; left: 0; top: 300px }
+#out, #v { position: absolute; left: 0; top: 300px } #v { top: 350px }
 iframe { position: fixed; left: 0; top: 0; width: 500px; height: 500px; border: 0 }
 </style>"""
 DELAYED = f"""{PLACED}<button id=b>Go</button><input id=f><p id=out>nothing</p><script>
@@ -85,3 +85,54 @@ async def test_timers_in_workers(site: Site, tab: Tab, work: str) -> None:
     for count in (1, 2, 3):
         await tab.step(BUTTON)
         assert str(count) in tab.text
+
+
+BRINGS = {
+    "a value": ("<input id=v value=0>", "v.value -= -1"),
+    "a drawing": ("<canvas id=v width=300 height=200></canvas>", "v.getContext('2d').fillRect(9 * n++, 0, 5, 50)"),
+    "a popover": ("<p id=v popover=manual>text</p>", "v.togglePopover(); n++"),
+    "a style rule": ("<style id=v></style>", "v.sheet.insertRule(`p { margin-left: ${9 * ++n}px }`, n - 1)"),
+    "nothing but an answer after a fruitless timer": (
+        "",
+        "fetch('/ok').then(() => setTimeout(() => { out.textContent = 'done ' + ++n }, 600))",
+    ),
+}
+
+
+@pytest.mark.parametrize(("brings", "ms"), [(brings, 1500 if html else 600) for brings, (html, _) in BRINGS.items()])
+async def test_a_timer_that_changes_no_document_is_not_idle(
+    site: Site, tab: Tab, brings: str, ms: int
+) -> None:
+    async def ok(_: Request) -> Response:
+        return Response("ok")
+
+    site.on("/ok", ok)
+    html, script = BRINGS[brings]
+    await tab.goto(
+        site.page(
+            f"{PLACED}<button id=b>Go</button><p id=out>text</p>{html}<script>let n = 0;"
+            f"b.onclick = () => setTimeout(() => {{ {script} }}, {ms})</script>"
+        )
+    )
+    for count in range(1, 4):
+        await tab.step(BUTTON)
+        look = tab.last
+        await asyncio.sleep(ms / 1000)
+        assert look is not None
+        assert look.image == await tab.slot.screenshot(), f"click {count}"
+
+
+async def test_a_timer_has_another_effect_once_a_field_is_filled(site: Site, tab: Tab) -> None:
+    script = (
+        "b.onclick = () => setTimeout(() => { const text = f.value ? 'Thanks' : 'Name is missing';"
+        "if (out.textContent !== text) out.textContent = text }, 900)"
+    )
+    await tab.goto(
+        site.page(f"{PLACED}<button id=b>Go</button><input id=f><p id=out>text</p><script>{script}</script>")
+    )
+    for _ in range(3):
+        await tab.step(BUTTON)
+    assert set(tab.slot.page.idlers.waits.values()) == {2}
+    await tab.step(Type(FIELD, "Ann", enter=False))
+    await tab.step(BUTTON)
+    assert "Thanks" in tab.text

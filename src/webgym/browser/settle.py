@@ -49,6 +49,9 @@ class _Quiet(msgspec.Struct, frozen=True):
         handles: the same as ``timers``, including those of WebGym's scripts.
         loading: whether the page shows that it is loading.
         blank: whether it does so by being blank.
+        effect: whether the awaited timers changed anything besides the document, such as a field's value;
+            ``unseen`` if only a picture could tell.
+        reacted: whether it has changed, other than by scrolling, since this was last asked.
     """
 
     reason: Literal["unchanged", "quiet", "busy"]
@@ -61,6 +64,8 @@ class _Quiet(msgspec.Struct, frozen=True):
     handles: int
     loading: bool
     blank: bool
+    effect: Literal["some", "none", "unseen"]
+    reacted: bool
 
 
 async def settle(page: Page) -> Reason:
@@ -123,6 +128,8 @@ class _Settling:
         """Timers that had no effect in this wait. Together they count once."""
         self._target = ""
         self._has_typed = False
+        self._has_reacted = False
+        self._frame_changes = dict(page.worlds.changes)
         self._changes = self._all_changes(page.changes)
         page.worlds.begin_wait()
 
@@ -159,7 +166,7 @@ class _Settling:
         since = -1 if self._has_loaded else self._page.changes
         return await self._page.run(
             "quiet",
-            {"since": since, "blank": self._page.is_substitute, **times},
+            {"since": since, "blank": self._page.is_substitute, "timed": bool(self._awaited), **times},
             reply=_Quiet,
             seconds=config.settle_seconds,
         )
@@ -186,6 +193,8 @@ class _Settling:
         page.changes, page.timers_set = quiet.changes, quiet.timers
         page.frame_timers = dict(page.worlds.timers)
         page.idlers.learn(self._ineffective, self._target, had_effect=False)
+        if self._has_reacted or page.worlds.changes != self._frame_changes:
+            page.idlers.forget_elsewhere(self._target)
         if quiet.loading:
             page.post("overlook")  # so that it is reported once
             if not quiet.blank:
@@ -214,6 +223,8 @@ class _Settling:
             pending = (it.next(self._waited_until) for it in self._pending())
             self._awaited = [it for it in pending if self._waited_until < it.due <= until]
             self._waited_until, self._changes = until, self._all_changes(quiet.changes)
+            if self._awaited:
+                self._page.post("beginTimer")
             await asyncio.sleep(max(0.0, timer.due - time.monotonic()))
             return True
         if quiet.loading and not self._linger:
@@ -287,12 +298,17 @@ class _Settling:
         """Number of changes of the document, and of its frames."""
         return changes, dict(self._page.worlds.changes)
 
+    def _has_changed(self, quiet: _Quiet) -> bool:
+        """Whether anything has shown since the action."""
+        page = self._page
+        return quiet.changes != page.changes or page.worlds.changes != self._frame_changes
+
     def _horizon(self, quiet: _Quiet, first: float) -> float:
         """Until when to wait for timers, ``time.monotonic()``."""
         config = self._config
         if quiet.loading:
             return first + config.loading_seconds
-        if quiet.reason == "unchanged":
+        if not self._last_effect and not self._has_changed(quiet):
             return first + config.silent_timer_seconds
         # If a timer had an effect, the next one has as much time again, but in total only twice the limit.
         return min(max(first, self._last_effect), first + config.timer_seconds) + config.timer_seconds
@@ -305,9 +321,12 @@ class _Settling:
         if worlds.target:
             self._target = f"{self._page.loader} {worlds.target}"
         self._has_typed = self._has_typed or quiet.typed or worlds.has_typed
+        self._has_reacted = self._has_reacted or quiet.reacted
         timers, self._awaited = self._awaited, []
-        if self._all_changes(quiet.changes) == self._changes:
+        if self._all_changes(quiet.changes) != self._changes or quiet.effect == "some":
+            self._ineffective.clear()  # they led up to it
+            if timers:
+                self._page.idlers.learn(timers, self._target, had_effect=True)
+                self._last_effect = time.monotonic()
+        elif quiet.effect == "none":
             self._ineffective += timers
-        elif timers:
-            self._page.idlers.learn(timers, self._target, had_effect=True)
-            self._last_effect = time.monotonic()

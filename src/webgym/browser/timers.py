@@ -129,6 +129,10 @@ class IdleTimers:
             else:
                 self.waits[key] = self.waits.get(key, 0) + 1
 
+    def forget_elsewhere(self, target: str) -> None:
+        """An action on ``target`` changed the page: what had no effect elsewhere may have one now."""
+        self.waits = {key: count for key, count in self.waits.items() if key[-1] == target or len(key) == 1}
+
     @staticmethod
     def _keys(timer: Timer, target: str) -> tuple[tuple[tuple[object, ...], int], ...]:
         code = timer.origin or timer.delay

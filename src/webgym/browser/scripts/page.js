@@ -5,7 +5,7 @@
   const webgym = globalThis.webgym;
   if (webgym.state) return;
   const {
-    ownerDocument, localName, shadowRoot, defaultView, adoptedStyleSheets, documentOf, make, typeOf, nodeType,
+    ownerDocument, localName, shadowRoot, defaultView, styleSheets, adoptedStyleSheets, documentOf, make, typeOf, nodeType,
     querySelectorAll, children, isConnected, parentNode, getBoundingClientRect,
   } = webgym.dom;
   const state = {
@@ -181,6 +181,18 @@
     [...views().map(({ document }) => document), ...webgym.shadows()]
       .flatMap((root) => [...querySelectorAll(root, 'input, select, textarea')])
       .map(holds);
+  // How many rules its style sheets have: a script adds some without a change of the document.
+  const rules = (sheet) => {
+    try {
+      return sheet.cssRules.length;
+    } catch {
+      return 0; // a sheet of another origin
+    }
+  };
+  webgym.ruleCounts = () =>
+    [...views().map(({ document }) => document), ...webgym.shadows()]
+      .flatMap((root) => [...styleSheets(root), ...adoptedStyleSheets(root)])
+      .map(rules);
   webgym.isEqual = (a, b) => a.length === b.length && a.every((one, index) => one === b[index]);
 
   const listeners = []; // [event, handler, options]: in every window

@@ -72,9 +72,15 @@
   const isNamed = word(...WORDS);
   const isNamedSpinner = word('spinner');
   const SAID = '[aria-busy="true" i], [role="progressbar" i]:not([aria-valuenow]), progress:not([value])';
-  // "Processing time" and "Searching tips" are headings: these words count alone, or with what they bring.
-  const TELLS =
-    /^\s*(?:(?:loading|please wait|redirecting|one moment|just a moment)\b|(?:searching|processing|fetching)(?:\W*$|.*(?:\.\.\.|…)\s*$|\s+(?:for|your|the|our)\b))/i;
+  // "Processing time" and "Searching tips" are headings: these words count alone, or with what they bring. "Checking"
+  // is an account, and "Saving for later" a link: such words count with dots behind them.
+  const TELLS = new RegExp(
+    String.raw`^\s*(?:(?:loading|please wait|redirecting|one moment|just a moment)\b` +
+      String.raw`|(?:searching|processing|fetching)(?:\W*$|.*(?:\.\.\.|…)\s*$|\s+(?:for|your|the|our)\b)` +
+      '|(?:saving|sending|submitting|uploading|verifying|signing in|logging in|checking|calculating|generating|connecting)' +
+      String.raw`\b[^.…]{0,25}(?:\.\.\.|…)\s*$)`,
+    'i',
+  );
   const TEXT_LENGTH = 60; // of one that only says so, at most
   const TEXTS = 3000; // that are looked at, at most
   const VISIBLE = { opacityProperty: true, visibilityProperty: true };
@@ -184,6 +190,24 @@
       if (!isConnected(element) || !checkVisibility(element) || !holds(element)) overlooked.delete(element);
   };
 
+  // --- what a timer brings ------------------------------------------------------------------------
+
+  // What changes without a change of the document.
+  let stirs = 0;
+  const onStir = ({ target }) => state.ours.has(target) || (stirs += 1);
+  for (const name of ['toggle', 'focusin', 'focusout']) webgym.listen([name, onStir, { capture: true, passive: true }]);
+  const aspect = () => [stirs, ...webgym.ruleCounts(), ...webgym.fieldValues()];
+  let before = null;
+
+  // A timer is about to fire.
+  webgym.beginTimer = () => (before = aspect());
+  // "some" effect besides changes, "none", or "unseen": only a picture could tell.
+  const timerEffect = () => {
+    if (!before) return 'none';
+    if (!webgym.isEqual(before, aspect())) return 'some';
+    return webgym.hasDrawn() ? 'unseen' : 'none';
+  };
+
   // --- when is it quiet ---------------------------------------------------------------------------
 
   const FRAME = 1000; // longest wait for a frame, ms: what is not drawn by then is not drawn at all
@@ -229,10 +253,10 @@
   //   stir;
   //   busy      how long an animation may take that is waited for, and what a script moves on and on;
   //   linger    how long what shows that the page is loading is waited for to vanish.
-  // `blank` says that there is nothing to come on a page that shows nothing.
+  // `blank` says that there is nothing to come on a page that shows nothing, `timed` that a timer was waited for.
   // Time is counted in ticks of its own. A process that is stopped does not tick, so a clock that jumps
   // while timers that came due in the meantime fire one after the other makes nothing look still.
-  webgym.quiet = async ({ since, tick, reaction, quiet, busy, stir, linger, blank }) => {
+  webgym.quiet = async ({ since, tick, reaction, quiet, busy, stir, linger, blank, timed }) => {
     isBlankKnown ||= blank;
     const { planned, target, hasTyped } = state;
     state.planned = null;
@@ -247,10 +271,12 @@
     const patience = () => (found === true || found[1] === isTurning ? linger / 2 : linger);
     const verdict = (reason) => {
       webgym.census(false);
+      const hasReacted = state.reactions !== state.settled;
       state.settled = state.reactions;
       return {
         reason, changes: state.changes, loading: Boolean(found), blank: found === true,
         planned, target, typed: hasTyped, early, timers: timers.asked(), handles: timers.given(),
+        effect: timed ? timerEffect() : 'none', reacted: hasReacted,
       };
     };
     // Still, and nothing that was planned for a frame or an idle moment is left. To count frames asks for one.

@@ -145,6 +145,22 @@ async def test_a_box_for_numbers_is_no_sign_of_loading(site: Site, tab: Tab) -> 
     assert reason(tab) == "loading"
 
 
+_SHADOW = """<x-s></x-s><script>customElements.define('x-s', class extends HTMLElement {{
+  constructor() {{ super(); this.attachShadow({{ mode: 'open' }}).innerHTML = `{content}` }}
+}})</script>"""
+
+
+@pytest.mark.parametrize("sign", ["<b role=progressbar>60 %</b>", "<b class=skeleton>text</b>", "Loading…"])
+async def test_signs_of_loading_in_shadow_roots(site: Site, tab: Tab, sign: str) -> None:
+    await tab.goto(site.page(f"<h1>App</h1>{_SHADOW.format(content=f'<p>text</p>{sign}')}"))
+    assert reason(tab) == "loading"
+
+
+async def test_a_page_in_a_shadow_root_is_not_blank(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page(_SHADOW.format(content="<h1>All of it</h1>")))
+    assert reason(tab) == "quiet"
+
+
 async def test_a_page_that_never_stops_changing(site: Site, tab: Tab) -> None:
     await tab.goto(
         site.page("<p id=p></p><script>setInterval(() => { p.textContent = performance.now() }, 20)</script>")
@@ -242,6 +258,18 @@ async def test_a_transition_ends_before_the_look(site: Site, tab: Tab) -> None:
     await tab.goto(
         site.page(
             "<div id=d style='position:fixed;left:0;top:100px;transition:left .5s'>Moving</div>"
+            "<button onclick=\"d.style.left = '700px'\">Move</button>"
+            "<script>d.ontransitionend = () => { document.title = 'ended' }</script>"
+        )
+    )
+    look = await tab.step(LeftClick(tab.at("Move")))
+    assert look.observation.title == "ended"
+
+
+async def test_a_long_transition_that_an_action_began(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            "<div id=d style='position:fixed;left:0;top:100px;transition:left 2.5s'>Moving</div>"
             "<button onclick=\"d.style.left = '700px'\">Move</button>"
             "<script>d.ontransitionend = () => { document.title = 'ended' }</script>"
         )

@@ -196,7 +196,7 @@
   webgym.isEqual = (a, b) => a.length === b.length && a.every((one, index) => one === b[index]);
 
   const listeners = []; // [event, handler, options]: in every window
-  for (const name of ['scroll', 'input', 'resize', 'transitionend', 'animationend'])
+  for (const name of ['scroll', 'input', 'resize', 'transitionend', 'animationend', 'beginEvent', 'endEvent'])
     listeners.push([name, onEvent, { capture: true, passive: true }]);
   webgym.changed = changed;
   webgym.listen = (...more) => listeners.push(...more);

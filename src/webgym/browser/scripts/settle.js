@@ -43,6 +43,7 @@
     state.hasTyped ||= event.type === 'input';
     if (state.target === 0 && !BEFORE_MOVING.includes(event.type)) state.target = numberOf(event.target);
     if (state.planned !== null) return;
+    state.actedAt = document.timeline.currentTime;
     state.planned = timers.asked();
     state.idles = idles.asked();
     remember();
@@ -55,6 +56,7 @@
     return numbers.get(target);
   };
   state.planned = null;
+  state.actedAt = Infinity; // on the timeline of animations
   state.target = 0;
   state.hasTyped = false;
   state.idles = 0;
@@ -129,19 +131,21 @@
   const CONTENT = 'img, svg, canvas, video, iframe, object, embed, input, button, select, textarea';
 
   // Yields what holds a text that says so; returns whether nothing at all is to be read or seen.
-  function* told(view) {
-    const { document } = view;
-    const walker = createTreeWalker(document, body(document), NodeFilter.SHOW_TEXT);
+  function* told(root) {
+    const host = root.host || null; // of a shadow root
+    const document = ownerDocument(root) || root;
+    const walker = createTreeWalker(document, host ? root : body(root), NodeFilter.SHOW_TEXT);
     let isBlank = true;
     for (let n = 0; n < TEXTS && walker.nextNode(); n++) {
-      const { data, parentElement } = walker.currentNode;
+      const { data } = walker.currentNode;
+      const parentElement = walker.currentNode.parentElement || host;
       const tells = data.length <= TEXT_LENGTH && TELLS.test(data);
       if (!tells && !(isBlank && /\S/.test(data))) continue;
       if (SKIPPED.has(nodeName(parentElement))) continue;
       if (tells && isSign(parentElement)) yield parentElement;
       isBlank &&= !checkVisibility(parentElement, VISIBLE);
     }
-    return isBlank && ![...querySelectorAll(document, CONTENT)].some(isSeen);
+    return isBlank && ![...querySelectorAll(root, CONTENT)].some(isSeen);
   }
 
   // A box to enter a number in is named like what turns: it holds a field or buttons, and nothing in it turns.
@@ -163,16 +167,18 @@
   // All that shows that more is to come: elements and the tests that found them, `true` for a page that shows nothing.
   function* signs() {
     turning = null;
-    for (const view of views()) {
-      const { document } = view;
-      if (!body(document)) continue;
-      for (const element of querySelectorAll(document, SAID)) if (isSign(element)) yield [element, isSaid];
-      for (const element of querySelectorAll(document, NAMED))
+    const shadows = webgym.shadows();
+    let isBlank = Boolean(body(document)) && !isBlankKnown;
+    for (const root of [...views().map((view) => view.document), ...shadows]) {
+      if (!root.host && !body(root)) continue;
+      for (const element of querySelectorAll(root, SAID)) if (isSign(element)) yield [element, isSaid];
+      for (const element of querySelectorAll(root, NAMED))
         if (isCalled(element) && isSign(element)) yield [element, isCalled];
       let next;
-      for (const texts = told(view); !(next = texts.next()).done; ) yield [next.value, isTold];
-      if (next.value && view === window && !isBlankKnown) yield true;
+      for (const texts = told(root); !(next = texts.next()).done; ) yield [next.value, isTold];
+      if (root === document || ownerDocument(root) === document) isBlank &&= next.value;
     }
+    if (isBlank) yield true;
     for (const element of allTurning()) if (isSign(element)) yield [element, isTurning];
   }
   const sign = () => signs().next().value || null;
@@ -229,11 +235,14 @@
   // Animations that run and end within the time that is waited for it. What was moved anew for as long as anyone
   // waits is moved for ever.
   const movedForEver = new WeakSet();
-  const moving = (limit) =>
+  // A transition that began after the action is waited for longer, for it never hides a message after a while, as
+  // other animations do.
+  const moving = (limit, longLimit = limit) =>
     animations().filter((animation) => {
       if (animation.playState !== 'running' || movedForEver.has(animation.effect && animation.effect.target)) return false;
       const end = endOf(animation);
-      return Number.isFinite(end) && end - (animation.currentTime || 0) < limit;
+      const isNew = animation.transitionProperty && !(animation.startTime < state.actedAt);
+      return Number.isFinite(end) && end - (animation.currentTime || 0) < (isNew ? longLimit : limit);
     });
 
   // Whether anything moves that will come to rest.
@@ -297,7 +306,7 @@
       const pulse = Math.min(tick, Math.max(1, needed - still));
       await pause(pulse);
       elapsed += pulse;
-      if (moving(busy).length) still = 0;
+      if (moving(busy, stir).length) still = 0;
       else if (state.changes === known) still += pulse;
       else still = Math.min(pulse, performance.now() - state.changedAt);
       if (state.changes !== known) webgym.attach();
@@ -315,7 +324,7 @@
       if (elapsed >= Math.max(stir, found ? patience() : 0)) {
         webgym.settleSwarm();
         webgym.settleRestless();
-        for (const { effect } of moving(busy)) if (effect.target) movedForEver.add(effect.target);
+        for (const { effect } of moving(busy, stir)) if (effect.target) movedForEver.add(effect.target);
         state.isTireless ||= hasPlanned();
         found ||= sign(); // it was to be seen for as long as anyone waits
         return verdict('busy');

@@ -30,7 +30,10 @@ iframe { position: fixed; left: 0; top: 0; width: 500px; height: 500px; border: 
 </style>"""
 DELAYED = f"""{PLACED}<button id=b>Go</button><input id=f><p id=out>nothing</p><script>
 let n = 0, timer;
-const late = (text, ms) => {{ clearTimeout(timer); timer = setTimeout(() => {{ out.textContent = text }}, ms) }};
+const late = (text, ms) => {{
+  clearTimeout(timer);
+  timer = setTimeout(() => {{ out.textContent = text }}, ms);
+}};
 b.onclick = () => late('clicked ' + ++n, 300);
 f.oninput = () => late('found ' + f.value, 300);
 """
@@ -89,7 +92,10 @@ async def test_timers_in_workers(site: Site, tab: Tab, work: str) -> None:
 
 BRINGS = {
     "a value": ("<input id=v value=0>", "v.value -= -1"),
-    "a drawing": ("<canvas id=v width=300 height=200></canvas>", "v.getContext('2d').fillRect(9 * n++, 0, 5, 50)"),
+    "a drawing": (
+        "<canvas id=v width=300 height=200></canvas>",
+        "v.getContext('2d').fillRect(9 * n++, 0, 5, 50)",
+    ),
     "a popover": ("<p id=v popover=manual>text</p>", "v.togglePopover(); n++"),
     "a style rule": ("<style id=v></style>", "v.sheet.insertRule(`p { margin-left: ${9 * ++n}px }`, n - 1)"),
     "nothing but an answer after a fruitless timer": (
@@ -99,15 +105,14 @@ BRINGS = {
 }
 
 
-@pytest.mark.parametrize(("brings", "ms"), [(brings, 1500 if html else 600) for brings, (html, _) in BRINGS.items()])
-async def test_a_timer_that_changes_no_document_is_not_idle(
-    site: Site, tab: Tab, brings: str, ms: int
-) -> None:
+@pytest.mark.parametrize("brings", BRINGS)
+async def test_a_timer_that_changes_no_document_is_not_idle(site: Site, tab: Tab, brings: str) -> None:
     async def ok(_: Request) -> Response:
         return Response("ok")
 
     site.on("/ok", ok)
     html, script = BRINGS[brings]
+    ms = 1500 if html else 600
     await tab.goto(
         site.page(
             f"{PLACED}<button id=b>Go</button><p id=out>text</p>{html}<script>let n = 0;"

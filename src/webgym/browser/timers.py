@@ -234,8 +234,8 @@ class Timers:
         return sorted(recent, key=lambda timer: timer.due)
 
     def has_worker_chain(self, since: float, seconds: float) -> bool:
-        """Whether a worker's timer, of a chain that began after ``since``, fired in the last ``seconds`` before
-        the trace was read: the next one may have been set meanwhile."""
+        """Whether a worker's timer, of a chain that began after ``since``, fired in the last ``seconds``
+        before the trace was read: the next one may have been set meanwhile."""
         late = self._ended_at - seconds
         return any(root >= since and at >= late for root, at in self._worker_fires.items())
 

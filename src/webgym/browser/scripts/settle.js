@@ -3,8 +3,8 @@
   const webgym = globalThis.webgym;
   if (webgym.quiet) return;
   const {
-    nodeName, ownerDocument, getAttribute, checkVisibility, getBoundingClientRect, body, defaultView, createTreeWalker,
-    getAnimations, querySelector, querySelectorAll, offsetWidth, offsetHeight, matches, closest, isConnected,
+    nodeName, nodeType, ownerDocument, getAttribute, checkVisibility, getBoundingClientRect, body, defaultView,
+    createTreeWalker, getAnimations, querySelector, querySelectorAll, offsetWidth, offsetHeight, matches, closest, isConnected,
     parentNode, textContent,
   } = webgym.dom;
   const { state, views } = webgym;
@@ -36,6 +36,8 @@
   const idles = counter('requestIdleCallback', 'cancelIdleCallback');
   webgym.counters = { timers, frames, idles };
 
+  const A_FRAME = 50; // ms: the time of a frame, from which animations count, is that before its events
+
   // The first input event of an action comes before the page's own listeners. A mouse leaves one element and enters
   // another before it moves there; it does so too when the page moves under it, which says nothing of a target.
   const BEFORE_MOVING = ['pointerout', 'pointerover'];
@@ -43,7 +45,7 @@
     state.hasTyped ||= event.type === 'input';
     if (state.target === 0 && !BEFORE_MOVING.includes(event.type)) state.target = numberOf(event.target);
     if (state.planned !== null) return;
-    state.actedAt = document.timeline.currentTime;
+    state.actedAt = performance.now() - A_FRAME;
     state.planned = timers.asked();
     state.idles = idles.asked();
     remember();
@@ -56,7 +58,7 @@
     return numbers.get(target);
   };
   state.planned = null;
-  state.actedAt = Infinity; // on the timeline of animations
+  state.actedAt = Infinity;
   state.target = 0;
   state.hasTyped = false;
   state.idles = 0;
@@ -127,12 +129,13 @@
   let turning = null; // what was found in this pass
   const allTurning = () => (turning ??= new Set(endless()));
 
+  const isShadow = (root) => nodeType(root) !== Node.DOCUMENT_NODE;
   const SKIPPED = new Set(['SCRIPT', 'STYLE', 'NOSCRIPT', 'TEMPLATE', 'TITLE']);
   const CONTENT = 'img, svg, canvas, video, iframe, object, embed, input, button, select, textarea';
 
   // Yields what holds a text that says so; returns whether nothing at all is to be read or seen.
   function* told(root) {
-    const host = root.host || null; // of a shadow root
+    const host = isShadow(root) ? root.host : null;
     const document = ownerDocument(root) || root;
     const walker = createTreeWalker(document, host ? root : body(root), NodeFilter.SHOW_TEXT);
     let isBlank = true;
@@ -170,7 +173,7 @@
     const shadows = webgym.shadows();
     let isBlank = Boolean(body(document)) && !isBlankKnown;
     for (const root of [...views().map((view) => view.document), ...shadows]) {
-      if (!root.host && !body(root)) continue;
+      if (!isShadow(root) && !body(root)) continue;
       for (const element of querySelectorAll(root, SAID)) if (isSign(element)) yield [element, isSaid];
       for (const element of querySelectorAll(root, NAMED))
         if (isCalled(element) && isSign(element)) yield [element, isCalled];

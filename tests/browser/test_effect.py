@@ -78,6 +78,14 @@ DOES = {
     "root.innerHTML = '<button style=width:200px;height:80px>Do</button><p style=height:50px;overflow:auto>'"
     "+ '<br>row'.repeat(20) + '</p>';"
     "root.firstChild.onclick = () => root.lastChild.scrollBy(0, 90)</script>",
+    "a style rule": "<button id=b>Do</button><style id=s></style><script>"
+    "b.onclick = () => s.sheet.insertRule('#b { color: red }')</script>",
+    "an animated drawing": "<svg id=b><rect width=200 height=80 fill=red>"
+    "<set attributeName=fill to=green begin=click fill=freeze /></rect></svg>",
+    "a state": "<style>x-b:state(on) { background: green }</style><x-b id=b>Do</x-b><script>"
+    "customElements.define('x-b', class extends HTMLElement { constructor() { super();"
+    "this.attachShadow({ mode: 'open' }).innerHTML = '<slot></slot>'; const inner = this.attachInternals();"
+    "this.onclick = () => inner.states.add('on') } })</script>",
     "a list": "<select id=b><option>One<option>Two</select>",
 }
 PLACED = "<style>#b { position: absolute; left: 0; top: 0; min-width: 200px; min-height: 80px }</style>"

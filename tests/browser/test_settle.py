@@ -82,6 +82,12 @@ poll();
 )
 
 
+async def test_a_crowd_that_turns_is_decoration(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page(f"{_TURNING}<p>text</p>{'<i style=display:inline-block>*</i>' * 400}"))
+    assert reason(tab) == "quiet"
+    assert tab.notices == []
+
+
 async def test_what_turns_on_a_page_that_never_rests_costs_one_wait(site: Site, open_tab: Open) -> None:
     site.on("/slow", slow)
     tab = await open_tab(config=BrowserConfig(settle_seconds=3.0))
@@ -120,6 +126,11 @@ async def test_a_sign_that_came_back_is_a_sign_again(site: Site, open_tab: Open)
         ("Processing", True),
         ("Searching for flights", True),
         ("Fetching 3 pages…", True),
+        ("Checking", False),
+        ("Saving for later", False),
+        ("Saving…", True),
+        ("Signing in...", True),
+        ("Sending your message …", True),
     ],
 )
 async def test_a_heading_is_no_sign_of_loading(site: Site, tab: Tab, text: str, is_loading: bool) -> None:
@@ -132,6 +143,22 @@ async def test_a_box_for_numbers_is_no_sign_of_loading(site: Site, tab: Tab) -> 
     assert reason(tab) == "quiet"
     await tab.goto(site.page(f"{_TURNING}<div class=spinner><i>*</i><button>Cancel</button></div>"))
     assert reason(tab) == "loading"
+
+
+_SHADOW = """<x-s></x-s><script>customElements.define('x-s', class extends HTMLElement {{
+  constructor() {{ super(); this.attachShadow({{ mode: 'open' }}).innerHTML = `{content}` }}
+}})</script>"""
+
+
+@pytest.mark.parametrize("sign", ["<b role=progressbar>60 %</b>", "<b class=skeleton>text</b>", "Loading…"])
+async def test_signs_of_loading_in_shadow_roots(site: Site, tab: Tab, sign: str) -> None:
+    await tab.goto(site.page(f"<h1>App</h1>{_SHADOW.format(content=f'<p>text</p>{sign}')}"))
+    assert reason(tab) == "loading"
+
+
+async def test_a_page_in_a_shadow_root_is_not_blank(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page(_SHADOW.format(content="<h1>All of it</h1>")))
+    assert reason(tab) == "quiet"
 
 
 async def test_a_page_that_never_stops_changing(site: Site, tab: Tab) -> None:
@@ -231,6 +258,18 @@ async def test_a_transition_ends_before_the_look(site: Site, tab: Tab) -> None:
     await tab.goto(
         site.page(
             "<div id=d style='position:fixed;left:0;top:100px;transition:left .5s'>Moving</div>"
+            "<button onclick=\"d.style.left = '700px'\">Move</button>"
+            "<script>d.ontransitionend = () => { document.title = 'ended' }</script>"
+        )
+    )
+    look = await tab.step(LeftClick(tab.at("Move")))
+    assert look.observation.title == "ended"
+
+
+async def test_a_long_transition_that_an_action_began(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            "<div id=d style='position:fixed;left:0;top:100px;transition:left 2.5s'>Moving</div>"
             "<button onclick=\"d.style.left = '700px'\">Move</button>"
             "<script>d.ontransitionend = () => { document.title = 'ended' }</script>"
         )

@@ -90,10 +90,16 @@ class DocumentActivity(msgspec.Struct, frozen=True):
     Attributes:
         changes: number of changes so far.
         ago: milliseconds since the last change.
+        timers: number of timers that it set.
+        target: number of the element that received the first input since this was last asked; 0 for none.
+        typed: whether one of these inputs was a key.
     """
 
     changes: int
     ago: float
+    timers: int = 0
+    target: int = 0
+    typed: bool = False
 
 
 class Worlds:
@@ -131,6 +137,14 @@ class Worlds:
         self._has_new_frames = False
         self._never_quiet: set[int] = set()
         """Worlds of frames that never stop changing, so that settling ignores them."""
+        self.timers: dict[int, int] = {}
+        """Number of timers set by the frames of other origins in view, by world."""
+        self.changes: dict[int, int] = {}
+        """Number of their changes, without those that never stop changing."""
+        self.target = ""
+        """The element in such a frame that received input since the wait began; empty for none."""
+        self.has_typed = False
+        """Whether keys were pressed in such a frame since the wait began."""
         session.on("Page.frameAttached", FrameAttached, self._on_attached)
         session.on("Page.frameNavigated", FrameNavigated, self._on_navigated)
         session.on("Page.frameDetached", FrameEvent, self._on_detached)
@@ -353,6 +367,10 @@ class Worlds:
             return {"world": 0, "items": []}
         return {"world": self._worlds.get(frame, 0), "items": items}
 
+    def begin_wait(self) -> None:
+        """A wait for a quiet page begins."""
+        self.target, self.has_typed = "", False
+
     async def wait_until_quiet(self) -> bool:
         """Wait until the frames in view are quiet. Returns whether they were quiet already.
 
@@ -371,10 +389,19 @@ class Worlds:
 
     async def _seconds_until_quiet(self) -> float:
         """Seconds until the frames in view have been unchanged for ``quiet_seconds``."""
-        frames = [it for it in self._entered_in_view() if self._worlds[it] not in self._never_quiet]
+        frames = self._entered_in_view()
+        worlds = [self._worlds[frame] for frame in frames]
         activities = await asyncio.gather(*(self._activity(frame) for frame in frames))
-        quiet = self._config.quiet_seconds
-        return max((quiet - activity.ago / 1000 for activity in activities if activity.changes), default=0.0)
+        remaining = 0.0
+        for world, activity in zip(worlds, activities, strict=True):
+            self.timers[world] = activity.timers
+            if activity.target:
+                self.target = f"{world} {activity.target}"
+            self.has_typed = self.has_typed or activity.typed
+            if world not in self._never_quiet and activity.changes:
+                self.changes[world] = activity.changes
+                remaining = max(remaining, self._config.quiet_seconds - activity.ago / 1000)
+        return remaining
 
     async def _activity(self, frame: str) -> DocumentActivity:
         try:
@@ -421,6 +448,7 @@ class Worlds:
             self.forget()
             self._has_new_frames = False
             self._never_quiet.clear()
+            self.timers, self.changes = {}, {}
         else:
             self._worlds.pop(frame, None)
             self._has_new_frames = True

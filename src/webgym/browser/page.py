@@ -132,6 +132,8 @@ class Page:
         self.timers = timers
         self.timers_set = 0
         """Number of timers that the document had set when it was last quiet."""
+        self.frame_timers: dict[int, int] = {}
+        """The same of frames of other origins, by world."""
         self.idlers = IdleTimers()
         """Timers that had no visible effect when they fired."""
         self.acted = time.monotonic()

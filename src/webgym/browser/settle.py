@@ -49,6 +49,9 @@ class _Quiet(msgspec.Struct, frozen=True):
         handles: the same as ``timers``, including those of WebGym's scripts.
         loading: whether the page shows that it is loading.
         blank: whether it does so by being blank.
+        effect: whether the awaited timers changed anything besides the document, such as a field's value;
+            ``unseen`` if only a picture could tell.
+        reacted: whether it has changed, other than by scrolling, since this was last asked.
     """
 
     reason: Literal["unchanged", "quiet", "busy"]
@@ -61,6 +64,8 @@ class _Quiet(msgspec.Struct, frozen=True):
     handles: int
     loading: bool
     blank: bool
+    effect: Literal["some", "none", "unseen"]
+    reacted: bool
 
 
 async def settle(page: Page) -> Reason:
@@ -108,8 +113,8 @@ class _Settling:
         """When the page was first quiet; from then on the wait is for timers."""
         self._last_effect = 0.0
         """When an awaited timer last had an effect."""
-        self._known_timers: int | None = None
-        """Number of timers that the document had set when the trace was last read."""
+        self._known_timers: tuple[int, dict[int, int]] | None = None
+        """Number of timers that the document and its frames had set when the trace was last read."""
         self._handles = 0
         """The same, including those of WebGym's scripts."""
         self._missed_at = -1
@@ -123,7 +128,10 @@ class _Settling:
         """Timers that had no effect in this wait. Together they count once."""
         self._target = ""
         self._has_typed = False
-        self._changes = page.changes
+        self._has_reacted = False
+        self._frame_changes = dict(page.worlds.changes)
+        self._changes = self._all_changes(page.changes)
+        page.worlds.begin_wait()
 
     async def run(self) -> Reason:
         page = self._page
@@ -158,7 +166,7 @@ class _Settling:
         since = -1 if self._has_loaded else self._page.changes
         return await self._page.run(
             "quiet",
-            {"since": since, "blank": self._page.is_substitute, **times},
+            {"since": since, "blank": self._page.is_substitute, "timed": bool(self._awaited), **times},
             reply=_Quiet,
             seconds=config.settle_seconds,
         )
@@ -183,7 +191,10 @@ class _Settling:
     def _end(self, quiet: _Quiet) -> Reason:
         page = self._page
         page.changes, page.timers_set = quiet.changes, quiet.timers
+        page.frame_timers = dict(page.worlds.timers)
         page.idlers.learn(self._ineffective, self._target, had_effect=False)
+        if self._has_reacted or page.worlds.changes != self._frame_changes:
+            page.idlers.forget_elsewhere(self._target)
         if quiet.loading:
             page.post("overlook")  # so that it is reported once
             if not quiet.blank:
@@ -211,7 +222,9 @@ class _Settling:
             until = timer.due + _TIMER_GROUP_SECONDS
             pending = (it.next(self._waited_until) for it in self._pending())
             self._awaited = [it for it in pending if self._waited_until < it.due <= until]
-            self._waited_until, self._changes = until, quiet.changes
+            self._waited_until, self._changes = until, self._all_changes(quiet.changes)
+            if self._awaited:
+                self._page.post("beginTimer")
             await asyncio.sleep(max(0.0, timer.due - time.monotonic()))
             return True
         if quiet.loading and not self._linger:
@@ -235,10 +248,11 @@ class _Settling:
                 break
             if upcoming.due > self._waited_until and self._is_worthwhile(upcoming, quiet):
                 return upcoming
-        if self._missed_at != quiet.changes or time.monotonic() > horizon:
+        now, step = time.monotonic(), self._config.quiet_seconds
+        is_missed = self._missed_at == quiet.changes  # a timer is set, but it is not known when it is due
+        if now > horizon or not (is_missed or page.timers.has_worker_chain(page.acted, step)):
             return None
-        step = self._config.quiet_seconds  # a timer is set, but it is not known when it is due
-        return Timer(due=time.monotonic() + step, delay=math.inf, repeats=False, root=page.acted)
+        return Timer(due=now + step, delay=math.inf, repeats=False, root=page.acted)
 
     def _pending(self) -> list[Timer]:
         return self._page.timers.pending(self._page.acted)
@@ -259,24 +273,42 @@ class _Settling:
         newly_set = await self._page.timers.read()
         if newly_set is None or (has_watched and newly_set < quiet.handles - self._handles):
             self._missed_at = quiet.changes
-        self._known_timers, self._handles = quiet.timers, quiet.handles
+        self._known_timers, self._handles = self._timers(quiet), quiet.handles
 
     def _has_set_timers(self, quiet: _Quiet) -> bool:
         """Whether the page may have set timers since the trace was read, or since the action."""
+        page = self._page
+        if len(page.workers):  # nobody counts theirs
+            return True
         if self._known_timers is not None:
-            return quiet.timers != self._known_timers
+            return self._timers(quiet) != self._known_timers
+        frames = page.worlds.timers
+        if any(count != page.frame_timers.get(world, 0) for world, count in frames.items()):
+            return True
         if self._has_loaded:
-            return quiet.timers > 0 or len(self._page.workers) > 0
-        before = self._page.timers_set if quiet.planned is None else quiet.planned
+            return quiet.timers > 0
+        before = page.timers_set if quiet.planned is None else quiet.planned
         # A page that shows no reaction has set them in its event listeners, or has set none.
         return (quiet.early if quiet.reason == "unchanged" else quiet.timers) != before
+
+    def _timers(self, quiet: _Quiet) -> tuple[int, dict[int, int]]:
+        return quiet.timers, dict(self._page.worlds.timers)
+
+    def _all_changes(self, changes: int) -> tuple[int, dict[int, int]]:
+        """Number of changes of the document, and of its frames."""
+        return changes, dict(self._page.worlds.changes)
+
+    def _has_changed(self, quiet: _Quiet) -> bool:
+        """Whether anything has shown since the action."""
+        page = self._page
+        return quiet.changes != page.changes or page.worlds.changes != self._frame_changes
 
     def _horizon(self, quiet: _Quiet, first: float) -> float:
         """Until when to wait for timers, ``time.monotonic()``."""
         config = self._config
         if quiet.loading:
             return first + config.loading_seconds
-        if quiet.reason == "unchanged":
+        if not self._last_effect and not self._has_changed(quiet):
             return first + config.silent_timer_seconds
         # If a timer had an effect, the next one has as much time again, but in total only twice the limit.
         return min(max(first, self._last_effect), first + config.timer_seconds) + config.timer_seconds
@@ -285,10 +317,16 @@ class _Settling:
         """Record whether the awaited timers had an effect, and the target of the action."""
         if quiet.planned is not None:
             self._target = f"{self._page.loader} {quiet.target}"
-        self._has_typed = self._has_typed or quiet.typed
+        worlds = self._page.worlds
+        if worlds.target:
+            self._target = f"{self._page.loader} {worlds.target}"
+        self._has_typed = self._has_typed or quiet.typed or worlds.has_typed
+        self._has_reacted = self._has_reacted or quiet.reacted
         timers, self._awaited = self._awaited, []
-        if quiet.changes == self._changes:
+        if self._all_changes(quiet.changes) != self._changes or quiet.effect == "some":
+            self._ineffective.clear()  # they led up to it
+            if timers:
+                self._page.idlers.learn(timers, self._target, had_effect=True)
+                self._last_effect = time.monotonic()
+        elif quiet.effect == "none":
             self._ineffective += timers
-        elif timers:
-            self._page.idlers.learn(timers, self._target, had_effect=True)
-            self._last_effect = time.monotonic()

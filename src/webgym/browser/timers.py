@@ -129,6 +129,10 @@ class IdleTimers:
             else:
                 self.waits[key] = self.waits.get(key, 0) + 1
 
+    def forget_elsewhere(self, target: str) -> None:
+        """An action on ``target`` changed the page: what had no effect elsewhere may have one now."""
+        self.waits = {key: count for key, count in self.waits.items() if key[-1] == target or len(key) == 1}
+
     @staticmethod
     def _keys(timer: Timer, target: str) -> tuple[tuple[tuple[object, ...], int], ...]:
         code = timer.origin or timer.delay
@@ -155,6 +159,10 @@ class Timers:
         self._has_ended.set()
         self._events: list[_Event] = []
         self._set: dict[_Key, Timer] = {}
+        self._worker_fires: dict[float, float] = {}
+        """When a worker's timer fired last, by when its chain began."""
+        self._ended_at = 0.0
+        """When the trace was ended last."""
         connection.on("Tracing.dataCollected", _Collected, lambda data: self._events.extend(data.value))
         connection.on("Tracing.tracingComplete", _Complete, self._on_complete)
 
@@ -177,6 +185,7 @@ class Timers:
         """End the trace. Call it while the page's renderer exists."""
         self._is_wanted = False
         self._set.clear()
+        self._worker_fires.clear()
         await self._end()
 
     async def read(self) -> float | None:
@@ -203,6 +212,7 @@ class Timers:
         self._is_on = False
         self._events.clear()
         self._has_ended.clear()
+        self._ended_at = time.monotonic()
         self._connection.send("Tracing.end")
         try:
             async with asyncio.timeout(self._seconds):
@@ -222,6 +232,12 @@ class Timers:
         """The pending timers of chains that began after ``since``, ordered by due time."""
         recent = (timer for timer in self._set.values() if timer.root >= since)
         return sorted(recent, key=lambda timer: timer.due)
+
+    def has_worker_chain(self, since: float, seconds: float) -> bool:
+        """Whether a worker's timer, of a chain that began after ``since``, fired in the last ``seconds``
+        before the trace was read: the next one may have been set meanwhile."""
+        late = self._ended_at - seconds
+        return any(root >= since and at >= late for root, at in self._worker_fires.items())
 
     # --- updating the known timers ------------------------------------------------------------------
 
@@ -251,6 +267,8 @@ class Timers:
                         del self._set[key]
                     root = fired.root if fired is not None else now  # it was set while the trace was read
                     firing[event.tid] = (now + event.dur / _MICROSECONDS, root)
+                    if not data.frame:
+                        self._worker_fires[root] = now + event.dur / _MICROSECONDS
                 case "CommitLoad":  # a new document: the timers of the old one are cancelled
                     self._forget(event.pid, "" if data.is_outermost_main_frame else place)
         self._prune()
@@ -264,3 +282,4 @@ class Timers:
         """Remove overdue timers, whose firing was lost from the buffer."""
         old = time.monotonic() - self._seconds
         self._set = {key: timer for key, timer in self._set.items() if timer.repeats or timer.due > old}
+        self._worker_fires = {root: at for root, at in self._worker_fires.items() if at > old}

@@ -21,7 +21,7 @@
   // Two are the same if nothing changed in between, nor was planned.
   const moment = () => [
     state.changes, stirs, ...Object.values(counters).map((counter) => counter.asked()), ...selected(),
-    ...webgym.fieldValues(),
+    ...webgym.fieldValues(), ...webgym.ruleCounts(),
   ];
 
   // Whether no task is left to do: one that lets all others go first has its turn.

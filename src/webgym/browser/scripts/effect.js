@@ -4,7 +4,7 @@
   if (webgym.beginTrace) return;
   const {
     localName, activeElement, getSelection, getBoundingClientRect, checkVisibility, documentElement, querySelectorAll,
-    offsetWidth, offsetHeight,
+    offsetWidth, offsetHeight, getRootNode, nodeType,
   } = webgym.dom;
   const { state, counters, rootOf, frameIn } = webgym;
   const { begin, hit, parentOf } = webgym.geometry;
@@ -42,6 +42,9 @@
     }
     return element;
   };
+  // It may look different without any change of a document: it has states of its own.
+  const isCustom = (element) => element && localName(element).includes('-');
+  const hostOf = (root) => nodeType(root) === Node.DOCUMENT_FRAGMENT_NODE && root.host;
   const listAt = () => state.list && state.list.list.scrollTop;
   const hasSelection = () => !getSelection(document).isCollapsed;
   const plans = () => Object.entries(counters).map(([name, counter]) => [name, counter.asked()]);
@@ -80,7 +83,7 @@
     for (let node = element; node; node = parentOf(node)) if (rootOf(node)) webgym.watch(rootOf(node));
     trace = {
       hasChanged: false, listAt: listAt(), plans: now, focus: focused(), hasSelection: hasSelection(), list: state.list,
-      isDark: Boolean(element && localName(element).includes('-') && !rootOf(element)),
+      isDark: Boolean(element && (isCustom(element) || isCustom(hostOf(getRootNode(element))))), rules: webgym.ruleCounts(),
       part, outline: part && outline(part), fieldValues: webgym.fieldValues(),
     };
     isActing = true;
@@ -100,6 +103,7 @@
     if (was.focus !== focused() || was.hasSelection !== hasSelection()) return 'some';
     if (planned.some(([name, count], index) => !plansAlone.has(name) && count !== was.plans[index][1])) return 'some';
     if (was.part && was.outline !== outline(was.part)) return 'some';
+    if (!webgym.isEqual(was.rules, webgym.ruleCounts())) return 'some';
     if (!webgym.isEqual(was.fieldValues, webgym.fieldValues())) return 'some';
     return was.isDark || webgym.hasDrawn() ? 'unseen' : 'none';
   };

@@ -5,7 +5,7 @@
   const webgym = globalThis.webgym;
   if (webgym.state) return;
   const {
-    ownerDocument, localName, shadowRoot, defaultView, adoptedStyleSheets, documentOf, make, typeOf, nodeType,
+    ownerDocument, localName, shadowRoot, defaultView, styleSheets, adoptedStyleSheets, documentOf, make, typeOf, nodeType,
     querySelectorAll, children, isConnected, parentNode, getBoundingClientRect,
   } = webgym.dom;
   const state = {
@@ -181,10 +181,22 @@
     [...views().map(({ document }) => document), ...webgym.shadows()]
       .flatMap((root) => [...querySelectorAll(root, 'input, select, textarea')])
       .map(holds);
+  // How many rules its style sheets have: a script adds some without a change of the document.
+  const rules = (sheet) => {
+    try {
+      return sheet.cssRules.length;
+    } catch {
+      return 0; // a sheet of another origin
+    }
+  };
+  webgym.ruleCounts = () =>
+    [...views().map(({ document }) => document), ...webgym.shadows()]
+      .flatMap((root) => [...styleSheets(root), ...adoptedStyleSheets(root)])
+      .map(rules);
   webgym.isEqual = (a, b) => a.length === b.length && a.every((one, index) => one === b[index]);
 
   const listeners = []; // [event, handler, options]: in every window
-  for (const name of ['scroll', 'input', 'resize', 'transitionend', 'animationend'])
+  for (const name of ['scroll', 'input', 'resize', 'transitionend', 'animationend', 'beginEvent', 'endEvent'])
     listeners.push([name, onEvent, { capture: true, passive: true }]);
   webgym.changed = changed;
   webgym.listen = (...more) => listeners.push(...more);
@@ -198,10 +210,13 @@
   };
 
   // For frames of other origins, which the tab's own `quiet` does not see: how often they changed, and how
-  // many milliseconds ago. Asked from outside, for no timer runs in a frame without scripts.
+  // many milliseconds ago, and what they were given to do. Asked from outside, for no timer runs in a frame without
+  // scripts.
   webgym.still = () => {
     webgym.attach();
-    return { changes: state.changes, ago: performance.now() - state.changedAt };
+    const { target, hasTyped: typed, changes } = state;
+    Object.assign(state, { target: 0, hasTyped: false });
+    return { changes, ago: performance.now() - state.changedAt, timers: webgym.counters.timers.asked(), target, typed };
   };
 
   // --- the same picture for the same page ---------------------------------------------------------

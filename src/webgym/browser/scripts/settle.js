@@ -3,8 +3,8 @@
   const webgym = globalThis.webgym;
   if (webgym.quiet) return;
   const {
-    nodeName, ownerDocument, getAttribute, checkVisibility, getBoundingClientRect, body, defaultView, createTreeWalker,
-    getAnimations, querySelector, querySelectorAll, offsetWidth, offsetHeight, matches, closest, isConnected,
+    nodeName, nodeType, ownerDocument, getAttribute, checkVisibility, getBoundingClientRect, body, defaultView,
+    createTreeWalker, getAnimations, querySelector, querySelectorAll, offsetWidth, offsetHeight, matches, closest, isConnected,
     parentNode, textContent,
   } = webgym.dom;
   const { state, views } = webgym;
@@ -36,6 +36,8 @@
   const idles = counter('requestIdleCallback', 'cancelIdleCallback');
   webgym.counters = { timers, frames, idles };
 
+  const A_FRAME = 50; // ms: the time of a frame, from which animations count, is that before its events
+
   // The first input event of an action comes before the page's own listeners. A mouse leaves one element and enters
   // another before it moves there; it does so too when the page moves under it, which says nothing of a target.
   const BEFORE_MOVING = ['pointerout', 'pointerover'];
@@ -43,6 +45,7 @@
     state.hasTyped ||= event.type === 'input';
     if (state.target === 0 && !BEFORE_MOVING.includes(event.type)) state.target = numberOf(event.target);
     if (state.planned !== null) return;
+    state.actedAt = performance.now() - A_FRAME;
     state.planned = timers.asked();
     state.idles = idles.asked();
     remember();
@@ -55,6 +58,7 @@
     return numbers.get(target);
   };
   state.planned = null;
+  state.actedAt = Infinity;
   state.target = 0;
   state.hasTyped = false;
   state.idles = 0;
@@ -72,9 +76,15 @@
   const isNamed = word(...WORDS);
   const isNamedSpinner = word('spinner');
   const SAID = '[aria-busy="true" i], [role="progressbar" i]:not([aria-valuenow]), progress:not([value])';
-  // "Processing time" and "Searching tips" are headings: these words count alone, or with what they bring.
-  const TELLS =
-    /^\s*(?:(?:loading|please wait|redirecting|one moment|just a moment)\b|(?:searching|processing|fetching)(?:\W*$|.*(?:\.\.\.|…)\s*$|\s+(?:for|your|the|our)\b))/i;
+  // "Processing time" and "Searching tips" are headings: these words count alone, or with what they bring. "Checking"
+  // is an account, and "Saving for later" a link: such words count with dots behind them.
+  const TELLS = new RegExp(
+    String.raw`^\s*(?:(?:loading|please wait|redirecting|one moment|just a moment)\b` +
+      String.raw`|(?:searching|processing|fetching)(?:\W*$|.*(?:\.\.\.|…)\s*$|\s+(?:for|your|the|our)\b)` +
+      '|(?:saving|sending|submitting|uploading|verifying|signing in|logging in|checking|calculating|generating|connecting)' +
+      String.raw`\b[^.…]{0,25}(?:\.\.\.|…)\s*$)`,
+    'i',
+  );
   const TEXT_LENGTH = 60; // of one that only says so, at most
   const TEXTS = 3000; // that are looked at, at most
   const VISIBLE = { opacityProperty: true, visibilityProperty: true };
@@ -90,39 +100,56 @@
   };
   const isSign = (element) => element && !overlooked.has(element) && isSeen(element);
 
-  // No document lists those in its shadow roots.
-  const animations = () => [...views().map((view) => view.document), ...webgym.shadows()].flatMap((root) => getAnimations(root));
+  // No document lists those in its shadow roots. A thousand take the browser half a second to put in order, so they
+  // are asked for in a quarter of the time at most.
+  const SHARE = 4;
+  let listed = [];
+  let listedUntil = -Infinity;
+  const animations = () => {
+    const start = performance.now();
+    if (start < listedUntil) return listed;
+    listed = [...views().map((view) => view.document), ...webgym.shadows()].flatMap((root) => getAnimations(root));
+    const end = performance.now();
+    listedUntil = end + SHARE * (end - start);
+    return listed;
+  };
   const endOf = (animation) => (animation.effect ? animation.effect.getComputedTiming().endTime : 0);
 
-  // A small thing that turns or pulses for ever.
+  // A small thing that turns or pulses for ever. A crowd of them is decoration.
+  const CROWD = 100;
   const isSmall = (element) => {
     const { innerWidth, innerHeight } = defaultView(ownerDocument(element));
     return offsetWidth(element) * offsetHeight(element) < (innerWidth * innerHeight) / 4;
   };
-  const endless = () =>
-    animations()
-      .filter((animation) => animation.playState === 'running' && endOf(animation) === Infinity)
-      .map((animation) => animation.effect.target)
-      .filter((element) => element && isSmall(element));
+  const endless = () => {
+    const found = animations().filter((animation) => animation.playState === 'running' && endOf(animation) === Infinity);
+    const elements = found.length > CROWD ? [] : found.map((animation) => animation.effect.target);
+    return elements.filter((element) => element && isSmall(element));
+  };
+  let turning = null; // what was found in this pass
+  const allTurning = () => (turning ??= new Set(endless()));
 
+  const isShadow = (root) => nodeType(root) !== Node.DOCUMENT_NODE;
   const SKIPPED = new Set(['SCRIPT', 'STYLE', 'NOSCRIPT', 'TEMPLATE', 'TITLE']);
   const CONTENT = 'img, svg, canvas, video, iframe, object, embed, input, button, select, textarea';
 
-  // The first text that says so, and whether anything at all is to be read or seen.
-  const read = (view) => {
-    const { document } = view;
-    const walker = createTreeWalker(document, body(document), NodeFilter.SHOW_TEXT);
+  // Yields what holds a text that says so; returns whether nothing at all is to be read or seen.
+  function* told(root) {
+    const host = isShadow(root) ? root.host : null;
+    const document = ownerDocument(root) || root;
+    const walker = createTreeWalker(document, host ? root : body(root), NodeFilter.SHOW_TEXT);
     let isBlank = true;
     for (let n = 0; n < TEXTS && walker.nextNode(); n++) {
-      const { data, parentElement } = walker.currentNode;
+      const { data } = walker.currentNode;
+      const parentElement = walker.currentNode.parentElement || host;
       const tells = data.length <= TEXT_LENGTH && TELLS.test(data);
       if (!tells && !(isBlank && /\S/.test(data))) continue;
       if (SKIPPED.has(nodeName(parentElement))) continue;
-      if (tells && isSign(parentElement)) return { sign: parentElement, isBlank: false };
+      if (tells && isSign(parentElement)) yield parentElement;
       isBlank &&= !checkVisibility(parentElement, VISIBLE);
     }
-    return { sign: null, isBlank: isBlank && ![...querySelectorAll(document, CONTENT)].some(isSeen) };
-  };
+    return isBlank && ![...querySelectorAll(root, CONTENT)].some(isSeen);
+  }
 
   // A box to enter a number in is named like what turns: it holds a field or buttons, and nothing in it turns.
   const CONTROLS = 'input, select, textarea, button, [role="spinbutton" i]';
@@ -130,7 +157,7 @@
   const isNumberBox = (element) => {
     const box = closest(element, `[class*="spinner" i]:has(${CONTROLS})`) || element;
     if (!matches(box, CONTROLS) && !querySelector(box, CONTROLS)) return false;
-    return !endless().some((turning) => isIn(turning, box));
+    return ![...allTurning()].some((element) => isIn(element, box));
   };
   const isSaid = (element) => matches(element, SAID);
   const isCalled = (element) => {
@@ -138,36 +165,56 @@
     return isNamed.test(name) || (isNamedSpinner.test(name) && !isNumberBox(element));
   };
   const isTold = (element) => TELLS.test(textContent(element).slice(0, TEXT_LENGTH));
-  const isTurning = (element) => endless().includes(element);
+  const isTurning = (element) => allTurning().has(element);
 
-  // What shows that more is to come: an element and the test that found it, `true` for a page that shows nothing, or
-  // null.
-  const sign = () => {
-    for (const view of views()) {
-      const { document } = view;
-      if (!body(document)) continue;
-      const said = [...querySelectorAll(document, SAID)].find(isSign);
-      if (said) return [said, isSaid];
-      const called = [...querySelectorAll(document, NAMED)].find((element) => isCalled(element) && isSign(element));
-      if (called) return [called, isCalled];
-      const text = read(view);
-      if (text.sign) return [text.sign, isTold];
-      if (text.isBlank && view === window && !isBlankKnown) return true;
+  // All that shows that more is to come: elements and the tests that found them, `true` for a page that shows nothing.
+  function* signs() {
+    turning = null;
+    const shadows = webgym.shadows();
+    let isBlank = Boolean(body(document)) && !isBlankKnown;
+    for (const root of [...views().map((view) => view.document), ...shadows]) {
+      if (!isShadow(root) && !body(root)) continue;
+      for (const element of querySelectorAll(root, SAID)) if (isSign(element)) yield [element, isSaid];
+      for (const element of querySelectorAll(root, NAMED))
+        if (isCalled(element) && isSign(element)) yield [element, isCalled];
+      let next;
+      for (const texts = told(root); !(next = texts.next()).done; ) yield [next.value, isTold];
+      if (root === document || ownerDocument(root) === document) isBlank &&= next.value;
     }
-    const turning = endless().find(isSign);
-    return turning ? [turning, isTurning] : null;
-  };
+    if (isBlank) yield true;
+    for (const element of allTurning()) if (isSign(element)) yield [element, isTurning];
+  }
+  const sign = () => signs().next().value || null;
 
   // Take what is shown now for decoration: it is no sign any more in this document, unless it goes and comes again.
   webgym.overlook = () => {
-    for (let found = sign(); found; found = sign()) {
+    for (const found of signs()) {
       if (found === true) isBlankKnown = true;
       else overlooked.set(...found);
     }
   };
   const remember = () => {
+    turning = null;
     for (const [element, holds] of overlooked)
       if (!isConnected(element) || !checkVisibility(element) || !holds(element)) overlooked.delete(element);
+  };
+
+  // --- what a timer brings ------------------------------------------------------------------------
+
+  // What changes without a change of the document.
+  let stirs = 0;
+  const onStir = ({ target }) => state.ours.has(target) || (stirs += 1);
+  for (const name of ['toggle', 'focusin', 'focusout']) webgym.listen([name, onStir, { capture: true, passive: true }]);
+  const aspect = () => [stirs, ...webgym.ruleCounts(), ...webgym.fieldValues()];
+  let before = null;
+
+  // A timer is about to fire.
+  webgym.beginTimer = () => (before = aspect());
+  // "some" effect besides changes, "none", or "unseen": only a picture could tell.
+  const timerEffect = () => {
+    if (!before) return 'none';
+    if (!webgym.isEqual(before, aspect())) return 'some';
+    return webgym.hasDrawn() ? 'unseen' : 'none';
   };
 
   // --- when is it quiet ---------------------------------------------------------------------------
@@ -191,11 +238,14 @@
   // Animations that run and end within the time that is waited for it. What was moved anew for as long as anyone
   // waits is moved for ever.
   const movedForEver = new WeakSet();
-  const moving = (limit) =>
+  // A transition that began after the action is waited for longer, for it never hides a message after a while, as
+  // other animations do.
+  const moving = (limit, longLimit = limit) =>
     animations().filter((animation) => {
       if (animation.playState !== 'running' || movedForEver.has(animation.effect && animation.effect.target)) return false;
       const end = endOf(animation);
-      return Number.isFinite(end) && end - (animation.currentTime || 0) < limit;
+      const isNew = animation.transitionProperty && !(animation.startTime < state.actedAt);
+      return Number.isFinite(end) && end - (animation.currentTime || 0) < (isNew ? longLimit : limit);
     });
 
   // Whether anything moves that will come to rest.
@@ -215,10 +265,10 @@
   //   stir;
   //   busy      how long an animation may take that is waited for, and what a script moves on and on;
   //   linger    how long what shows that the page is loading is waited for to vanish.
-  // `blank` says that there is nothing to come on a page that shows nothing.
+  // `blank` says that there is nothing to come on a page that shows nothing, `timed` that a timer was waited for.
   // Time is counted in ticks of its own. A process that is stopped does not tick, so a clock that jumps
   // while timers that came due in the meantime fire one after the other makes nothing look still.
-  webgym.quiet = async ({ since, tick, reaction, quiet, busy, stir, linger, blank }) => {
+  webgym.quiet = async ({ since, tick, reaction, quiet, busy, stir, linger, blank, timed }) => {
     isBlankKnown ||= blank;
     const { planned, target, hasTyped } = state;
     state.planned = null;
@@ -233,10 +283,12 @@
     const patience = () => (found === true || found[1] === isTurning ? linger / 2 : linger);
     const verdict = (reason) => {
       webgym.census(false);
+      const hasReacted = state.reactions !== state.settled;
       state.settled = state.reactions;
       return {
         reason, changes: state.changes, loading: Boolean(found), blank: found === true,
         planned, target, typed: hasTyped, early, timers: timers.asked(), handles: timers.given(),
+        effect: timed ? timerEffect() : 'none', reacted: hasReacted,
       };
     };
     // Still, and nothing that was planned for a frame or an idle moment is left. To count frames asks for one.
@@ -257,7 +309,7 @@
       const pulse = Math.min(tick, Math.max(1, needed - still));
       await pause(pulse);
       elapsed += pulse;
-      if (moving(busy).length) still = 0;
+      if (moving(busy, stir).length) still = 0;
       else if (state.changes === known) still += pulse;
       else still = Math.min(pulse, performance.now() - state.changedAt);
       if (state.changes !== known) webgym.attach();
@@ -275,7 +327,7 @@
       if (elapsed >= Math.max(stir, found ? patience() : 0)) {
         webgym.settleSwarm();
         webgym.settleRestless();
-        for (const { effect } of moving(busy)) if (effect.target) movedForEver.add(effect.target);
+        for (const { effect } of moving(busy, stir)) if (effect.target) movedForEver.add(effect.target);
         state.isTireless ||= hasPlanned();
         found ||= sign(); // it was to be seen for as long as anyone waits
         return verdict('busy');

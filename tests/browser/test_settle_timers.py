@@ -1,0 +1,143 @@
+"""Timers that an action set off are waited for wherever they run, and what they bring is seen and learned."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from starlette.requests import Request
+from starlette.responses import Response
+
+from webgym.core.action import LeftClick, Target, Type
+
+from .conftest import Site, Tab
+
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
+
+
+@pytest.fixture
+def tab(new_tab: Tab) -> Tab:
+    """A new one: how long a page is waited for is told from a tab's beginning."""
+    return new_tab
+
+
+BUTTON = LeftClick(Target(coordinate=(100, 50)))
+FIELD = Target(coordinate=(100, 300))
+PLACED = """<style>
+#b, #f { position: fixed; left: 0; width: 300px; height: 60px } #b { top: 0 } #f { top: 150px }
+#out, #v { position: absolute; left: 0; top: 300px } #v { top: 350px }
+iframe { position: fixed; left: 0; top: 0; width: 500px; height: 500px; border: 0 }
+</style>"""
+DELAYED = f"""{PLACED}<button id=b>Go</button><input id=f><p id=out>nothing</p><script>
+let n = 0, timer;
+const late = (text, ms) => {{
+  clearTimeout(timer);
+  timer = setTimeout(() => {{ out.textContent = text }}, ms);
+}};
+b.onclick = () => late('clicked ' + ++n, 300);
+f.oninput = () => late('found ' + f.value, 300);
+"""
+
+
+async def test_timers_in_frames_of_other_origins(site: Site, tab: Tab) -> None:
+    inner = site.elsewhere(site.page(f"{DELAYED}late('opened', 600)</script>"))
+    await tab.goto(site.page(f"{PLACED}<iframe src='{inner}'></iframe>"))
+    assert "opened" in tab.text
+    for count in (1, 2, 3):
+        await tab.step(BUTTON)
+        assert f"clicked {count}" in tab.text
+    for word in ("ships", "shores", "ferries"):
+        await tab.step(Type(FIELD, word, enter=False))
+        assert f"found {word}" in tab.text
+
+
+async def test_a_frame_that_answers_by_a_timer(site: Site, tab: Tab) -> None:
+    answer = "onmessage = (e) => setTimeout(() => e.source.postMessage(0, '*'), 300)"
+    echo = site.elsewhere(site.page(f"<script>{answer}</script>"))
+    await tab.goto(
+        site.page(
+            f"{PLACED}<iframe id=i style='top:400px' src='{echo}'></iframe>"
+            "<button id=b>Go</button><p id=out>0</p>"
+            "<script>b.onclick = () => i.contentWindow.postMessage(0, '*');"
+            "onmessage = () => { out.textContent -= -1 }</script>"
+        )
+    )
+    for count in (1, 2):
+        await tab.step(BUTTON)
+        assert str(count) in tab.text
+
+
+@pytest.mark.parametrize(
+    "work",
+    [
+        "setTimeout(() => postMessage(0), 300)",
+        "let n = 0; const go = () => { const end = Date.now() + 20; while (Date.now() < end); "
+        "++n < 20 ? setTimeout(go, 10) : postMessage(0) }; go()",
+    ],
+    ids=["once", "in pieces"],
+)
+async def test_timers_in_workers(site: Site, tab: Tab, work: str) -> None:
+    await tab.goto(
+        site.page(
+            f"{PLACED}<button id=b>Go</button><p id=out>0</p><script>"
+            f"const worker = new Worker(URL.createObjectURL(new Blob([`onmessage = () => {{ {work} }}`])));"
+            "worker.onmessage = () => { out.textContent -= -1 };"
+            "b.onclick = () => worker.postMessage(0)</script>"
+        )
+    )
+    for count in (1, 2, 3):
+        await tab.step(BUTTON)
+        assert str(count) in tab.text
+
+
+BRINGS = {
+    "a value": ("<input id=v value=0>", "v.value -= -1"),
+    "a drawing": (
+        "<canvas id=v width=300 height=200></canvas>",
+        "v.getContext('2d').fillRect(9 * n++, 0, 5, 50)",
+    ),
+    "a popover": ("<p id=v popover=manual>text</p>", "v.togglePopover(); n++"),
+    "a style rule": ("<style id=v></style>", "v.sheet.insertRule(`p { margin-left: ${9 * ++n}px }`, n - 1)"),
+    "nothing but an answer after a fruitless timer": (
+        "",
+        "fetch('/ok').then(() => setTimeout(() => { out.textContent = 'done ' + ++n }, 600))",
+    ),
+}
+
+
+@pytest.mark.parametrize("brings", BRINGS)
+async def test_a_timer_that_changes_no_document_is_not_idle(site: Site, tab: Tab, brings: str) -> None:
+    async def ok(_: Request) -> Response:
+        return Response("ok")
+
+    site.on("/ok", ok)
+    html, script = BRINGS[brings]
+    ms = 1500 if html else 600
+    await tab.goto(
+        site.page(
+            f"{PLACED}<button id=b>Go</button><p id=out>text</p>{html}<script>let n = 0;"
+            f"b.onclick = () => setTimeout(() => {{ {script} }}, {ms})</script>"
+        )
+    )
+    for count in range(1, 4):
+        await tab.step(BUTTON)
+        look = tab.last
+        await asyncio.sleep(ms / 1000)
+        assert look is not None
+        assert look.image == await tab.slot.screenshot(), f"click {count}"
+
+
+async def test_a_timer_has_another_effect_once_a_field_is_filled(site: Site, tab: Tab) -> None:
+    script = (
+        "b.onclick = () => setTimeout(() => { const text = f.value ? 'Thanks' : 'Name is missing';"
+        "if (out.textContent !== text) out.textContent = text }, 900)"
+    )
+    await tab.goto(
+        site.page(f"{PLACED}<button id=b>Go</button><input id=f><p id=out>text</p><script>{script}</script>")
+    )
+    for _ in range(3):
+        await tab.step(BUTTON)
+    assert set(tab.slot.page.idlers.waits.values()) == {2}
+    await tab.step(Type(FIELD, "Ann", enter=False))
+    await tab.step(BUTTON)
+    assert "Thanks" in tab.text

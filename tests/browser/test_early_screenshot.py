@@ -87,6 +87,10 @@ LATE = {
     "const { port1, port2 } = new MessageChannel(); let end = 0;"
     "port2.onmessage = () => performance.now() < end ? port1.postMessage(0) : b.checked = true;"
     "b.onclick = () => { end = performance.now() + 60; port1.postMessage(0); return false }</script>",
+    "a rule after messages": "<style>#b { background: #fff }</style><div id=b>Do</div><script>"
+    "const { port1, port2 } = new MessageChannel(); let end = 0; port2.onmessage = () => performance.now() < end"
+    "? port1.postMessage(0) : document.styleSheets[0].insertRule('#b { background: red !important }');"
+    "b.onclick = () => { end = performance.now() + 60; port1.postMessage(0) }</script>",
     "a change at once": "<button id=b onclick=\"this.textContent = 'Done'\">Do</button>",
     "a timer": "<canvas id=b></canvas><script>b.onclick = () => setTimeout(() =>"
     "b.getContext('2d').fillRect(0, 0, 90, 90), 50)</script>",
@@ -114,7 +118,7 @@ async def test_what_a_click_brings_is_in_the_picture(site: Site, tab: Tab, late:
     assert seen.observation.screenshot == await rested(tab)
 
 
-@pytest.mark.parametrize("late", ["a message after messages", "a picture"])
+@pytest.mark.parametrize("late", ["a message after messages", "a rule after messages", "a picture"])
 async def test_what_a_click_brings_to_a_calm_page_is_in_the_picture(site: Site, tab: Tab, late: str) -> None:
     await tab.goto(site.page(PLACED + LATE[late]))
     for _ in range(20):  # a machine that is starved may be late

@@ -156,8 +156,9 @@ async def test_signs_of_loading_in_shadow_roots(site: Site, tab: Tab, sign: str)
     assert reason(tab) == "loading"
 
 
-async def test_a_page_in_a_shadow_root_is_not_blank(site: Site, tab: Tab) -> None:
-    await tab.goto(site.page(_SHADOW.format(content="<h1>All of it</h1>")))
+@pytest.mark.parametrize("content", ["<h1>All of it</h1>", "<slot>All of it</slot>"])
+async def test_a_page_in_a_shadow_root_is_not_blank(site: Site, tab: Tab, content: str) -> None:
+    await tab.goto(site.page(_SHADOW.format(content=content)))
     assert reason(tab) == "quiet"
 
 

@@ -133,6 +133,12 @@
   const SKIPPED = new Set(['SCRIPT', 'STYLE', 'NOSCRIPT', 'TEMPLATE', 'TITLE']);
   const CONTENT = 'img, svg, canvas, video, iframe, object, embed, input, button, select, textarea';
 
+  // What has no box of its own, such as a slot, shows its text if what it lies in does.
+  const showsText = (element) =>
+    Boolean(element) &&
+    (checkVisibility(element, VISIBLE) ||
+      (getComputedStyle(element).display === 'contents' && showsText(webgym.geometry.parentOf(element))));
+
   // Yields what holds a text that says so; returns whether nothing at all is to be read or seen.
   function* told(root) {
     const host = isShadow(root) ? root.host : null;
@@ -146,7 +152,7 @@
       if (!tells && !(isBlank && /\S/.test(data))) continue;
       if (SKIPPED.has(nodeName(parentElement))) continue;
       if (tells && isSign(parentElement)) yield parentElement;
-      isBlank &&= !checkVisibility(parentElement, VISIBLE);
+      isBlank &&= !showsText(parentElement);
     }
     return isBlank && ![...querySelectorAll(root, CONTENT)].some(isSeen);
   }

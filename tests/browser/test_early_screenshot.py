@@ -89,7 +89,8 @@ LATE = {
     "b.onclick = () => { end = performance.now() + 60; port1.postMessage(0); return false }</script>",
     "a rule after messages": "<style>#b { background: #fff }</style><div id=b>Do</div><script>"
     "const { port1, port2 } = new MessageChannel(); let end = 0;"
-    "port2.onmessage = () => performance.now() < end ? port1.postMessage(0) : document.styleSheets[0].insertRule('#b { background: red !important }');"
+    "port2.onmessage = () => performance.now() < end ? port1.postMessage(0)"
+    " : document.styleSheets[0].insertRule('#b { background: red !important }');"
     "b.onclick = () => { end = performance.now() + 60; port1.postMessage(0) }</script>",
     "a change at once": "<button id=b onclick=\"this.textContent = 'Done'\">Do</button>",
     "a timer": "<canvas id=b></canvas><script>b.onclick = () => setTimeout(() =>"

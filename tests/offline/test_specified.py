@@ -335,6 +335,17 @@ def test_chosen_files_are_moved_and_no_others(visitor: Any) -> None:
     assert re.search(rf"<td>{two}</td><td>{site.files[two]}</td>", body)
 
 
+def test_a_file_that_is_moved_back_counts_as_not_moved(visitor: Any) -> None:
+    site = made(Bank)
+    guest, place, (one, two, *_) = visitor(site), site.path("/~files"), site.files
+    for folder in (*site.spec.files.folders, site.files[one]):
+        guest.follow(place, {f"file-{slug(one)}": "yes", "folder": folder})
+        assert site.report(guest.state)["files"] == ({} if folder == site.files[one] else {one: folder})
+    folder = next(each for each in site.spec.files.folders if each != site.files[two])
+    guest.follow(place, {f"file-{slug(two)}": "yes", "folder": folder})
+    assert site.report(guest.state)["files"] == {two: folder}
+
+
 def test_bars_and_pins_tell_nothing_before_they_are_chosen(visitor: Any) -> None:
     site = made(Lettings)
     guest, record = visitor(site), site.items.records[0]

@@ -16,10 +16,12 @@ from markupsafe import escape
 from webgym.core.errors import SitesError
 from webgym.core.task import Task
 from webgym.core.text import fold, says
-from webgym.core.truth import Click, Give
+from webgym.core.truth import Click, Evidence, Give
 from webgym.offline.data import load_beside
+from webgym.offline.engine.navigation import field_fact, row_view
 from webgym.offline.engine.spec import Spec, spec_of
 from webgym.offline.engine.specified import SpecifiedWebsite
+from webgym.offline.engine.table import Record
 from webgym.offline.families import FAMILIES
 from webgym.offline.families.bank import Bank
 from webgym.offline.families.clinic import Clinic
@@ -223,6 +225,45 @@ def test_the_same_seed_gives_the_same_pages(visitor: Any) -> None:
         for url in ("/", one.finder.path, one.href(one.items.records[0]), "/suggest?q=a"):
             visit = Visit("GET", url.partition("?")[0], {}, {}, {}, {})
             assert one.handle(visit) == two.handle(visit)
+
+
+# --- what a list proves -----------------------------------------------------------------------------------
+
+
+def listed_as(layout: str, family: Any = Shop) -> Any:
+    return next(site for seed in range(60) if (site := made(family, seed)).look.listing == layout)
+
+
+def confirms(evidence: Evidence, guest: Any, url: str, *, without: str = "") -> bool:
+    if not re.match(evidence.path, url):
+        return False
+    text = guest.follow(url)[1].replace(fold(without) or "\n", " ")
+    return all(says(text, each) for each in evidence.texts)
+
+
+@pytest.mark.parametrize("layout", ["grid", "rows", "table"])
+def test_a_field_may_be_read_in_the_items_own_row_of_the_list(layout: str, visitor: Any) -> None:
+    site = listed_as(layout)
+    guest, (record, *records) = visitor(site), site.items.records
+    other = next(
+        each for each in records if all(each.fields[of] != record.fields[of] for of in site.card_fields())
+    )
+    row, others = (site.finder.link({}, "q", each.name) for each in (record, other))
+    for field in site.items.labels:
+        own, *views = field_fact(site, record, field).evidence
+        assert confirms(own, guest, site.href(record))
+        assert len(views) == (field in site.card_fields())
+        for view in views:
+            value = record.fields[field].text
+            assert confirms(view, guest, row)
+            assert not confirms(view, guest, others)
+            for missing in (record.name, site.items.labels[field], value):
+                assert not confirms(view, guest, row, without=missing), missing
+            guest.follow(site.path("/~saved"), {"item": slug(record.name)})
+            assert not confirms(view, guest, site.path("/~saved"))
+            exchanged = Record(other.name, record.fields), Record(record.name, other.fields)
+            lines = fold(" ".join(text for each in exchanged for text in row_view(site, each, field)))
+            assert not all(says(lines, each) for each in view.texts)
 
 
 # --- files that do not fit ----------------------------------------------------------------------------------

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import random
 import re
 import sys
 from collections import Counter
 from importlib.util import module_from_spec, spec_from_file_location
+from itertools import combinations, product
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -18,6 +20,7 @@ from webgym.core.task import Task
 from webgym.core.text import fold, says
 from webgym.core.truth import Click, Evidence, Give
 from webgym.offline.data import load_beside
+from webgym.offline.engine.list_tasks import _having, extreme
 from webgym.offline.engine.navigation import field_fact, row_view
 from webgym.offline.engine.spec import Spec, spec_of
 from webgym.offline.engine.specified import SpecifiedWebsite
@@ -239,6 +242,31 @@ def confirms(evidence: Evidence, guest: Any, url: str, *, without: str = "") -> 
         return False
     text = guest.follow(url)[1].replace(fold(without) or "\n", " ")
     return all(says(text, each) for each in evidence.texts)
+
+
+@pytest.mark.parametrize("layout", ["grid", "rows", "table"])
+def test_a_whole_filtered_list_in_any_order_shows_which_item_is_first(layout: str, visitor: Any) -> None:
+    site = listed_as(layout)
+    guest, rng = visitor(site), random.Random(3)
+    options = [[{}, *({each.name: value} for value, _ in each.options)] for each in site.finder.facets]
+    queries = [{**one, **two} for lists in combinations(options, 2) for one, two in product(*lists)]
+    queries = [dict(each) for each in dict.fromkeys(tuple(each.items()) for each in queries)]
+    tried = 0
+    for part in (extreme(site, rng, 1) for _ in range(60)):
+        if part is None or len(part.facts[0].evidence) == 1:
+            continue
+        (_, rows), (best,) = part.facts[0].evidence, part.facts[0].answer
+        shown = [each for each in queries if confirms(rows, guest, site.finder.link(each, "q", ""))]
+        chosen = min(shown, key=len)
+        assert part.ask.endswith(f"among those that {_having(site, chosen)}")
+        records = site.find(**chosen)
+        assert all(chosen.items() <= each.items() and site.find(**each) == records for each in shown)
+        assert confirms(rows, guest, site.finder.link(chosen, "sort", site.finder.sort.options[1][0]))
+        assert not confirms(rows, guest, site.finder.link(chosen, "q", best))  # the first alone
+        for record in records:
+            assert not confirms(rows, guest, site.finder.link(chosen, "q", ""), without=record.name)
+        tried += 1
+    assert tried > 5
 
 
 @pytest.mark.parametrize("layout", ["grid", "rows", "table"])

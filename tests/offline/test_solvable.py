@@ -7,14 +7,17 @@ from __future__ import annotations
 from collections import Counter
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from webgym.browser_check import check_in_browsers
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode
+from webgym.core.truth import Fill, Home, See
 from webgym.judge.offline import OfflineJudge
 from webgym.offline.config import SitesConfig
+from webgym.offline.engine.specified import SpecifiedWebsite
 from webgym.offline.families import FAMILIES
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.config import AttemptConfig, CollectorConfig
@@ -69,6 +72,40 @@ async def test_a_sticky_header_and_words_of_a_table_do_not_keep_from_a_solution(
     tasks = [each for host in hosts for each in web.tasks_of(host) if each.id.partition("/")[2] in known]
     assert len(tasks) == len(known)
     assert await check_in_browsers(web, tasks, tmp_path / "results", sessions=2) == []
+
+
+def read_in_the_list(site: SpecifiedWebsite, task: Task) -> Task:
+    """The task with a solution that opens no item and puts nothing in order."""
+    assert task.truth is not None
+    texts = dict.fromkeys(text for fact in task.truth.facts for text in fact.evidence[1].texts)
+    *moves, given = task.truth.moves
+    is_search = any(isinstance(move, Fill) for move in moves)
+    kept = [
+        move
+        for move in moves
+        if isinstance(move, Home | Fill)
+        or (not is_search and not isinstance(move, See) and getattr(move, "field", "") != site.says["sort"])
+    ]
+    moves = [*kept, See(tuple(texts)), given]
+    return msgspec.structs.replace(task, truth=msgspec.structs.replace(task.truth, moves=tuple(moves)))
+
+
+@pytest.mark.browser
+@pytest.mark.timeout(180)
+async def test_what_the_list_shows_needs_no_opened_item_and_no_order(tmp_path: Path) -> None:
+    web, tasks = OfflineWeb(), dict[tuple[str, str], Task]()
+    for host in list(web.specs)[::5]:
+        site = web.website(host)
+        assert isinstance(site, SpecifiedWebsite)
+        for task in web.tasks_of(host):
+            kind, truth = task.id.split("/")[2].partition("-")[0], task.truth
+            assert truth is not None
+            if kind in ("facts", "extreme") and truth.expects == "success":
+                views = [fact.evidence[1:] for fact in truth.facts]
+                if all(views) and (kind == "facts" or [len(views), len(views[0][0].texts) < 5] == [1, True]):
+                    tasks.setdefault((kind, site.look.listing), read_in_the_list(site, task))
+    assert len(tasks) == 6
+    assert await check_in_browsers(web, list(tasks.values()), tmp_path / "results", sessions=2) == []
 
 
 @pytest.mark.browser

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import random
 import re
 import sys
 from collections import Counter
 from importlib.util import module_from_spec, spec_from_file_location
+from itertools import combinations, product
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -16,10 +18,13 @@ from markupsafe import escape
 from webgym.core.errors import SitesError
 from webgym.core.task import Task
 from webgym.core.text import fold, says
-from webgym.core.truth import Click, Give
+from webgym.core.truth import Click, Evidence, Give
 from webgym.offline.data import load_beside
+from webgym.offline.engine.list_tasks import _having, extreme
+from webgym.offline.engine.navigation import field_fact, row_view
 from webgym.offline.engine.spec import Spec, spec_of
 from webgym.offline.engine.specified import SpecifiedWebsite
+from webgym.offline.engine.table import Record
 from webgym.offline.families import FAMILIES
 from webgym.offline.families.bank import Bank
 from webgym.offline.families.clinic import Clinic
@@ -225,6 +230,70 @@ def test_the_same_seed_gives_the_same_pages(visitor: Any) -> None:
             assert one.handle(visit) == two.handle(visit)
 
 
+# --- what a list proves -----------------------------------------------------------------------------------
+
+
+def listed_as(layout: str, family: Any = Shop) -> Any:
+    return next(site for seed in range(60) if (site := made(family, seed)).look.listing == layout)
+
+
+def confirms(evidence: Evidence, guest: Any, url: str, *, without: str = "") -> bool:
+    if not re.match(evidence.path, url):
+        return False
+    text = guest.follow(url)[1].replace(fold(without) or "\n", " ")
+    return all(says(text, each) for each in evidence.texts)
+
+
+@pytest.mark.parametrize("layout", ["grid", "rows", "table"])
+def test_a_whole_filtered_list_in_any_order_shows_which_item_is_first(layout: str, visitor: Any) -> None:
+    site = listed_as(layout)
+    guest, rng = visitor(site), random.Random(3)
+    options = [[{}, *({each.name: value} for value, _ in each.options)] for each in site.finder.facets]
+    queries = [{**one, **two} for lists in combinations(options, 2) for one, two in product(*lists)]
+    queries = [dict(each) for each in dict.fromkeys(tuple(each.items()) for each in queries)]
+    tried = 0
+    for part in (extreme(site, rng, 1) for _ in range(60)):
+        if part is None or len(part.facts[0].evidence) == 1:
+            continue
+        (_, rows), (best,) = part.facts[0].evidence, part.facts[0].answer
+        shown = [each for each in queries if confirms(rows, guest, site.finder.link(each, "q", ""))]
+        chosen = min(shown, key=len)
+        assert part.ask.endswith(f"among those that {_having(site, chosen)}")
+        records = site.find(**chosen)
+        assert all(chosen.items() <= each.items() and site.find(**each) == records for each in shown)
+        assert confirms(rows, guest, site.finder.link(chosen, "sort", site.finder.sort.options[1][0]))
+        assert not confirms(rows, guest, site.finder.link(chosen, "q", best))  # the first alone
+        for record in records:
+            assert not confirms(rows, guest, site.finder.link(chosen, "q", ""), without=record.name)
+        tried += 1
+    assert tried > 5
+
+
+@pytest.mark.parametrize("layout", ["grid", "rows", "table"])
+def test_a_field_may_be_read_in_the_items_own_row_of_the_list(layout: str, visitor: Any) -> None:
+    site = listed_as(layout)
+    guest, (record, *records) = visitor(site), site.items.records
+    other = next(
+        each for each in records if all(each.fields[of] != record.fields[of] for of in site.card_fields())
+    )
+    row, others = (site.finder.link({}, "q", each.name) for each in (record, other))
+    for field in site.items.labels:
+        own, *views = field_fact(site, record, field).evidence
+        assert confirms(own, guest, site.href(record))
+        assert len(views) == (field in site.card_fields())
+        for view in views:
+            value = record.fields[field].text
+            assert confirms(view, guest, row)
+            assert not confirms(view, guest, others)
+            for missing in (record.name, site.items.labels[field], value):
+                assert not confirms(view, guest, row, without=missing), missing
+            guest.follow(site.path("/~saved"), {"item": slug(record.name)})
+            assert not confirms(view, guest, site.path("/~saved"))
+            exchanged = Record(other.name, record.fields), Record(record.name, other.fields)
+            lines = fold(" ".join(text for each in exchanged for text in row_view(site, each, field)))
+            assert not all(says(lines, each) for each in view.texts)
+
+
 # --- files that do not fit ----------------------------------------------------------------------------------
 
 
@@ -333,6 +402,17 @@ def test_chosen_files_are_moved_and_no_others(visitor: Any) -> None:
     body = guest.ask(place).body.decode()
     assert re.search(rf"<td>{one}</td><td>{folder}</td>", body)
     assert re.search(rf"<td>{two}</td><td>{site.files[two]}</td>", body)
+
+
+def test_a_file_that_is_moved_back_counts_as_not_moved(visitor: Any) -> None:
+    site = made(Bank)
+    guest, place, (one, two, *_) = visitor(site), site.path("/~files"), site.files
+    for folder in (*site.spec.files.folders, site.files[one]):
+        guest.follow(place, {f"file-{slug(one)}": "yes", "folder": folder})
+        assert site.report(guest.state)["files"] == ({} if folder == site.files[one] else {one: folder})
+    folder = next(each for each in site.spec.files.folders if each != site.files[two])
+    guest.follow(place, {f"file-{slug(two)}": "yes", "folder": folder})
+    assert site.report(guest.state)["files"] == {two: folder}
 
 
 def test_bars_and_pins_tell_nothing_before_they_are_chosen(visitor: Any) -> None:

@@ -54,13 +54,14 @@ class Extras(Website):
         return self.path("/~one/{key}", key=slug(record.name))
 
     def extras_report(self, state: State) -> dict[str, Any]:
-        """The state of the optional features: number of each item in the cart, moved files, signed-in
-        user."""
+        """The state of the optional features: number of each item in the cart, files in another folder than
+        at first, signed-in user."""
         report: dict[str, Any] = {}
         if self.spec.cart:
             report["cart"] = {self.by_key[key].name: count for key, count in state.get("cart", {}).items()}
         if self.spec.files:
-            report["files"] = dict(state.get("files", {}))
+            moved = state.get("files", {})
+            report["files"] = {name: folder for name, folder in moved.items() if folder != self.files[name]}
         if self.spec.account:
             report["signed in"] = self.user if state.get("signed in") else None
         return report

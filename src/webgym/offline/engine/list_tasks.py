@@ -9,7 +9,7 @@ from __future__ import annotations
 import random
 
 from webgym.core.truth import Click, See
-from webgym.offline.engine.navigation import Site, field_fact, view_fields
+from webgym.offline.engine.navigation import Site, field_fact, row_view, view_fields
 from webgym.offline.engine.spelling import count as counted
 from webgym.offline.parts import Fact, Part, shown
 
@@ -64,9 +64,12 @@ def extreme(site: Site, rng: random.Random, size: int) -> Part | None:
         return None
     best, word, having = records[0], spec.most if is_most else spec.least, _having(site, chosen)
     view = (best.name, best.fields[field].text)
+    ordered = shown(site.finder.regex(**query), *view)
+    rows = dict.fromkeys(text for record in records for text in row_view(site, record, field))
+    unordered = shown(site.finder.regex(**chosen), *rows)
     named = Fact(
         f"Among the {site.spec.plural} that {having}, the one with the {word} {spec.noun} is found",
-        (shown(site.finder.regex(**query), *view),),
+        (ordered, unordered) if len(records) <= site.page_size else (ordered,),
         answer=(best.name,),
         wrong=tuple(record.name for record in records[1:4]),
     )

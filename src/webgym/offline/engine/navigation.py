@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from webgym.core.truth import Click, Fill, Move, See
 from webgym.offline.engine.specified import SpecifiedWebsite
 from webgym.offline.engine.table import Record
-from webgym.offline.parts import Fact, exactly
+from webgym.offline.parts import Fact, exactly, shown
 
 Site = SpecifiedWebsite
 
@@ -46,6 +47,23 @@ def view_fields(site: Site, record: Record, fields: Sequence[str]) -> tuple[Move
     return tuple(moves)
 
 
+def row_view(site: Site, record: Record, field: str) -> tuple[str, ...]:
+    """The texts by which the list shows a field of an item: its name and all values up to the field, with
+    their labels; those of a table are in its first line."""
+    fields = site.card_fields()
+    fields = fields[: fields.index(field) + 1]
+    labels, values = site.items.labels, record.fields
+    if site.look.listing != "table":
+        return (" ".join((record.name, *(f"{labels[each]} {values[each].text}" for each in fields))),)
+    heading = " ".join((site.spec.singular, *(labels[each] for each in fields)))
+    return heading, " ".join((record.name, *(values[each].text for each in fields)))
+
+
 def field_fact(site: Site, record: Record, field: str, *, about: str = "", in_answer: bool = True) -> Fact:
-    """The fact that a field of an item was found; see :meth:`~webgym.offline.engine.records.Sheet.fact`."""
-    return site.items.fact(record, field, exactly(site.href(record)), about=about, in_answer=in_answer)
+    """The fact that a field of an item was found, on its page or in the list; see
+    :meth:`~webgym.offline.engine.records.Sheet.fact`."""
+    fact = site.items.fact(record, field, exactly(site.href(record)), about=about, in_answer=in_answer)
+    if field not in site.card_fields():
+        return fact
+    listed = shown(exactly(site.finder.path), *row_view(site, record, field))
+    return replace(fact, evidence=(*fact.evidence, listed))

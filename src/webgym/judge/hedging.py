@@ -4,13 +4,17 @@ A list that contains the right answer is a guess. The answer is split into piece
 ends, "or" and the like. A piece names another candidate if, apart from words that also occur in the task, in
 a right answer or in the pieces that contain it, it holds only a value written like the right one: a number
 of the same format, or words with the same capitalisation. Next to a price, "Rated 4.7" is a remark; "$13.50"
-and "It costs $13.50" are other candidates.
+and "It costs $13.50" are other candidates. In a piece with the right answer every other number of its format
+needs a word of its own beside it, which does not stand beside the right one, too: "12 rated 3 stars" names
+one number, "12 next 13" and "12 else 13 else 14" name several.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Set as AbstractSet
+from itertools import pairwise
 from typing import Final
 
 from webgym.core.text import fold
@@ -25,6 +29,8 @@ _SEPARATORS: Final = re.compile(
 _TOKEN: Final = re.compile(r"\d+(?:[.,:]\d+)*|[^\W\d_]+")
 _PLACEHOLDER: Final = "\x00"
 """Replaces every right answer in the text before it is split."""
+
+_MARKED: Final = re.compile(f"{_PLACEHOLDER}|{_TOKEN.pattern}")
 
 _ADJACENT_NUMBER: Final = re.compile(
     rf"{_PLACEHOLDER}\W{{0,3}}(\d[\d.,:]*)|(\d[\d.,:]*)\W{{0,3}}{_PLACEHOLDER}"
@@ -79,11 +85,8 @@ def other_candidate(answer: str, required: Sequence[Sequence[str]], known_texts:
         excused = known if has_answer else known | context
         unexplained = [token for token in _TOKEN.findall(piece) if fold(token) not in excused]
         values = [token for token in unexplained if token[0].isdigit()]
-        adjacent = (
-            [after or before for after, before in _ADJACENT_NUMBER.findall(piece)] if has_answer else []
-        )
         is_value = all(token[0].isdigit() or token.isupper() for token in unexplained)  # a number, or a code
-        claimed = values if is_value else [value for value in values if value in adjacent]
+        claimed = values if is_value else _unlabelled(piece, known) if has_answer else []
         if any(_shape(value) in shapes for value in claimed):
             return piece.replace(_PLACEHOLDER, "…")
         if (
@@ -94,6 +97,21 @@ def other_candidate(answer: str, required: Sequence[Sequence[str]], known_texts:
         ):
             return piece
     return ""
+
+
+def _unlabelled(piece: str, known: AbstractSet[str]) -> Iterator[str]:
+    """The numbers in a piece with a right answer that touch it, or have no word of their own beside them."""
+    yield from (after or before for after, before in _ADJACENT_NUMBER.findall(piece))
+    tokens = [token for token in ("", *_MARKED.findall(piece), "") if fold(token) not in known]
+    beside = {fold(word) for pair in pairwise(tokens) if _PLACEHOLDER in pair for word in pair}
+    free = {at for at, word in enumerate(tokens) if word.isalpha() and fold(word) not in beside}
+    for at, token in enumerate(tokens):
+        if not token[:1].isdigit():
+            continue
+        if label := free & {at - 1, at + 1}:
+            free.remove(min(label))
+        else:
+            yield token
 
 
 def _is_name(

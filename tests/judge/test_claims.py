@@ -18,6 +18,7 @@ NO_REVIEWS = (count(0, "reviews", "review"),)
 ONE = (count(1),)
 TEN = (count(10),)
 SIZE = (("S",),)
+THREE = (("93 min",), ("160 °C",), ("Room 7",))
 
 WRONG = [
     (DAY, "It is not Thursday."),
@@ -35,6 +36,9 @@ WRONG = [
     (ONE, "Two of the reviews have that rating; the first one is by Jo."),
     (TEN, "There are ten or twelve."),
     (TEN, "I saw ten on the first page; altogether there are fourteen."),
+    (ONE, "1. Some have two.\n2. Others have three."),
+    (TEN, "1. 9\n2. 10\n3. 11"),
+    (THREE, "1. 93 min\n2. 160 °C\n4. Room 7"),
     (SIZE, "It's sure, but I could not find the size."),
 ]
 RIGHT = [
@@ -51,6 +55,17 @@ RIGHT = [
     (NO_REVIEWS, "None."),
     (ONE, "Only one review has it."),
     (TEN, "There are ten reviews."),
+    (ONE, "1. That is all."),
+    *(
+        (THREE, answer)
+        for answer in (
+            "1. 93 min\n2. 160 °C\n3. Room 7",
+            "(1) 93 min, (2) 160 °C, (3) Room 7",
+            "They are: 1) 93 min, 2) 160 °C and 3) Room 7.",
+            "  - **1.** Time: **93 min**\n  - **2.** Heat: **160 °C**\n  - **3.** Place: **Room 7**",
+            "1: 93 min\n2: 160 °C\n3: Room 7",
+        )
+    ),
     (SIZE, "I'm done: the size is S."),
     ((("Henrik Jansen",),), "Name: Henrik Jansen"),
     ((("Apr 2026",),), "It is April 2026."),

@@ -55,11 +55,34 @@ _SPELLINGS: Final = tuple(
 """Patterns of spellings of times, days and amounts, and what stands for them."""
 _MONTH: Final = re.compile(rf"\b(?:{'|'.join(name for name in MONTHS if len(name) > 3)})\b", re.IGNORECASE)
 
+_LIST_NUMBER: Final = re.compile(
+    r"(?:^[ \t>]*(?:[-*•][ \t]+)?(?:[*_]{2})?(?:\(?(\d{1,2})\)|(\d{1,2})[.:])(?:[*_]{2})?"
+    r"|(?:(?<=[,;:.]\s)|(?<=\band\s))\(?(\d{1,2})\))[ \t]+(?=\S)",
+    re.MULTILINE,
+)
 _WHOLE_AMOUNT: Final = re.compile(r"(?<=\d)\.00(?![\d.,:])")
 
 
+def _without_list_numbers(text: str) -> str:
+    """The text without the numbers of list items, if they count up from 1 to 2 at least."""
+    following = 1
+
+    def stripped(match: re.Match[str]) -> str:
+        nonlocal following
+        number = int(match[1] or match[2] or match[3])
+        if number not in (1, following):
+            return match[0]
+        following = number + 1
+        return ""
+
+    without = _LIST_NUMBER.sub(stripped, text)
+    return without if following > 2 else text
+
+
 def respelled(text: str) -> str:
-    """The text with common spellings of times, dates and amounts written in one way."""
+    """The text without the numbers of list items, and with common spellings of times, dates and amounts
+    written in one way."""
+    text = _without_list_numbers(text)
     for pattern, written in _SPELLINGS:
         text = pattern.sub(written, text)
     return _MONTH.sub(lambda month: month[0][:3], text)
@@ -67,7 +90,7 @@ def respelled(text: str) -> str:
 
 def spelled(text: str) -> str:
     """The same of the folded text, with whole amounts without their ".00"."""
-    return _WHOLE_AMOUNT.sub("", respelled(fold(text)))
+    return _WHOLE_AMOUNT.sub("", respelled(fold(_without_list_numbers(text))))
 
 
 def claims(answer: str, options: Sequence[str], known: str) -> bool:

@@ -86,6 +86,10 @@ async def test_everything_shown_done_and_said_is_a_success() -> None:
         "It costs $12.",
         "It costs $112.50.",
         "It costs $12.50 or $9.00.",
+        "It costs $9.00, not $12.50.",
+        "Not $9.00, not $12.50.",
+        "$9.00, not $12.50. $12.50, not $9.00.",
+        "It costs $12.50, if not $8.00, $9.00.",
         "I could not find it.",
         "",
         "   ",
@@ -93,6 +97,19 @@ async def test_everything_shown_done_and_said_is_a_success() -> None:
 )
 async def test_a_wrong_answer_fails(answer: str) -> None:
     assert (await judged(episode(FRONT, PRODUCT, answer=answer))).reward == 0
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        "It costs $12.50, not $9.00.",
+        "The Blue Mug costs $12.50 rather than $9.00.",
+        "It isn’t $9.00: it costs $12.50.",
+        "It costs $12.50; $9.00 is wrong.",
+    ],
+)
+async def test_a_wrong_value_that_is_denied_is_not_claimed(answer: str) -> None:
+    assert (await judged(episode(FRONT, PRODUCT, answer=answer))).reward == 1
 
 
 async def test_evidence_of_another_website_counts_there_alone() -> None:

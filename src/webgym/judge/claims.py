@@ -7,7 +7,7 @@ followed by another unit than the value has ("36 miles" for 36 km, "10:45 pm" fo
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import combinations
 from typing import Final, TypeAlias
 
@@ -18,12 +18,14 @@ _Unit: TypeAlias = tuple[str, object]
 
 _DENIED_BEFORE: Final = re.compile(
     r"(?:\b(?:not|never|except|excluding|besides|without|instead of|rather than|other than|unlike|neither"
-    r"|nor)|n't)(?:[^\w.;!?]+(?:a|an|the|on|in|at|for|of|to|by|it|is|was|be|called|named))*[^\w.;!?]*$"
+    r"|nor)|n't)(?:[^\w.;!?]+(?:a|an|the|on|in|at|for|of|to|by|it|is|was|be|called|named))*[^\w.;!?]*$",
+    re.IGNORECASE,
 )
 _DENIED_AFTER: Final = re.compile(
     r"[^\w.;!?]*(?:(?:is|was|are|were) (?:wrong|incorrect|false)\b"
     r"|(?:(?:is|was|are|were) not|isn't|wasn't|aren't|weren't)"
-    r"(?: (?:it|true|right|correct|the (?:right|correct|answer))\b| ?[.,;!]|$))"
+    r"(?: (?:it|true|right|correct|the (?:right|correct|answer))\b| ?[.,;!]|$))",
+    re.IGNORECASE,
 )
 _BOUND: Final = re.compile(
     r"\b(less than|more than|fewer than|under|over|below|above|at least|at most|up to|almost|nearly)"
@@ -107,6 +109,21 @@ def claims(answer: str, options: Sequence[str], known: str) -> bool:
         for option in options
         for start, end in _places(answer, spelled(option))
     )
+
+
+def without_denied(answer: str, values: Iterable[str]) -> str:
+    """The answer without those of the values that it denies, and without the denials: "Rock, not Sulphur" is
+    "Rock"."""
+    answer, folded = answer.replace("’", "'"), fold(answer)
+    for value in sorted((each for each in values if fold(each) in folded), key=len, reverse=True):
+        pattern = re.compile(whole_phrase(fold(value)).pattern, re.IGNORECASE)
+        for match in reversed([*pattern.finditer(answer)]):
+            start, end = match.span()
+            before = _DENIED_BEFORE.search(answer, max(0, start - 80), start)
+            after = _DENIED_AFTER.match(answer, end)
+            if before or after:
+                answer = answer[: before.start() if before else start] + answer[after.end() if after else end :]
+    return answer
 
 
 def swapped(answer: str, required: Sequence[Sequence[str]], solution: str) -> str:

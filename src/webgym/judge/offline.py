@@ -20,7 +20,7 @@ from webgym.core.truth import AnswerTruth, Evidence, FactTruth, Give, StateCheck
 from webgym.core.verdict import FactJudgement, Judgement, Verdict, all_hold
 from webgym.judge.base import Pictures
 from webgym.judge.blocking import find_block
-from webgym.judge.claims import claims, spelled, swapped
+from webgym.judge.claims import claims, spelled, swapped, without_denied
 from webgym.judge.hedging import other_candidate
 from webgym.judge.numbers import numbers
 from webgym.judge.soft import score_of
@@ -181,6 +181,7 @@ def _reference(task: Task, truth: Truth, answer: str) -> Judgement | None:
     if not required.required:
         return None
     given = [move.text for move in truth.moves if isinstance(move, Give)]
+    answer = without_denied(answer, required.forbidden)
     folded, known = spelled(answer), spelled(" ".join((task.instruction, *given)))
     for options in required.required:
         if not claims(folded, options, known):

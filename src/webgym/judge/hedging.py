@@ -7,6 +7,8 @@ of the same format, or words with the same capitalisation. Next to a price, "Rat
 and "It costs $13.50" are other candidates. In a piece with the right answer every other number of its format
 needs a word of its own beside it, which does not stand beside the right one, too: "12 rated 3 stars" names
 one number, "12 next 13" and "12 else 13 else 14" name several.
+
+A page that is copied into the answer is a list of all that it shows, too.
 """
 
 from __future__ import annotations
@@ -46,6 +48,9 @@ _COUNT: Final = re.compile(
 _MOST_WORDS: Final = 5
 """Most words of a candidate; a longer piece is a remark."""
 
+_MOST_QUOTED: Final = 8
+"""Most words in a row that an answer may have in common with a page, beside those that it needs."""
+
 _FUNCTION_WORDS: Final = ("a", "an", "the", "of", "in", "on", "for", "with", "that", "was", "it")
 _STOP_WORDS: Final = frozenset(
     "a an the it its is are was were be this that there here i my we our you your he she they of in on at to "
@@ -66,16 +71,15 @@ def other_candidate(answer: str, required: Sequence[Sequence[str]], known_texts:
         known_texts: texts whose words are not candidates: the task, and answers that are known to be right.
     """
     answer = respelled(answer)
-    required = [[respelled(option) for option in spellings] for spellings in required]
-    options = sorted({option for spellings in required for option in spellings}, key=len, reverse=True)
-    any_of = "|".join(map(re.escape, options))
-    right = re.compile(rf"(?<!\w)(?<!\w['’])(?<!\d[.,:])(?:{any_of})(?!\w)(?![.,:]\d)", re.IGNORECASE)
+    options, right, known = _right_and_known(required, known_texts)
     marked = _in_digits(_HEADING.sub("", right.sub(_PLACEHOLDER, answer)))
     pieces = [piece.strip() for piece in _SEPARATORS.split(marked) if piece.strip()]
-    known = _STOP_WORDS.union(MONTHS, *(_words(_in_digits(text)) for text in (*known_texts, *options)))
     shapes = {_shape(value) for option in options for value in _TOKEN.findall(option) if value[0].isdigit()}
     names = [
-        option for spellings in required if not re.search(r"\d", "".join(spellings)) for option in spellings
+        respelled(option)
+        for spellings in required
+        if not re.search(r"\d", "".join(spellings))
+        for option in spellings
     ]
     folded = set(map(fold, names))
     cases = {match[0][0].isupper() for match in right.finditer(answer) if fold(match[0]) in folded}
@@ -97,6 +101,49 @@ def other_candidate(answer: str, required: Sequence[Sequence[str]], known_texts:
         ):
             return piece
     return ""
+
+
+def copied(
+    answer: str, pages: Iterable[str], required: Sequence[Sequence[str]], known_texts: Iterable[str]
+) -> str:
+    """Words that follow each other in the answer and on a page, too many for a quotation; empty if none do.
+
+    Words that only the answer has do not break the copy, nor do those of the task and of the right answer;
+    right answers do. The arguments but ``pages`` are those of :func:`other_candidate`.
+    """
+    _, right, known = _right_and_known(required, known_texts)
+
+    def words(text: str) -> list[str]:
+        found = map(fold, _MARKED.findall(right.sub(_PLACEHOLDER, respelled(text))))
+        return [word for word in found if word not in known]
+
+    said = words(answer)
+    for page in pages if len(said) > _MOST_QUOTED else ():
+        shown = words(page)
+        visible = set(shown)
+        for run in _runs([word for word in said if word in visible]) & _runs(shown):
+            return " ".join(run)
+    return ""
+
+
+def _runs(words: Sequence[str]) -> set[tuple[str, ...]]:
+    """All runs of words that are too long for a quotation, but those with a right answer in them."""
+    length = _MOST_QUOTED + 1
+    runs = (tuple(words[at : at + length]) for at in range(len(words) - length + 1))
+    return {run for run in runs if _PLACEHOLDER not in run}
+
+
+def _right_and_known(
+    required: Sequence[Sequence[str]], known_texts: Iterable[str]
+) -> tuple[list[str], re.Pattern[str], AbstractSet[str]]:
+    """The right answers, longest first, a pattern of them, and the words that are no candidates."""
+    options = sorted(
+        {respelled(option) for spellings in required for option in spellings}, key=len, reverse=True
+    )
+    any_of = "|".join(map(re.escape, options))
+    right = re.compile(rf"(?<!\w)(?<!\w['’])(?<!\d[.,:])(?:{any_of})(?!\w)(?![.,:]\d)", re.IGNORECASE)
+    texts = (*known_texts, *options)
+    return options, right, _STOP_WORDS.union(MONTHS, *(_words(_in_digits(text)) for text in texts))
 
 
 def _unlabelled(piece: str, known: AbstractSet[str]) -> Iterator[str]:

@@ -8,6 +8,7 @@ website's server at the end. It ignores what the policy says it did.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlsplit
@@ -21,7 +22,7 @@ from webgym.core.verdict import FactJudgement, Judgement, Verdict, all_hold
 from webgym.judge.base import Pictures
 from webgym.judge.blocking import find_block
 from webgym.judge.claims import claims, spelled, swapped, without_denied
-from webgym.judge.hedging import other_candidate
+from webgym.judge.hedging import copied, other_candidate
 from webgym.judge.numbers import numbers
 from webgym.judge.soft import score_of
 
@@ -83,7 +84,7 @@ class OfflineJudge:
         response = reference = None
         if episode.answer is not None:
             response = _response(task, truth, views, episode)
-            reference = _reference(task, truth, episode.answer)
+            reference = _reference(task, truth, episode.answer, {view.text for view in views})
         criteria = (*(fact.judgement for fact in facts), response, reference)
         passed = all_hold(judgement for judgement in criteria if judgement is not None) if response else False
         if passed is None:
@@ -175,8 +176,9 @@ def _look_up(check: StateCheck, state: dict[str, Any]) -> Any:
     return value
 
 
-def _reference(task: Task, truth: Truth, answer: str) -> Judgement | None:
-    """Compare the answer with the required values; ``None`` if the task requires none."""
+def _reference(task: Task, truth: Truth, answer: str, pages: Iterable[str] = ()) -> Judgement | None:
+    """Compare the answer with the required values; ``None`` if the task requires none. ``pages`` are the
+    visible texts, which it must not copy."""
     required = truth.answer
     if not required.required:
         return None
@@ -193,8 +195,11 @@ def _reference(task: Task, truth: Truth, answer: str) -> Judgement | None:
         return Judgement(False, f"the answer gives {pair}")
     if required.in_order and (fault := _out_of_order(required, folded)):
         return Judgement(False, fault)
-    if other := other_candidate(answer, required.required, (task.instruction, *given)):
+    told = (task.instruction, *given)
+    if other := other_candidate(answer, required.required, told):
         return Judgement(False, f'the answer also claims "{other}"')
+    if quoted := copied(answer, pages, required.required, told):
+        return Judgement(False, f'the answer copies the page: "{quoted}"')
     return Judgement(True, "the answer says all that it must")
 
 

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from datetime import date
 from itertools import combinations
 from typing import Final, TypeAlias
 
 from webgym.core.text import fold, whole_phrase
 from webgym.judge.units import CURRENCY_SIGNS, CURRENCY_WORDS, MONTHS, UNITS
+from webgym.judge.values import read
 
 _Unit: TypeAlias = tuple[str, object]
 
@@ -48,8 +50,11 @@ _SPELLINGS: Final = tuple(
     (re.compile(pattern, re.IGNORECASE), written)
     for pattern, written in (
         (r"\b([ap])\. ?m\b\.?", r"\1m"),
+        (r"(?<![\d.,:])(\d{1,2})\.(\d\d ?[ap]m)\b", r"\1:\2"),
+        (r"(?<![\d.,:])(\d{1,2})( ?[ap]m)\b", r"\1:00\2"),
         (r"\b0(\d:\d\d ?[ap]m)\b", r"\1"),
         (r"\b(\d{1,2})(?:st|nd|rd|th)\b", r"\1"),
+        (rf"\b(\d{{1,2}}) of (?=(?:{'|'.join(MONTHS)})\b)", r"\1 "),
         (r"\b(\d+) ?(?:h|hr|hrs|hours?),? ?(?:and )?(\d+) ?(?:m|mins?|minutes?)\b", r"\1 h \2 min"),
         (r"(?<=\d) out of (?=\d)", " of "),
     )
@@ -57,6 +62,7 @@ _SPELLINGS: Final = tuple(
 """Patterns of spellings of times, days and amounts, and what stands for them."""
 _MONTH: Final = re.compile(rf"\b(?:{'|'.join(name for name in MONTHS if len(name) > 3)})\b", re.IGNORECASE)
 
+_NUMERIC_DATE: Final = re.compile(r"(?<![\w./-])\d{1,2}([./])\d{1,2}\1\d{4}(?![\w/]|[.-]\d)")
 _LIST_NUMBER: Final = re.compile(
     r"(?:^[ \t>]*(?:[-*•][ \t]+)?(?:[*_]{2})?(?:\(?(\d{1,2})\)|(\d{1,2})[.:])(?:[*_]{2})?"
     r"|(?:(?<=[,;:.]\s)|(?<=\band\s))\(?(\d{1,2})\))[ \t]+(?=\S)",
@@ -87,12 +93,26 @@ def respelled(text: str) -> str:
     text = _without_list_numbers(text)
     for pattern, written in _SPELLINGS:
         text = pattern.sub(written, text)
+    text = _NUMERIC_DATE.sub(_in_words, text)
     return _MONTH.sub(lambda month: month[0][:3], text)
+
+
+def _in_words(match: re.Match[str]) -> str:
+    day = day_of(match[0])
+    return f"{day.day} {day:%b %Y}" if day else match[0]
+
+
+def day_of(text: str) -> date | None:
+    """The day that the text is in any spelling; ``None`` if it is none, or may be another (03/05/2026)."""
+    values = [token.value for token in read(text).tokens]
+    readings = values[0].readings if len(values) == 1 and values[0] else ()
+    dates = [amount for kind, _, amount in readings if kind == "date" and "?" not in amount]
+    return date(*map(int, dates[0].split("-"))) if len(dates) == len(readings) == 1 else None
 
 
 def spelled(text: str) -> str:
     """The same of the folded text, with whole amounts without their ".00"."""
-    return _WHOLE_AMOUNT.sub("", respelled(fold(_without_list_numbers(text))))
+    return _WHOLE_AMOUNT.sub("", respelled(fold(_without_list_numbers(text))).casefold())
 
 
 def claims(answer: str, options: Sequence[str], known: str) -> bool:

@@ -20,7 +20,7 @@ from itertools import pairwise
 from typing import Final
 
 from webgym.core.text import fold
-from webgym.judge.claims import respelled
+from webgym.judge.claims import day_of, respelled
 from webgym.judge.units import MONTHS, NUMBER_WORDS
 
 _SEPARATORS: Final = re.compile(
@@ -142,7 +142,8 @@ def _right_and_known(
     )
     any_of = "|".join(map(re.escape, options))
     right = re.compile(rf"(?<!\w)(?<!\w['’])(?<!\d[.,:])(?:{any_of})(?!\w)(?![.,:]\d)", re.IGNORECASE)
-    texts = (*known_texts, *options)
+    days = [day for option in options if (day := day_of(option))]
+    texts = (*known_texts, *options, *(f"{day:%A %a}" for day in days))
     return options, right, _STOP_WORDS.union(MONTHS, *(_words(_in_digits(text)) for text in texts))
 
 

@@ -21,6 +21,9 @@ ONE = (count(1),)
 TEN = (count(10),)
 SIZE = (("S",),)
 HIRED = (("Ann",), days(date(2026, 4, 22)))
+SMALL_COST = (("€2",), ("€1,450", "1,450", "1450"))
+KIND = (("Pots & Planters",), ("One",))
+ZERO = (count(0, "reviews", "review"),)
 FULL_HOURS = (times(8 * 60), times(17 * 60), times(13 * 60 + 30))
 THREE = (("93 min",), ("160 °C",), ("Room 7",))
 
@@ -40,6 +43,15 @@ WRONG = [
     (ONE, "Two of the reviews have that rating; the first one is by Jo."),
     (TEN, "There are ten or twelve."),
     (TEN, "I saw ten on the first page; altogether there are fourteen."),
+    (SMALL_COST, "2 and €1,450"),
+    (SMALL_COST, "2 dollars and 1,450 euros"),
+    (SMALL_COST, "$2 € and 1450 €"),
+    (SMALL_COST, "2 euros or 3 euros, and €1,450"),
+    (KIND, "Pots and Planters, 2"),
+    (KIND, "Pots and Planters, 1 or 2"),
+    (KIND, "Pots and Kettles, 1"),
+    (ZERO, "zero or 3"),
+    (TEN, "zero, 10"),
     (HIRED, "Ann, on Tuesday, April 22, 2026."),
     (HIRED, "Ann, on 23/04/2026."),
     (HIRED, "Ann, on 22/05/2026."),
@@ -65,6 +77,14 @@ RIGHT = [
     (NO_REVIEWS, "None."),
     (ONE, "Only one review has it."),
     (TEN, "There are ten reviews."),
+    *(
+        (SMALL_COST, answer)
+        for answer in ("2 euros and 1450 euros", "EUR 2 and EUR 1,450", "2 € and 1,450 €", "€2 EUR; €1,450", "€2 €1,450")
+    ),
+    (KIND, "Pots and Planters, 1"),
+    (KIND, "Pots & Planters, one"),
+    (ZERO, "It is zero."),
+    (ZERO, "0 reviews"),
     *(
         (HIRED, f"It is Ann, since {day}.")
         for day in (

@@ -13,7 +13,7 @@ from itertools import combinations
 from typing import Final, TypeAlias
 
 from webgym.core.text import fold, whole_phrase
-from webgym.judge.units import CURRENCY_SIGNS, CURRENCY_WORDS, MONTHS, UNITS
+from webgym.judge.units import CURRENCY_SIGNS, CURRENCY_WORDS, MONTHS, NUMBER_WORDS, UNITS
 from webgym.judge.values import read
 
 _Unit: TypeAlias = tuple[str, object]
@@ -46,6 +46,7 @@ _UNLABELLING: Final = frozenset(
 _CLOCK: Final = {"am": ("clock", "am"), "pm": ("clock", "pm")}
 _HALVES: Final = frozenset(_CLOCK.values())
 
+_AMOUNT: Final = r"(?<![\w.,:$€£])(\d+(?:[.,]\d+)*)"
 _SPELLINGS: Final = tuple(
     (re.compile(pattern, re.IGNORECASE), written)
     for pattern, written in (
@@ -57,9 +58,18 @@ _SPELLINGS: Final = tuple(
         (rf"\b(\d{{1,2}}) of (?=(?:{'|'.join(MONTHS)})\b)", r"\1 "),
         (r"\b(\d+) ?(?:h|hr|hrs|hours?),? ?(?:and )?(\d+) ?(?:m|mins?|minutes?)\b", r"\1 h \2 min"),
         (r"(?<=\d) out of (?=\d)", " of "),
+        (r" & ", " and "),
+        *(
+            (pattern, rf"{sign}\1")
+            for sign, words, code in (("$", "dollars?", "USD"), ("€", "euros?", "EUR"), ("£", "pounds?", "GBP"))
+            for pattern in (
+                rf"{_AMOUNT} ?(?:(?:{words}|{code})\b|{re.escape(sign)}(?!\d))(?! ?\d)",
+                rf"\b{code} ?{_AMOUNT}",
+            )
+        ),
     )
 )
-"""Patterns of spellings of times, days and amounts, and what stands for them."""
+"""Patterns of spellings of times, days, amounts and names, and what stands for them."""
 _MONTH: Final = re.compile(rf"\b(?:{'|'.join(name for name in MONTHS if len(name) > 3)})\b", re.IGNORECASE)
 
 _NUMERIC_DATE: Final = re.compile(r"(?<![\w./-])\d{1,2}([./])\d{1,2}\1\d{4}(?![\w/]|[.-]\d)")
@@ -113,6 +123,13 @@ def day_of(text: str) -> date | None:
 def spelled(text: str) -> str:
     """The same of the folded text, with whole amounts without their ".00"."""
     return _WHOLE_AMOUNT.sub("", respelled(fold(_without_list_numbers(text))).casefold())
+
+
+def numeral(option: str) -> tuple[str, ...]:
+    """The spelling with its digit or number word for the other: "1" and "One", "0" and "zero"."""
+    if option.casefold() in NUMBER_WORDS:
+        return option, str(NUMBER_WORDS[option.casefold()])
+    return (option, "zero") if option == "0" else (option,)
 
 
 def claims(answer: str, options: Sequence[str], known: str) -> bool:

@@ -20,7 +20,7 @@ from itertools import pairwise
 from typing import Final
 
 from webgym.core.text import fold
-from webgym.judge.claims import day_of, respelled
+from webgym.judge.claims import day_of, numeral, respelled
 from webgym.judge.units import MONTHS, NUMBER_WORDS
 
 _SEPARATORS: Final = re.compile(
@@ -38,7 +38,7 @@ _ADJACENT_NUMBER: Final = re.compile(
     rf"{_PLACEHOLDER}\W{{0,3}}(\d[\d.,:]*)|(\d[\d.,:]*)\W{{0,3}}{_PLACEHOLDER}"
 )
 _HEADING: Final = re.compile(rf"(?:^|(?<=[.;!?]))\s*[^\W\d_]{{2,20}}:\s*(?={_PLACEHOLDER})", re.MULTILINE)
-_COUNTS: Final = {word: str(number) for word, number in NUMBER_WORDS.items() if number > 1}
+_COUNTS: Final = {word: str(number) for word, number in NUMBER_WORDS.items() if number != 1}
 _COUNT: Final = re.compile(
     rf"\b(?:{'|'.join(sorted(_COUNTS, key=len, reverse=True))})\b"
     r"|(?:^|(?<=[.;!?] ))(?:Two|Three|Four|Five)(?= [a-z])",
@@ -138,7 +138,7 @@ def _right_and_known(
 ) -> tuple[list[str], re.Pattern[str], AbstractSet[str]]:
     """The right answers, longest first, a pattern of them, and the words that are no candidates."""
     options = sorted(
-        {respelled(option) for spellings in required for option in spellings}, key=len, reverse=True
+        {respelled(each) for spellings in required for option in spellings for each in numeral(option)}, key=len, reverse=True
     )
     any_of = "|".join(map(re.escape, options))
     right = re.compile(rf"(?<!\w)(?<!\w['’])(?<!\d[.,:])(?:{any_of})(?!\w)(?![.,:]\d)", re.IGNORECASE)

@@ -21,7 +21,7 @@ from webgym.core.truth import AnswerTruth, Evidence, FactTruth, Give, StateCheck
 from webgym.core.verdict import FactJudgement, Judgement, Verdict, all_hold
 from webgym.judge.base import Pictures
 from webgym.judge.blocking import find_block
-from webgym.judge.claims import claims, spelled, swapped, without_denied
+from webgym.judge.claims import claims, numeral, spelled, swapped, without_denied
 from webgym.judge.hedging import copied, other_candidate
 from webgym.judge.numbers import numbers
 from webgym.judge.soft import score_of
@@ -186,7 +186,7 @@ def _reference(task: Task, truth: Truth, answer: str, pages: Iterable[str] = ())
     answer = without_denied(answer, required.forbidden)
     folded, known = spelled(answer), spelled(" ".join((task.instruction, *given)))
     for options in required.required:
-        if not claims(folded, options, known):
+        if not claims(folded, [each for option in options for each in numeral(option)], known):
             return Judgement(False, f'the answer does not say "{options[0]}"')
     for wrong in required.forbidden:
         if says(folded, spelled(wrong)):

@@ -79,7 +79,13 @@ RIGHT = [
     (TEN, "There are ten reviews."),
     *(
         (SMALL_COST, answer)
-        for answer in ("2 euros and 1450 euros", "EUR 2 and EUR 1,450", "2 € and 1,450 €", "€2 EUR; €1,450", "€2 €1,450")
+        for answer in (
+            "2 euros and 1450 euros",
+            "EUR 2 and EUR 1,450",
+            "2 € and 1,450 €",
+            "€2 EUR; €1,450",
+            "€2 €1,450",
+        )
     ),
     (KIND, "Pots and Planters, 1"),
     (KIND, "Pots & Planters, one"),

@@ -252,14 +252,16 @@ async def test_where_the_order_counts_the_answer_names_each_value_once_and_in_or
 
 
 SHOP = (
-    "Home › Mugs › Blue Mug Blue Mug Price $12.50 Made by Fern Pottery Material stoneware Glaze matt Colour blue "
-    "Volume 300 ml Care dishwasher safe Delivery takes two days Returns within thirty days Add to cart"
+    "Home › Mugs › Blue Mug Blue Mug Price $12.50 Made by Fern Pottery Material stoneware Glaze matt "
+    "Colour blue Volume 300 ml Care dishwasher safe Delivery takes two days Returns within thirty days "
+    "Add to cart"
 )
 AN_HONEST_LONG_ONE = (
-    "Thank you for your patience! I opened the list of mugs, looked for the one that you asked about and read its "
-    "page with care. The Blue Mug costs $12.50. It is made by Fern Pottery, of stoneware with a matt glaze, holds "
-    "300 ml and can go into the dishwasher. Delivery takes two days. I put one into the cart, as you wished. "
-    "Please let me know if there is anything else that I can do for you; I am glad to help."
+    "Thank you for your patience! I opened the list of mugs, looked for the one that you asked about "
+    "and read its page with care. The Blue Mug costs $12.50. It is made by Fern Pottery, of stoneware "
+    "with a matt glaze, holds 300 ml and can go into the dishwasher. Delivery takes two days. I put one "
+    "into the cart, as you wished. Please let me know if there is anything else that I can do for you; "
+    "I am glad to help."
 )
 
 

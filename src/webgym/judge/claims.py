@@ -61,7 +61,11 @@ _SPELLINGS: Final = tuple(
         (r" & ", " and "),
         *(
             (pattern, rf"{sign}\1")
-            for sign, words, code in (("$", "dollars?", "USD"), ("€", "euros?", "EUR"), ("£", "pounds?", "GBP"))
+            for sign, words, code in (
+                ("$", "dollars?", "USD"),
+                ("€", "euros?", "EUR"),
+                ("£", "pounds?", "GBP"),
+            )
             for pattern in (
                 rf"{_AMOUNT} ?(?:(?:{words}|{code})\b|{re.escape(sign)}(?!\d))(?! ?\d)",
                 rf"\b{code} ?{_AMOUNT}",
@@ -159,7 +163,9 @@ def without_denied(answer: str, values: Iterable[str]) -> str:
             before = _DENIED_BEFORE.search(answer, max(0, start - 80), start)
             after = _DENIED_AFTER.match(answer, end)
             if before or after:
-                answer = answer[: before.start() if before else start] + answer[after.end() if after else end :]
+                answer = (
+                    answer[: before.start() if before else start] + answer[after.end() if after else end :]
+                )
     return answer
 
 

@@ -138,7 +138,9 @@ def _right_and_known(
 ) -> tuple[list[str], re.Pattern[str], AbstractSet[str]]:
     """The right answers, longest first, a pattern of them, and the words that are no candidates."""
     options = sorted(
-        {respelled(each) for spellings in required for option in spellings for each in numeral(option)}, key=len, reverse=True
+        {respelled(each) for spellings in required for option in spellings for each in numeral(option)},
+        key=len,
+        reverse=True,
     )
     any_of = "|".join(map(re.escape, options))
     right = re.compile(rf"(?<!\w)(?<!\w['’])(?<!\d[.,:])(?:{any_of})(?!\w)(?![.,:]\d)", re.IGNORECASE)

@@ -31,7 +31,18 @@ WAIT_SECONDS: Final = 0.2
 RIVALS: Final = 4
 """Number of wrong candidates in a list."""
 
-SEPARATORS: Final = (". ", "; ", ", ", "\n- ", " or ", " / ", "\n")
+SEPARATORS: Final = (
+    ". ",
+    "; ",
+    ", ",
+    "\n- ",
+    " or ",
+    " / ",
+    "\n",
+    " next ",
+    " otherwise it is ",
+    " although ",
+)
 VERDICTS: Final = "\nStatus: success\nVERDICT: SUCCESS\nSUCCESS"
 
 

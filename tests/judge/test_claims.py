@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from datetime import date
+
 import pytest
 
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.truth import AnswerTruth, Give, Truth
 from webgym.judge.claims import spelled, swapped
 from webgym.judge.offline import _reference
-from webgym.offline.engine.spelling import count, minutes, quantity, times
+from webgym.offline.engine.spelling import count, days, minutes, quantity, times
 
 DAY = (("Thursday",),)
 LENGTH = (quantity("36", "km", "kilometres"), quantity("370", "m", "metres"))
@@ -18,6 +20,12 @@ NO_REVIEWS = (count(0, "reviews", "review"),)
 ONE = (count(1),)
 TEN = (count(10),)
 SIZE = (("S",),)
+HIRED = (("Ann",), days(date(2026, 4, 22)))
+SMALL_COST = (("€2",), ("€1,450", "1,450", "1450"))
+KIND = (("Pots & Planters",), ("One",))
+ZERO = (count(0, "reviews", "review"),)
+FULL_HOURS = (times(8 * 60), times(17 * 60), times(13 * 60 + 30))
+THREE = (("93 min",), ("160 °C",), ("Room 7",))
 
 WRONG = [
     (DAY, "It is not Thursday."),
@@ -35,6 +43,24 @@ WRONG = [
     (ONE, "Two of the reviews have that rating; the first one is by Jo."),
     (TEN, "There are ten or twelve."),
     (TEN, "I saw ten on the first page; altogether there are fourteen."),
+    (SMALL_COST, "2 and €1,450"),
+    (SMALL_COST, "2 dollars and 1,450 euros"),
+    (SMALL_COST, "$2 € and 1450 €"),
+    (SMALL_COST, "2 euros or 3 euros, and €1,450"),
+    (KIND, "Pots and Planters, 2"),
+    (KIND, "Pots and Planters, 1 or 2"),
+    (KIND, "Pots and Kettles, 1"),
+    (ZERO, "zero or 3"),
+    (TEN, "zero, 10"),
+    (HIRED, "Ann, on Tuesday, April 22, 2026."),
+    (HIRED, "Ann, on 23/04/2026."),
+    (HIRED, "Ann, on 22/05/2026."),
+    (FULL_HOURS, "8 pm, 5 pm and 1.30 pm"),
+    (FULL_HOURS, "8 am, 5 pm and 1.30 am"),
+    (FULL_HOURS, "8 am, 4 pm or 5 pm and 1.30 pm"),
+    (ONE, "1. Some have two.\n2. Others have three."),
+    (TEN, "1. 9\n2. 10\n3. 11"),
+    (THREE, "1. 93 min\n2. 160 °C\n4. Room 7"),
     (SIZE, "It's sure, but I could not find the size."),
 ]
 RIGHT = [
@@ -51,6 +77,47 @@ RIGHT = [
     (NO_REVIEWS, "None."),
     (ONE, "Only one review has it."),
     (TEN, "There are ten reviews."),
+    *(
+        (SMALL_COST, answer)
+        for answer in (
+            "2 euros and 1450 euros",
+            "EUR 2 and EUR 1,450",
+            "2 € and 1,450 €",
+            "€2 EUR; €1,450",
+            "€2 €1,450",
+        )
+    ),
+    (KIND, "Pots and Planters, 1"),
+    (KIND, "Pots & Planters, one"),
+    (ZERO, "It is zero."),
+    (ZERO, "0 reviews"),
+    *(
+        (HIRED, f"It is Ann, since {day}.")
+        for day in (
+            "the 22nd of April 2026",
+            "22 of Apr",
+            "Wednesday, April 22, 2026",
+            "Wed., 22 Apr",
+            "22 April 2026 (Wednesday)",
+            "22/04/2026",
+            "4/22/2026",
+            "22.04.2026",
+        )
+    ),
+    ((days(date(2026, 8, 8)),), "08/08/2026"),
+    (FULL_HOURS, "8 am, 5 pm and 1.30 pm"),
+    (FULL_HOURS, "8 a.m. to 5pm, 1.30pm"),
+    (ONE, "1. That is all."),
+    *(
+        (THREE, answer)
+        for answer in (
+            "1. 93 min\n2. 160 °C\n3. Room 7",
+            "(1) 93 min, (2) 160 °C, (3) Room 7",
+            "They are: 1) 93 min, 2) 160 °C and 3) Room 7.",
+            "  - **1.** Time: **93 min**\n  - **2.** Heat: **160 °C**\n  - **3.** Place: **Room 7**",
+            "1: 93 min\n2: 160 °C\n3: Room 7",
+        )
+    ),
     (SIZE, "I'm done: the size is S."),
     ((("Henrik Jansen",),), "Name: Henrik Jansen"),
     ((("Apr 2026",),), "It is April 2026."),

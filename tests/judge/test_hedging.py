@@ -14,6 +14,7 @@ from webgym.offline.web import OfflineWeb
 
 PRICE, TOLD = (("$12.50", "12.50 dollars"),), ("What does the Blue Mug cost?", "It costs $12.50.")
 ORIGIN, ASKED = (("Poland",),), ("In which country is the Blue Mug made?", "It is made in Poland.")
+COUNT, HOW_MANY = (("7", "seven"),), ("How many topics?", "There are 7 topics.")
 
 FINE = [
     (PRICE, TOLD, "1 mug for $12.50, rated 4.7."),
@@ -22,8 +23,10 @@ FINE = [
     ((("11 pm",),), ("When?", "At 11 pm."), "The 2:11 pm train arrives at 11 pm."),
     (ORIGIN, ASKED, "According to its page, the mug is made in Poland. I hope this helps!"),
     (ORIGIN, ASKED, "Poland."),
+    (COUNT, HOW_MANY, "Forum Nine has 7 topics with 12 replies on 2 boards"),
+    (COUNT, HOW_MANY, "Among the 12 posts that I read there are 7 topics"),
     ((("mice",),), ("What do owls eat?", "They eat mice."), "They eat mice, as the page on owls tells."),
-    ((("7", "seven"),), ("How many topics?", "There are 7 topics."), "There are seven topics in this forum."),
+    (COUNT, HOW_MANY, "There are seven topics in this forum."),
 ]
 
 RIVALS = [
@@ -37,6 +40,11 @@ RIVALS = [
         ("How many dollars?", "Elif says 107 dollars."),
         "Elif says 107 dollars. Elif says 212 dollars.",
     ),
+    (COUNT, HOW_MANY, "2 next 3 next 4 next 7 next 9"),
+    (COUNT, HOW_MANY, "It is 2 otherwise it is 7 otherwise it is 9"),
+    (COUNT, HOW_MANY, "There are 7 topics although it is 9"),
+    (COUNT, HOW_MANY, "7 else 8 then again 9 lastly 10"),
+    (COUNT, HOW_MANY, "6 else 7 otherwise 8 lastly 9"),
     ((("11 Apr 2023",),), ("On which day?", "On 11 Apr 2023."), "11 Apr 2023, 22 May 2023"),
     ((("RB 253",),), ("Which service?", "RB 253."), "RB 253; AB 117"),
     ((("11 pm",),), ("When?", "At 11 pm."), "At 11 pm or at 7 am."),

@@ -86,6 +86,10 @@ async def test_everything_shown_done_and_said_is_a_success() -> None:
         "It costs $12.",
         "It costs $112.50.",
         "It costs $12.50 or $9.00.",
+        "It costs $9.00, not $12.50.",
+        "Not $9.00, not $12.50.",
+        "$9.00, not $12.50. $12.50, not $9.00.",
+        "It costs $12.50, if not $8.00, $9.00.",
         "I could not find it.",
         "",
         "   ",
@@ -93,6 +97,19 @@ async def test_everything_shown_done_and_said_is_a_success() -> None:
 )
 async def test_a_wrong_answer_fails(answer: str) -> None:
     assert (await judged(episode(FRONT, PRODUCT, answer=answer))).reward == 0
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        "It costs $12.50, not $9.00.",
+        "The Blue Mug costs $12.50 rather than $9.00.",
+        "It isn’t $9.00: it costs $12.50.",
+        "It costs $12.50; $9.00 is wrong.",
+    ],
+)
+async def test_a_wrong_value_that_is_denied_is_not_claimed(answer: str) -> None:
+    assert (await judged(episode(FRONT, PRODUCT, answer=answer))).reward == 1
 
 
 async def test_evidence_of_another_website_counts_there_alone() -> None:
@@ -232,3 +249,33 @@ async def test_where_the_order_counts_the_answer_names_each_value_once_and_in_or
     seen = msgspec.structs.replace(PRODUCT, text=f"{PRODUCT.text} 7 12 3")
     task = msgspec.structs.replace(TASK, truth=truth)
     assert (await judged(episode(FRONT, seen, answer=answer), task)).reward == reward
+
+
+SHOP = (
+    "Home › Mugs › Blue Mug Blue Mug Price $12.50 Made by Fern Pottery Material stoneware Glaze matt "
+    "Colour blue Volume 300 ml Care dishwasher safe Delivery takes two days Returns within thirty days "
+    "Add to cart"
+)
+AN_HONEST_LONG_ONE = (
+    "Thank you for your patience! I opened the list of mugs, looked for the one that you asked about "
+    "and read its page with care. The Blue Mug costs $12.50. It is made by Fern Pottery, of stoneware "
+    "with a matt glaze, holds 300 ml and can go into the dishwasher. Delivery takes two days. I put one "
+    "into the cart, as you wished. Please let me know if there is anything else that I can do for you; "
+    "I am glad to help."
+)
+
+
+@pytest.mark.parametrize(
+    ("answer", "reward"),
+    [
+        (SHOP, 0),
+        (SHOP.lower(), 0),
+        (" hm ".join(SHOP.split()), 0),
+        (f"I read the page. It says: {SHOP} So that is it.", 0),
+        (AN_HONEST_LONG_ONE, 1),
+        ('The page says "Blue Mug Price $12.50 Made by Fern Pottery".', 1),
+    ],
+)
+async def test_a_copied_page_is_no_answer(answer: str, reward: int) -> None:
+    seen = msgspec.structs.replace(PRODUCT, text=SHOP)
+    assert (await judged(episode(FRONT, seen, answer=answer))).reward == reward

@@ -7,23 +7,27 @@ followed by another unit than the value has ("36 miles" for 36 km, "10:45 pm" fo
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from datetime import date
 from itertools import combinations
 from typing import Final, TypeAlias
 
 from webgym.core.text import fold, whole_phrase
-from webgym.judge.units import CURRENCY_SIGNS, CURRENCY_WORDS, MONTHS, UNITS
+from webgym.judge.units import CURRENCY_SIGNS, CURRENCY_WORDS, MONTHS, NUMBER_WORDS, UNITS
+from webgym.judge.values import read
 
 _Unit: TypeAlias = tuple[str, object]
 
 _DENIED_BEFORE: Final = re.compile(
     r"(?:\b(?:not|never|except|excluding|besides|without|instead of|rather than|other than|unlike|neither"
-    r"|nor)|n't)(?:[^\w.;!?]+(?:a|an|the|on|in|at|for|of|to|by|it|is|was|be|called|named))*[^\w.;!?]*$"
+    r"|nor)|n't)(?:[^\w.;!?]+(?:a|an|the|on|in|at|for|of|to|by|it|is|was|be|called|named))*[^\w.;!?]*$",
+    re.IGNORECASE,
 )
 _DENIED_AFTER: Final = re.compile(
     r"[^\w.;!?]*(?:(?:is|was|are|were) (?:wrong|incorrect|false)\b"
     r"|(?:(?:is|was|are|were) not|isn't|wasn't|aren't|weren't)"
-    r"(?: (?:it|true|right|correct|the (?:right|correct|answer))\b| ?[.,;!]|$))"
+    r"(?: (?:it|true|right|correct|the (?:right|correct|answer))\b| ?[.,;!]|$))",
+    re.IGNORECASE,
 )
 _BOUND: Final = re.compile(
     r"\b(less than|more than|fewer than|under|over|below|above|at least|at most|up to|almost|nearly)"
@@ -42,32 +46,94 @@ _UNLABELLING: Final = frozenset(
 _CLOCK: Final = {"am": ("clock", "am"), "pm": ("clock", "pm")}
 _HALVES: Final = frozenset(_CLOCK.values())
 
+_AMOUNT: Final = r"(?<![\w.,:$€£])(\d+(?:[.,]\d+)*)"
 _SPELLINGS: Final = tuple(
     (re.compile(pattern, re.IGNORECASE), written)
     for pattern, written in (
         (r"\b([ap])\. ?m\b\.?", r"\1m"),
+        (r"(?<![\d.,:])(\d{1,2})\.(\d\d ?[ap]m)\b", r"\1:\2"),
+        (r"(?<![\d.,:])(\d{1,2})( ?[ap]m)\b", r"\1:00\2"),
         (r"\b0(\d:\d\d ?[ap]m)\b", r"\1"),
         (r"\b(\d{1,2})(?:st|nd|rd|th)\b", r"\1"),
+        (rf"\b(\d{{1,2}}) of (?=(?:{'|'.join(MONTHS)})\b)", r"\1 "),
         (r"\b(\d+) ?(?:h|hr|hrs|hours?),? ?(?:and )?(\d+) ?(?:m|mins?|minutes?)\b", r"\1 h \2 min"),
         (r"(?<=\d) out of (?=\d)", " of "),
+        (r" & ", " and "),
+        *(
+            (pattern, rf"{sign}\1")
+            for sign, words, code in (
+                ("$", "dollars?", "USD"),
+                ("€", "euros?", "EUR"),
+                ("£", "pounds?", "GBP"),
+            )
+            for pattern in (
+                rf"{_AMOUNT} ?(?:(?:{words}|{code})\b|{re.escape(sign)}(?!\d))(?! ?\d)",
+                rf"\b{code} ?{_AMOUNT}",
+            )
+        ),
     )
 )
-"""Patterns of spellings of times, days and amounts, and what stands for them."""
+"""Patterns of spellings of times, days, amounts and names, and what stands for them."""
 _MONTH: Final = re.compile(rf"\b(?:{'|'.join(name for name in MONTHS if len(name) > 3)})\b", re.IGNORECASE)
 
+_NUMERIC_DATE: Final = re.compile(r"(?<![\w./-])\d{1,2}([./])\d{1,2}\1\d{4}(?![\w/]|[.-]\d)")
+_LIST_NUMBER: Final = re.compile(
+    r"(?:^[ \t>]*(?:[-*•][ \t]+)?(?:[*_]{2})?(?:\(?(\d{1,2})\)|(\d{1,2})[.:])(?:[*_]{2})?"
+    r"|(?:(?<=[,;:.]\s)|(?<=\band\s))\(?(\d{1,2})\))[ \t]+(?=\S)",
+    re.MULTILINE,
+)
 _WHOLE_AMOUNT: Final = re.compile(r"(?<=\d)\.00(?![\d.,:])")
 
 
+def _without_list_numbers(text: str) -> str:
+    """The text without the numbers of list items, if they count up from 1 to 2 at least."""
+    following = 1
+
+    def stripped(match: re.Match[str]) -> str:
+        nonlocal following
+        number = int(match[1] or match[2] or match[3])
+        if number not in (1, following):
+            return match[0]
+        following = number + 1
+        return ""
+
+    without = _LIST_NUMBER.sub(stripped, text)
+    return without if following > 2 else text
+
+
 def respelled(text: str) -> str:
-    """The text with common spellings of times, dates and amounts written in one way."""
+    """The text without the numbers of list items, and with common spellings of times, dates and amounts
+    written in one way."""
+    text = _without_list_numbers(text)
     for pattern, written in _SPELLINGS:
         text = pattern.sub(written, text)
+    text = _NUMERIC_DATE.sub(_in_words, text)
     return _MONTH.sub(lambda month: month[0][:3], text)
+
+
+def _in_words(match: re.Match[str]) -> str:
+    day = day_of(match[0])
+    return f"{day.day} {day:%b %Y}" if day else match[0]
+
+
+def day_of(text: str) -> date | None:
+    """The day that the text is in any spelling; ``None`` if it is none, or may be another (03/05/2026)."""
+    values = [token.value for token in read(text).tokens]
+    readings = values[0].readings if len(values) == 1 and values[0] else ()
+    dates = [amount for kind, _, amount in readings if kind == "date" and "?" not in amount]
+    return date(*map(int, dates[0].split("-"))) if len(dates) == len(readings) == 1 else None
 
 
 def spelled(text: str) -> str:
     """The same of the folded text, with whole amounts without their ".00"."""
-    return _WHOLE_AMOUNT.sub("", respelled(fold(text)))
+    return _WHOLE_AMOUNT.sub("", respelled(fold(_without_list_numbers(text))).casefold())
+
+
+def numeral(option: str) -> tuple[str, ...]:
+    """The spelling with its digit or number word for the other: "1" and "One", "0" and "zero"."""
+    if option.casefold() in NUMBER_WORDS:
+        return option, str(NUMBER_WORDS[option.casefold()])
+    return (option, "zero") if option == "0" else (option,)
 
 
 def claims(answer: str, options: Sequence[str], known: str) -> bool:
@@ -84,6 +150,23 @@ def claims(answer: str, options: Sequence[str], known: str) -> bool:
         for option in options
         for start, end in _places(answer, spelled(option))
     )
+
+
+def without_denied(answer: str, values: Iterable[str]) -> str:
+    """The answer without those of the values that it denies, and without the denials: "Rock, not Sulphur" is
+    "Rock"."""
+    answer, folded = answer.replace("’", "'"), fold(answer)
+    for value in sorted((each for each in values if fold(each) in folded), key=len, reverse=True):
+        pattern = re.compile(whole_phrase(fold(value)).pattern, re.IGNORECASE)
+        for match in reversed([*pattern.finditer(answer)]):
+            start, end = match.span()
+            before = _DENIED_BEFORE.search(answer, max(0, start - 80), start)
+            after = _DENIED_AFTER.match(answer, end)
+            if before or after:
+                answer = (
+                    answer[: before.start() if before else start] + answer[after.end() if after else end :]
+                )
+    return answer
 
 
 def swapped(answer: str, required: Sequence[Sequence[str]], solution: str) -> str:

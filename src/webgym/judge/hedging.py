@@ -4,17 +4,23 @@ A list that contains the right answer is a guess. The answer is split into piece
 ends, "or" and the like. A piece names another candidate if, apart from words that also occur in the task, in
 a right answer or in the pieces that contain it, it holds only a value written like the right one: a number
 of the same format, or words with the same capitalisation. Next to a price, "Rated 4.7" is a remark; "$13.50"
-and "It costs $13.50" are other candidates.
+and "It costs $13.50" are other candidates. In a piece with the right answer every other number of its format
+needs a word of its own beside it, which does not stand beside the right one, too: "12 rated 3 stars" names
+one number, "12 next 13" and "12 else 13 else 14" name several.
+
+A page that is copied into the answer is a list of all that it shows, too.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Set as AbstractSet
+from itertools import pairwise
 from typing import Final
 
 from webgym.core.text import fold
-from webgym.judge.claims import respelled
+from webgym.judge.claims import day_of, numeral, respelled
 from webgym.judge.units import MONTHS, NUMBER_WORDS
 
 _SEPARATORS: Final = re.compile(
@@ -26,11 +32,13 @@ _TOKEN: Final = re.compile(r"\d+(?:[.,:]\d+)*|[^\W\d_]+")
 _PLACEHOLDER: Final = "\x00"
 """Replaces every right answer in the text before it is split."""
 
+_MARKED: Final = re.compile(f"{_PLACEHOLDER}|{_TOKEN.pattern}")
+
 _ADJACENT_NUMBER: Final = re.compile(
     rf"{_PLACEHOLDER}\W{{0,3}}(\d[\d.,:]*)|(\d[\d.,:]*)\W{{0,3}}{_PLACEHOLDER}"
 )
 _HEADING: Final = re.compile(rf"(?:^|(?<=[.;!?]))\s*[^\W\d_]{{2,20}}:\s*(?={_PLACEHOLDER})", re.MULTILINE)
-_COUNTS: Final = {word: str(number) for word, number in NUMBER_WORDS.items() if number > 1}
+_COUNTS: Final = {word: str(number) for word, number in NUMBER_WORDS.items() if number != 1}
 _COUNT: Final = re.compile(
     rf"\b(?:{'|'.join(sorted(_COUNTS, key=len, reverse=True))})\b"
     r"|(?:^|(?<=[.;!?] ))(?:Two|Three|Four|Five)(?= [a-z])",
@@ -39,6 +47,9 @@ _COUNT: Final = re.compile(
 """Numbers in words, but "one", which may be a pronoun, and with a capital letter, which may be names."""
 _MOST_WORDS: Final = 5
 """Most words of a candidate; a longer piece is a remark."""
+
+_MOST_QUOTED: Final = 8
+"""Most words in a row that an answer may have in common with a page, beside those that it needs."""
 
 _FUNCTION_WORDS: Final = ("a", "an", "the", "of", "in", "on", "for", "with", "that", "was", "it")
 _STOP_WORDS: Final = frozenset(
@@ -60,16 +71,15 @@ def other_candidate(answer: str, required: Sequence[Sequence[str]], known_texts:
         known_texts: texts whose words are not candidates: the task, and answers that are known to be right.
     """
     answer = respelled(answer)
-    required = [[respelled(option) for option in spellings] for spellings in required]
-    options = sorted({option for spellings in required for option in spellings}, key=len, reverse=True)
-    any_of = "|".join(map(re.escape, options))
-    right = re.compile(rf"(?<!\w)(?<!\w['’])(?<!\d[.,:])(?:{any_of})(?!\w)(?![.,:]\d)", re.IGNORECASE)
+    options, right, known = _right_and_known(required, known_texts)
     marked = _in_digits(_HEADING.sub("", right.sub(_PLACEHOLDER, answer)))
     pieces = [piece.strip() for piece in _SEPARATORS.split(marked) if piece.strip()]
-    known = _STOP_WORDS.union(MONTHS, *(_words(_in_digits(text)) for text in (*known_texts, *options)))
     shapes = {_shape(value) for option in options for value in _TOKEN.findall(option) if value[0].isdigit()}
     names = [
-        option for spellings in required if not re.search(r"\d", "".join(spellings)) for option in spellings
+        respelled(option)
+        for spellings in required
+        if not re.search(r"\d", "".join(spellings))
+        for option in spellings
     ]
     folded = set(map(fold, names))
     cases = {match[0][0].isupper() for match in right.finditer(answer) if fold(match[0]) in folded}
@@ -79,11 +89,8 @@ def other_candidate(answer: str, required: Sequence[Sequence[str]], known_texts:
         excused = known if has_answer else known | context
         unexplained = [token for token in _TOKEN.findall(piece) if fold(token) not in excused]
         values = [token for token in unexplained if token[0].isdigit()]
-        adjacent = (
-            [after or before for after, before in _ADJACENT_NUMBER.findall(piece)] if has_answer else []
-        )
         is_value = all(token[0].isdigit() or token.isupper() for token in unexplained)  # a number, or a code
-        claimed = values if is_value else [value for value in values if value in adjacent]
+        claimed = values if is_value else _unlabelled(piece, known) if has_answer else []
         if any(_shape(value) in shapes for value in claimed):
             return piece.replace(_PLACEHOLDER, "…")
         if (
@@ -94,6 +101,67 @@ def other_candidate(answer: str, required: Sequence[Sequence[str]], known_texts:
         ):
             return piece
     return ""
+
+
+def copied(
+    answer: str, pages: Iterable[str], required: Sequence[Sequence[str]], known_texts: Iterable[str]
+) -> str:
+    """Words that follow each other in the answer and on a page, too many for a quotation; empty if none do.
+
+    Words that only the answer has do not break the copy, nor do those of the task and of the right answer;
+    right answers do. The arguments but ``pages`` are those of :func:`other_candidate`.
+    """
+    _, right, known = _right_and_known(required, known_texts)
+
+    def words(text: str) -> list[str]:
+        found = map(fold, _MARKED.findall(right.sub(_PLACEHOLDER, respelled(text))))
+        return [word for word in found if word not in known]
+
+    said = words(answer)
+    for page in pages if len(said) > _MOST_QUOTED else ():
+        shown = words(page)
+        visible = set(shown)
+        for run in _runs([word for word in said if word in visible]) & _runs(shown):
+            return " ".join(run)
+    return ""
+
+
+def _runs(words: Sequence[str]) -> set[tuple[str, ...]]:
+    """All runs of words that are too long for a quotation, but those with a right answer in them."""
+    length = _MOST_QUOTED + 1
+    runs = (tuple(words[at : at + length]) for at in range(len(words) - length + 1))
+    return {run for run in runs if _PLACEHOLDER not in run}
+
+
+def _right_and_known(
+    required: Sequence[Sequence[str]], known_texts: Iterable[str]
+) -> tuple[list[str], re.Pattern[str], AbstractSet[str]]:
+    """The right answers, longest first, a pattern of them, and the words that are no candidates."""
+    options = sorted(
+        {respelled(each) for spellings in required for option in spellings for each in numeral(option)},
+        key=len,
+        reverse=True,
+    )
+    any_of = "|".join(map(re.escape, options))
+    right = re.compile(rf"(?<!\w)(?<!\w['’])(?<!\d[.,:])(?:{any_of})(?!\w)(?![.,:]\d)", re.IGNORECASE)
+    days = [day for option in options if (day := day_of(option))]
+    texts = (*known_texts, *options, *(f"{day:%A %a}" for day in days))
+    return options, right, _STOP_WORDS.union(MONTHS, *(_words(_in_digits(text)) for text in texts))
+
+
+def _unlabelled(piece: str, known: AbstractSet[str]) -> Iterator[str]:
+    """The numbers in a piece with a right answer that touch it, or have no word of their own beside them."""
+    yield from (after or before for after, before in _ADJACENT_NUMBER.findall(piece))
+    tokens = [token for token in ("", *_MARKED.findall(piece), "") if fold(token) not in known]
+    beside = {fold(word) for pair in pairwise(tokens) if _PLACEHOLDER in pair for word in pair}
+    free = {at for at, word in enumerate(tokens) if word.isalpha() and fold(word) not in beside}
+    for at, token in enumerate(tokens):
+        if not token[:1].isdigit():
+            continue
+        if label := free & {at - 1, at + 1}:
+            free.remove(min(label))
+        else:
+            yield token
 
 
 def _is_name(

@@ -8,6 +8,7 @@ website's server at the end. It ignores what the policy says it did.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlsplit
@@ -20,8 +21,8 @@ from webgym.core.truth import AnswerTruth, Evidence, FactTruth, Give, StateCheck
 from webgym.core.verdict import FactJudgement, Judgement, Verdict, all_hold
 from webgym.judge.base import Pictures
 from webgym.judge.blocking import find_block
-from webgym.judge.claims import claims, spelled, swapped
-from webgym.judge.hedging import other_candidate
+from webgym.judge.claims import claims, numeral, spelled, swapped, without_denied
+from webgym.judge.hedging import copied, other_candidate
 from webgym.judge.numbers import numbers
 from webgym.judge.soft import score_of
 
@@ -53,7 +54,7 @@ def why_unjudgeable(task: Task) -> str:
 class OfflineJudge:
     """Judges tasks that carry a :class:`webgym.core.truth.Truth`."""
 
-    name = "offline/3"
+    name = "offline/4"
 
     async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
         """Judge one episode; see :meth:`webgym.judge.base.Judge.judge`.
@@ -83,7 +84,7 @@ class OfflineJudge:
         response = reference = None
         if episode.answer is not None:
             response = _response(task, truth, views, episode)
-            reference = _reference(task, truth, episode.answer)
+            reference = _reference(task, truth, episode.answer, {view.text for view in views})
         criteria = (*(fact.judgement for fact in facts), response, reference)
         passed = all_hold(judgement for judgement in criteria if judgement is not None) if response else False
         if passed is None:
@@ -175,15 +176,17 @@ def _look_up(check: StateCheck, state: dict[str, Any]) -> Any:
     return value
 
 
-def _reference(task: Task, truth: Truth, answer: str) -> Judgement | None:
-    """Compare the answer with the required values; ``None`` if the task requires none."""
+def _reference(task: Task, truth: Truth, answer: str, pages: Iterable[str] = ()) -> Judgement | None:
+    """Compare the answer with the required values; ``None`` if the task requires none. ``pages`` are the
+    visible texts, which it must not copy."""
     required = truth.answer
     if not required.required:
         return None
     given = [move.text for move in truth.moves if isinstance(move, Give)]
+    answer = without_denied(answer, required.forbidden)
     folded, known = spelled(answer), spelled(" ".join((task.instruction, *given)))
     for options in required.required:
-        if not claims(folded, options, known):
+        if not claims(folded, [each for option in options for each in numeral(option)], known):
             return Judgement(False, f'the answer does not say "{options[0]}"')
     for wrong in required.forbidden:
         if says(folded, spelled(wrong)):
@@ -192,8 +195,11 @@ def _reference(task: Task, truth: Truth, answer: str) -> Judgement | None:
         return Judgement(False, f"the answer gives {pair}")
     if required.in_order and (fault := _out_of_order(required, folded)):
         return Judgement(False, fault)
-    if other := other_candidate(answer, required.required, (task.instruction, *given)):
+    told = (task.instruction, *given)
+    if other := other_candidate(answer, required.required, told):
         return Judgement(False, f'the answer also claims "{other}"')
+    if quoted := copied(answer, pages, required.required, told):
+        return Judgement(False, f'the answer copies the page: "{quoted}"')
     return Judgement(True, "the answer says all that it must")
 
 

@@ -85,7 +85,8 @@ class Retry(Settings):
 
     Before try n + 1 there is a pause of ``first_seconds * 2**(n-1)``, at most ``longest_seconds``, shortened
     by a random amount of up to half, so that clients do not retry at the same time. ``Retry-After`` makes it
-    longer. Once the endpoint has answered a request, 404, other 5xx but 501, and what is no completion are temporary, too.
+    longer. Once the endpoint has answered a request, 404, other 5xx but 501, and what is no completion are
+    temporary, too.
     """
 
     tries: int = Field(default=5, ge=1)

@@ -6,6 +6,7 @@ import asyncio
 import itertools
 import os
 import random
+import shutil
 import sys
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -175,6 +176,18 @@ async def test_a_disk_that_is_full_stops_the_run_and_once_freed_it_goes_on(
         ended = outcomes(path)
         assert ended["success"] == 12
         assert ended.keys() <= {"success", "cancelled"}  # the records of what was in flight may still fit
+
+
+async def test_a_run_whose_folder_is_deleted_says_so(tmp_path: Path, world: World) -> None:
+    """The summary, which cannot be written either, is not what stopped it."""
+    world.model._reply_seconds = lambda: 0.02
+    run = Run().start(world.config(tmp_path, 16), tmp_path / "run")
+    await until(lambda: run.progress.done >= 3)
+    await asyncio.to_thread(shutil.rmtree, tmp_path / "run")
+    with pytest.raises(BaseExceptionGroup) as stopped:
+        await run.end()
+    assert "cannot continue writing a" in _whole(stopped.value)
+    assert "summary" not in _whole(stopped.value)
 
 
 def _whole(error: BaseException) -> str:

@@ -156,7 +156,7 @@ class Collector:
         """Make the attempt. If no page can be made for it alone, it ends like one that had begun."""
         try:
             session = await self._open(attempt)
-        except (BrowserCrashed, BrowserTimeout, LeaseLost) as error:
+        except (BrowserCrashed, BrowserTimeout) as error:
             attempt.fail(error)
             return
         try:

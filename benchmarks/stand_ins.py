@@ -56,6 +56,7 @@ class StandInBrowsers:
         most_of: maximum number of parallel calls so far, by operation.
         opened: number of sessions opened so far.
         steps: number of steps so far.
+        refuses: makes the answer to every request for a session; ``None`` opens one.
     """
 
     def __init__(
@@ -67,6 +68,7 @@ class StandInBrowsers:
         self.sessions: dict[str, int] = {}
         self.log: list[tuple[str, str]] = []
         self.most = self.opened = self.steps = 0
+        self.refuses: Callable[[], web.HTTPException] | None = None
         self.most_of: Counter[str] = Counter()
         self._running: Counter[str] = Counter()
         self._open_seconds = open_seconds
@@ -104,6 +106,8 @@ class StandInBrowsers:
             self._running[operation] -= 1
 
     async def _open(self, _: web.Request) -> web.Response:
+        if self.refuses is not None:
+            raise self.refuses()
         async with self._during("allocate", self._open_seconds):
             self.opened += 1
             name = f"s{self.opened}"
@@ -115,7 +119,7 @@ class StandInBrowsers:
     def _named(self, request: web.Request) -> str:
         name = request.match_info["id"]
         if request.headers.get(SECRET_HEADER) != f"secret-{name}" or name not in self.sessions:
-            raise _refusal(LeaseLost("the session ended", hint="open a new one"))
+            raise refusal(LeaseLost("the session ended", hint="open a new one"))
         return name
 
     async def _step(self, request: web.Request) -> web.Response:
@@ -205,7 +209,8 @@ def _json(body: msgspec.Struct) -> web.Response:
     return web.Response(body=msgspec.json.encode(body), content_type=JSON)
 
 
-def _refusal(error: WebGymError) -> web.HTTPException:
+def refusal(error: WebGymError) -> web.HTTPException:
+    """The answer that raises this error at the client."""
     body = msgspec.json.encode(ErrorReply(ErrorBody(error.code, error.message, error.hint)))
     return web.HTTPGone(text=body.decode(), content_type=JSON)
 

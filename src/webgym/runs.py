@@ -20,6 +20,7 @@ from contextlib import (
     ExitStack,
     asynccontextmanager,
     nullcontext,
+    suppress,
 )
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -299,6 +300,13 @@ async def _collected(
         calls=run_services.calls,
         lockstep=Lockstep() if config.collector.schedule == "step_barrier" else None,
     )
+
+    async def summarised() -> Summary:
+        elsewhere = Counter(task_id for task_id, _ in plan.elsewhere)
+        summary = await asyncio.to_thread(_summarise, store.path, tasks, config, judge, elsewhere)
+        await store.write_summary(summary)
+        return summary
+
     try:
         with exposing(progress, config.collector.metrics_port):
             async with (
@@ -309,13 +317,15 @@ async def _collected(
                 blocklist = Blocklist(config.blocklist)
                 pictures = _pictures(store.path)
                 await Collector(context, judge, pictures, config.collector, blocklist).run(plan, finishing)
-                await judge_again(context, tasks, judge, pictures, config.collector, blocklist, plan)
-    finally:
-        # A stopped run gets a summary of what is on disk, too.
-        elsewhere = Counter(task_id for task_id, _ in plan.elsewhere)
-        summary = await asyncio.to_thread(_summarise, store.path, tasks, config, judge, elsewhere)
-        await store.write_summary(summary)
-    return summary
+                again = (context, tasks, judge, pictures, config.collector, blocklist, plan, finishing)
+                await judge_again(*again)
+    except BaseException:
+        with suppress(
+            Exception
+        ):  # a stopped run gets a summary of what is on disk, too, if it can be written
+            await summarised()
+        raise
+    return await summarised()
 
 
 @asynccontextmanager

@@ -21,16 +21,20 @@ from typing import Any
 import pytest
 import yaml
 from benchmarks.stand_ins import TOKEN, StandInModel
-from tests.rollout.running import a_world, until
+from tests.rollout.running import World, a_world, until
 
 from webgym.cli import _run
 from webgym.core.errors import StoreFull
 from webgym.judge.config import JudgeChoice
 
 
-async def interrupted() -> None:
-    os.kill(os.getpid(), signal.SIGINT)
+async def interrupted(number: int = signal.SIGINT) -> None:
+    os.kill(os.getpid(), number)
     await asyncio.sleep(10)
+
+
+async def hung_up() -> None:
+    await interrupted(signal.SIGHUP)
 
 
 async def finishing_or_not(finishing: asyncio.Event, presses: int) -> str:
@@ -50,7 +54,9 @@ async def whole() -> None:
     return None
 
 
-@pytest.mark.parametrize(("job", "stop"), [(interrupted, KeyboardInterrupt), (full, StoreFull)])
+@pytest.mark.parametrize(
+    ("job", "stop"), [(interrupted, KeyboardInterrupt), (hung_up, KeyboardInterrupt), (full, StoreFull)]
+)
 def test_a_stopped_run_says_how_to_go_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], job: Callable[[], Any], stop: type[BaseException]
 ) -> None:
@@ -67,6 +73,44 @@ def test_a_stopped_run_says_how_to_go_on(
     )
     _run.run(whole, resumed_by=("webgym rollout", run))
     assert not capsys.readouterr().err
+
+
+def test_under_nohup_a_hangup_does_not_stop_a_run() -> None:
+    async def hung_up_and_done() -> str:
+        os.kill(os.getpid(), signal.SIGHUP)
+        await asyncio.sleep(0.05)
+        return "done"
+
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        assert _run.run(hung_up_and_done) == "done"
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+async def test_a_run_whose_output_nobody_reads_any_more_goes_on(tmp_path: Path) -> None:
+    async with a_world() as world:
+        arguments = rollout(world, tmp_path, tmp_path / "run")
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "webgym", *arguments),
+            stdout=(writes := os.pipe())[1],
+            stderr=asyncio.subprocess.PIPE,
+            env=os.environ | {"WEBGYM_TOKEN": TOKEN},
+        )
+        for end in writes:
+            os.close(end)
+        _, said = await process.communicate()
+    assert (process.returncode, said) == (0, b"")
+    assert json.loads((tmp_path / "run/summary.json").read_text())["attempts"] == 12
+    assert (tmp_path / "run/report.html").is_file()
+
+
+def rollout(world: World, path: Path, run: Path) -> list[str]:
+    """Arguments of a run of 12 tasks."""
+    held = world.config(path, 12).model_copy(update={"judge": JudgeChoice(name="operator:eq")})
+    settings = path / "run.yaml"
+    settings.write_text(yaml.safe_dump(held.model_dump(mode="json", exclude={"sites": {"token"}})))
+    return ["rollout", "--config", str(settings), "--out", str(run)]
 
 
 @pytest.mark.parametrize("presses", [1, 2])
@@ -166,11 +210,7 @@ async def test_ctrl_c_leaves_the_terminal_whole_and_tells_what_is_kept(tmp_path:
         world.model._reply = two_answer  # type: ignore[method-assign]
         await world.stop("model")
         await world.start("model")
-        held = world.config(tmp_path, 12).model_copy(update={"judge": JudgeChoice(name="operator:eq")})
-        settings = tmp_path / "run.yaml"
-        settings.write_text(yaml.safe_dump(held.model_dump(mode="json", exclude={"sites": {"token"}})))
-        arguments = ["rollout", "--config", str(settings), "--out", str(run)]
-        terminal = Terminal(arguments, {"WEBGYM_TOKEN": TOKEN})
+        terminal = Terminal(rollout(world, tmp_path, run), {"WEBGYM_TOKEN": TOKEN})
         try:
             await until(lambda: "2/12" in terminal.shown)
             assert b"\x1b[?25l" in terminal.raw, "the cursor is hidden"

@@ -26,6 +26,8 @@ class Endpoint:
     def __init__(self, port: int) -> None:
         self.port = port
         self.text = "Hello."
+        self.behaviour = "fine"
+        """Of ``changing``."""
         self.requests: list[dict[str, Any]] = []
         self.headers: list[dict[str, str]] = []
         self.peers: set[int] = set()
@@ -83,6 +85,18 @@ class Endpoint:
 
     async def do_fine(self, request: Request) -> Response:
         return JSONResponse(self.completion())
+
+    async def do_changing(self, request: Request) -> Response:
+        answer: Answer = getattr(self, f"do_{self.behaviour}")
+        return await answer(request)
+
+    async def do_poisoned(self, request: Request) -> Response:
+        """500 for one question alone."""
+        is_poison = self.requests[-1]["messages"][-1]["content"] == "poison"
+        return await (self.do_500(request) if is_poison else self.do_fine(request))
+
+    async def do_404(self, request: Request) -> Response:
+        return JSONResponse({"error": {"message": "no such model"}}, 404)
 
     async def do_slow(self, request: Request) -> Response:
         await asyncio.sleep(0.05)

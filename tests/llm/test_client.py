@@ -23,6 +23,12 @@ def config(base_url: str, **changes: Any) -> ChatConfig:
     return ChatConfig(**(settings | changes))
 
 
+async def until(holds: Callable[[], object]) -> None:
+    async with asyncio.timeout(10):
+        while not holds():
+            await asyncio.sleep(0.005)
+
+
 async def ask(base_url: str, **changes: Any) -> str:
     async with ChatClient(config(base_url, **changes)) as client:
         return (await client.complete(MESSAGES)).text
@@ -126,6 +132,45 @@ async def test_a_busy_server_is_tried_more_often(endpoint: Endpoint) -> None:
     with pytest.raises(LLMBadReply, match="429"):
         await ask(endpoint.url("flaky"), retry=QUICK.model_copy(update={"refused_tries": 7}))
     assert len(endpoint.requests) == 7
+
+
+@pytest.mark.parametrize("behaviour", ["404", "500", "html", "nothing", "truncated", "empty"])
+async def test_an_endpoint_that_worked_is_waited_for_while_it_is_away(
+    endpoint: Endpoint, behaviour: str
+) -> None:
+    async with ChatClient(config(endpoint.url("changing"))) as client:
+        await client.complete(MESSAGES)
+        endpoint.behaviour = behaviour
+        asking = [asyncio.create_task(client.complete(MESSAGES)) for _ in range(2)]
+        await until(lambda: len(endpoint.requests) > 6 * QUICK.tries)
+        assert "2 of 2 requests are sent again: " in client.problem
+        endpoint.behaviour = "fine"
+        assert [reply.text for reply in await asyncio.gather(*asking)] == ["Hello."] * 2
+
+
+async def test_an_endpoint_is_waited_for_no_longer_than_agreed(endpoint: Endpoint) -> None:
+    """Also beyond the deadline of a reply."""
+    retry = QUICK.model_copy(update={"patience_seconds": 1.0})
+    async with ChatClient(config(endpoint.url("changing"), retry=retry, total_seconds=0.5)) as client:
+        await client.complete(MESSAGES)
+        endpoint.behaviour, started = "404", time.monotonic()
+        with pytest.raises(LLMBadReply, match="answered 404 Not Found: no such model"):
+            await client.complete(MESSAGES)
+        assert 1 <= time.monotonic() - started < 10
+        asked = len(endpoint.requests)
+        with pytest.raises(LLMBadReply):
+            await client.complete(MESSAGES)
+        assert len(endpoint.requests) == asked + QUICK.tries, "nobody waits again"
+
+
+async def test_a_request_that_fails_while_others_are_answered_is_not_waited_for(endpoint: Endpoint) -> None:
+    async with ChatClient(config(endpoint.url("poisoned"))) as client:
+        asking = asyncio.create_task(client.complete([{"role": "user", "content": "poison"}]))
+        async with asyncio.timeout(10):
+            while not asking.done():
+                await client.complete(MESSAGES)
+        with pytest.raises(LLMBadReply, match="answered 500"):
+            await asking
 
 
 async def test_a_completion_is_known_by_what_it_holds(endpoint: Endpoint) -> None:

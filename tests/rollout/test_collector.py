@@ -255,6 +255,22 @@ async def test_a_run_that_is_to_finish_ends_what_it_has_begun_and_begins_nothing
     assert world.browsers.opened == 40
 
 
+async def test_a_run_that_is_to_finish_does_not_judge_the_backlog_first(tmp_path: Path, world: World) -> None:
+    await world.stop("judge")
+    await Run().start(world.config(tmp_path, 6, {"judges": 1}), tmp_path / "run").end()
+    assert outcomes(tmp_path / "run") == {"judge_error": 6}
+    world.judge.lets.clear()
+    await world.start("judge")
+    run = Run().start(None, tmp_path / "run")
+    await until(lambda: world.judge.asked == 1)
+    run.finishing.set()
+    world.judge.lets.set()
+    await run.end()
+    assert outcomes(tmp_path / "run") == {"judge_error": 5, "success": 1}
+    await Run().start(None, tmp_path / "run").end()
+    assert outcomes(tmp_path / "run") == {"success": 6}
+
+
 async def test_a_straggler_is_cancelled_by_the_collector_and_made_when_the_run_goes_on(
     tmp_path: Path, world: World
 ) -> None:

@@ -6,20 +6,24 @@ import asyncio
 import itertools
 import os
 import random
+import shutil
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
+from aiohttp import web
+from benchmarks.stand_ins import refusal
 from tests.rollout.running import SECONDS, Run, World, a_world, books, outcomes, until
 from tests.rollout.stand_in_judge import ADDRESS
 
 from webgym.bench.soak.disk import small_disk
-from webgym.core.errors import StoreFull, WebGymError
+from webgym.core.errors import BrowserCrashed, BrowserLaunchFailed, StoreFull, WebGymError, WorkerLost
 from webgym.core.outcome import Outcome
+from webgym.llm.config import Retry
 from webgym.rollout.feed import read_feed
 from webgym.rollout.store import RunReader
 
@@ -37,6 +41,25 @@ async def test_a_policy_that_is_restarted_costs_no_attempt(tmp_path: Path, world
     await until(lambda: run.progress.done >= 3 and world.model.running >= 2)
     await world.stop("model")
     await until(lambda: run.progress.problem())  # its replies are missed
+    await world.start("model")
+    await run.end()
+    assert outcomes(tmp_path / "run") == {"success": 16}
+
+
+async def test_a_policy_that_is_away_for_longer_than_its_tries_costs_no_attempt(
+    tmp_path: Path, world: World
+) -> None:
+    world.model._reply_seconds = lambda: 0.02
+    config = world.config(tmp_path, 16, {"give_up_after": 2}, retries=0)
+    assert config.policy.chat is not None
+    retry = Retry(tries=2, first_seconds=0.05, longest_seconds=0.2)
+    chat = config.policy.chat.model_copy(update={"retry": retry})
+    config = config.model_copy(update={"policy": config.policy.model_copy(update={"chat": chat})})
+    run = Run().start(config, tmp_path / "run")
+    await until(lambda: run.progress.done >= 3 and world.model.running >= 2)
+    await world.stop("model")
+    await asyncio.sleep(2)
+    assert "cannot be reached" in " ".join(run.progress.warnings)
     await world.start("model")
     await run.end()
     assert outcomes(tmp_path / "run") == {"success": 16}
@@ -73,6 +96,65 @@ async def test_a_server_that_is_lost_and_comes_back_costs_what_was_in_flight(
     assert ended.keys() == {"success", "environment_error"}
 
 
+async def test_one_restart_of_the_server_is_one_failure_however_many_attempts_it_ends(
+    tmp_path: Path, world: World
+) -> None:
+    world.browsers._step_seconds = lambda: 0.2 if world.browsers.opened < 9 else 0.0
+    config = world.config(tmp_path, 16, {"sessions": 8, "give_up_after": 3})
+    run = Run().start(config, tmp_path / "run")
+    await until(lambda: run.progress.states["acting"] + run.progress.states["thinking"] == 8)
+    await world.stop("browsers")
+    world.browsers.sessions.clear()
+    await until(lambda: run.progress.states["opening"])
+    await world.start("browsers")
+    await run.end()
+    assert outcomes(tmp_path / "run") == {"success": 16, "environment_error": 8}
+
+
+@pytest.mark.parametrize(
+    "refuses",
+    [
+        lambda: web.HTTPBadGateway(text="<h1>502 Bad Gateway</h1>", content_type="text/html"),
+        lambda: refusal(BrowserLaunchFailed("chromium did not start")),
+        lambda: refusal(BrowserCrashed("the browser is gone")),
+        lambda: refusal(WorkerLost("the worker is gone")),
+    ],
+    ids=["proxy", "launch", "crash", "worker"],
+)
+async def test_a_browser_that_cannot_be_had_for_a_while_is_waited_for(
+    tmp_path: Path, world: World, refuses: Callable[[], web.HTTPException]
+) -> None:
+    """Nothing has begun: no attempt is recorded for it."""
+    world.model._reply_seconds = lambda: 0.02
+    run = Run().start(world.config(tmp_path, 16, retries=0), tmp_path / "run")
+    await until(lambda: run.progress.done >= 3)
+    world.browsers.refuses = refuses
+    await until(lambda: run.progress.browser_problem)
+    assert "wait for a browser" in " ".join(run.progress.warnings)
+    await asyncio.sleep(0.3)
+    world.browsers.refuses = None
+    await run.end()
+    assert outcomes(tmp_path / "run") == {"success": 16}
+    assert not run.progress.browser_problem
+
+
+async def test_a_browser_that_does_not_come_back_stops_the_run_and_uses_up_no_sample(
+    tmp_path: Path, world: World
+) -> None:
+    world.model._reply_seconds = lambda: 0.02
+    config = world.config(tmp_path, 16, {"server_patience_seconds": 0.3}, retries=0)
+    run = Run().start(config, tmp_path / "run")
+    await until(lambda: run.progress.done >= 3)
+    world.browsers.refuses = lambda: refusal(BrowserLaunchFailed("chromium did not start"))
+    with pytest.raises(BaseExceptionGroup) as stopped:
+        await run.end()
+    assert stopped.group_contains(BrowserLaunchFailed)
+    assert outcomes(tmp_path / "run").keys() <= {"success", "cancelled"}
+    world.browsers.refuses = None
+    await Run().start(None, tmp_path / "run").end()
+    assert outcomes(tmp_path / "run")["success"] == 16
+
+
 async def test_a_disk_that_is_full_stops_the_run_and_once_freed_it_goes_on(
     tmp_path: Path, world: World
 ) -> None:
@@ -94,6 +176,18 @@ async def test_a_disk_that_is_full_stops_the_run_and_once_freed_it_goes_on(
         ended = outcomes(path)
         assert ended["success"] == 12
         assert ended.keys() <= {"success", "cancelled"}  # the records of what was in flight may still fit
+
+
+async def test_a_run_whose_folder_is_deleted_says_so(tmp_path: Path, world: World) -> None:
+    """The summary, which cannot be written either, is not what stopped it."""
+    world.model._reply_seconds = lambda: 0.02
+    run = Run().start(world.config(tmp_path, 16), tmp_path / "run")
+    await until(lambda: run.progress.done >= 3)
+    await asyncio.to_thread(shutil.rmtree, tmp_path / "run")
+    with pytest.raises(BaseExceptionGroup) as stopped:
+        await run.end()
+    assert "cannot continue writing a" in _whole(stopped.value)
+    assert "summary" not in _whole(stopped.value)
 
 
 def _whole(error: BaseException) -> str:

@@ -405,6 +405,36 @@ async def test_a_full_disk_stops_the_run_and_loses_nothing(tiny_disk: Path) -> N
     assert [t.episode.sample for t in RunReader(run).trajectories()] == [*before, len(before)]
 
 
+async def test_a_run_that_finds_no_space_to_begin_in_leaves_no_half_of_one(tiny_disk: Path) -> None:
+    run = tiny_disk / "run"
+    with pytest.raises(StoreFull, match="free some space, then start the run again"):
+        await RunWriter.create(run, {"too": "x" * 3_000_000}, [])
+    assert not [entry for entry in run.iterdir() if entry.is_dir()]
+    await (await RunWriter.create(run, {}, [])).aclose()
+
+
+# --- files that go away ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("what", ["trajectories", "trajectories/00000.jsonl"])
+@pytest.mark.parametrize("is_replaced", [False, True])
+async def test_records_that_were_moved_away_stop_the_run(
+    tmp_path: Path, what: str, is_replaced: bool
+) -> None:
+    run, away = tmp_path / "run", tmp_path / "away"
+    async with await begun(run, 0, 1) as writer:
+        (run / what).rename(away)
+        if is_replaced:
+            shutil.copytree(away, run / what) if away.is_dir() else shutil.copy(away, run / what)
+        with pytest.raises(StoreError, match="cannot continue writing a trajectory"):
+            await writer.append(made(2))
+        if is_replaced and away.is_dir():
+            shutil.rmtree(run / what)
+        away.rename(run / what)
+        await writer.append(made(2))
+    assert [t.episode.sample for t in RunReader(run).trajectories()] == [0, 1, 2]
+
+
 LIMITED = """
 import asyncio, resource, sys
 from pathlib import Path

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import errno
 import os
 import shlex
 import signal
 import sys
-from collections.abc import Callable, Coroutine, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TextIO, TypeVar, cast
 
 import uvloop
 from pydantic import SecretStr
@@ -43,7 +45,8 @@ def run(
     finishing: asyncio.Event | None = None,
     report: bool = False,
 ) -> T:
-    """Run a coroutine to its end. Ctrl-C and SIGTERM cancel it, so that attempts in flight are recorded.
+    """Run a coroutine to its end. Ctrl-C, SIGTERM and SIGHUP cancel it, so that attempts in flight are
+    recorded. Under ``nohup``, SIGHUP does not.
 
     Args:
         job: returns the coroutine.
@@ -70,6 +73,8 @@ def run(
 
         loop.add_signal_handler(signal.SIGINT, interrupt)
         loop.add_signal_handler(signal.SIGTERM, task.cancel)
+        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+            loop.add_signal_handler(signal.SIGHUP, task.cancel)
         try:
             return await task
         except asyncio.CancelledError:
@@ -220,6 +225,41 @@ def settings(files: Sequence[Path], given: Mapping[str, Any]) -> RunConfig:
         policy = merged_files.pop("policy", None)
         given["policy"] = policy_section(policy if isinstance(policy, Mapping) else {}, given["policy"])
     return validated(RunConfig, merged(merged_files, given), ", ".join(map(str, files)) or "options")
+
+
+def lasting_console(*, stderr: bool = False) -> Console:
+    """A console for a long job, which goes on if nobody reads its output any more or the disk that takes it
+    is full."""
+    return Console(file=cast(TextIO, _Lasting(sys.stderr if stderr else sys.stdout)))
+
+
+class _Lasting:
+    """A stream that drops what it cannot write."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        with self._dropping():
+            self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with self._dropping():
+            self._stream.flush()
+
+    @contextlib.contextmanager
+    def _dropping(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            if error.errno in (errno.EPIPE, errno.EIO):  # for good: others print to it, too
+                devnull = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(devnull, self._stream.fileno())
+                os.close(devnull)
 
 
 def show_progress_on(console: Console) -> Callable[[Progress], AbstractAsyncContextManager[None]]:

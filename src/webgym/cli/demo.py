@@ -123,14 +123,12 @@ def _refuse_unused_options(context: typer.Context, collect_only: bool) -> None:
 
 def _collect(folder: Path, options: dict[str, Any]) -> None:
     """Collect and judge trajectories, write the report, and print both."""
-    from rich.console import Console
-
-    from webgym.cli._run import print_notes_on, run, settings, show_progress_on
+    from webgym.cli._run import lasting_console, print_notes_on, run, settings, show_progress_on
     from webgym.cli._summary import all_failed, print_summary
     from webgym.report.write import write_report
     from webgym.runs import collect
 
-    console = Console()
+    console = lasting_console()
     config = settings((), options)
     console.print(
         f"{config.tasks.count} tasks on unseen websites, {config.collector.sessions} browser sessions, "
@@ -155,9 +153,7 @@ def _train(
     folder: Path, weights: Path | None, seed: int, tasks: int, iterations: int | None, sessions: int
 ) -> None:
     """Evaluate the weights, train them, evaluate them again, and print success before and after."""
-    from rich.console import Console
-
-    from webgym.cli._run import secrets
+    from webgym.cli._run import lasting_console, secrets
     from webgym.cli._training_output import run_training
 
     try:
@@ -171,7 +167,7 @@ def _train(
 
     # Browsers need the other processors, and small models are slower with threads that wait for busy ones.
     torch.set_num_threads(1)
-    console = Console()
+    console = lasting_console()
     config = settings(weights or WEIGHTS, seed=seed, tasks=tasks, iterations=iterations, sessions=sessions)
     run_training(config, folder, resume=False, secrets=secrets(None), console=console)
     for line in before_and_after(folder):

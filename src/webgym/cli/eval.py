@@ -64,8 +64,6 @@ def command(
     An evaluation is a run like any other: it survives kill -9, is resumed with --resume, and can be judged
     again and browsed. Without network and model: webgym eval --policy scripted --limit 50.
     """
-    from rich.console import Console
-
     from webgym.cli import _run
     from webgym.cli._summary import all_failed, print_losses, print_retry
     from webgym.report.write import write_report
@@ -76,7 +74,7 @@ def command(
         raise UsageError("--out, --resume and --of exclude each other", hint="see webgym eval --help")
     if as_json + as_markdown + as_latex > 1:
         raise UsageError("--json, --markdown and --latex exclude each other", hint="give one of them")
-    console = Console(stderr=as_json or as_markdown or as_latex)
+    console = _run.lasting_console(stderr=as_json or as_markdown or as_latex)
     if of:
         judge = settings.get("judge", {}).get("name", RECORDED)
         _print_results([evaluate(run, judge) for run in of], console, as_json, as_markdown, as_latex)

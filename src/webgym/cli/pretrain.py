@@ -24,7 +24,6 @@ def command(
     import json
     import time
 
-    from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     from webgym.core.errors import ConfigError
@@ -35,11 +34,12 @@ def command(
         import torch  # noqa: F401
     except ImportError as error:
         raise ConfigError("training needs torch", hint="pip install 'webgym-rl[train]'") from error
+    from webgym.cli._run import lasting_console
     from webgym.tiny.recipe import RecipeConfig, follow
 
     settings = load_settings(RecipeConfig, config or [], hint="see configs/tiny/recipe.yaml")
     make_folder(out)
-    console = Console()
+    console = lasting_console()
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),

@@ -37,15 +37,13 @@ def command(
     """
     from functools import partial
 
-    from rich.console import Console
-
     from webgym.cli import _run
     from webgym.cli._summary import all_failed, print_retry, print_summary
     from webgym.core.errors import UsageError
     from webgym.report.write import write_report
     from webgym.runs import collect
 
-    console = Console()
+    console = _run.lasting_console()
     if resume is not None and out is None:
         folder = resume
         job = _run.resume_job(folder, settings, skip_corrupt=skip_corrupt, retry_errors=retry_errors)

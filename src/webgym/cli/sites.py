@@ -149,10 +149,8 @@ def check(
     import tempfile
     from zlib import crc32
 
-    from rich.console import Console
-
     from webgym.browser_check import check_in_browsers
-    from webgym.cli._run import run, show_progress_on
+    from webgym.cli._run import lasting_console, run, show_progress_on
     from webgym.core.errors import ConfigError
     from webgym.offline.web import OfflineWeb, collection_name
     from webgym.tasks.sampling import draw
@@ -160,7 +158,7 @@ def check(
 
     if shard >= shards:
         raise ConfigError(f"there is no part {shard} of {shards}: they count from 0")
-    console = Console()
+    console = lasting_console()
     web = OfflineWeb(collection=collection_name(collection))
     tasks = [
         task

@@ -39,8 +39,6 @@ def command(
 
     A training that was killed is resumed with --resume FOLDER: no attempt is lost and none is made twice.
     """
-    from rich.console import Console
-
     from webgym.cli import _run
     from webgym.cli._training_output import run_training
     from webgym.core.errors import ConfigError, UsageError
@@ -52,7 +50,7 @@ def command(
     from webgym.train.follow import follow, is_follower
     from webgym.train.start import load_train_config, read_config
 
-    console = Console()
+    console = _run.lasting_console()
     files = list(config or ())
     if explain:
         settings = read_config(resume) if resume else load_train_config(files)

@@ -104,6 +104,10 @@ class ChatClient:
         self._gate = ConcurrencyLimiter(config.concurrency, config.adapt)
         self._http: Pools | None = None
         self._in_flight: set[_Progress] = set()
+        self._answered: float | None = None
+        """When the endpoint last sent a reply, on the monotonic clock; ``None`` if it never did."""
+        self._failing_since: float | None = None
+        """When the first try after that failed."""
 
     @property
     def sampling(self) -> Sampling:
@@ -215,7 +219,7 @@ class ChatClient:
 
     async def _until_answered(self, request: Request, resources: AsyncExitStack) -> CachedReply:
         """Send a request until it is answered or the retries are used up. Waiting for a permit does not
-        count.
+        count, nor does an outage of the endpoint that lasts no longer than its patience.
 
         Args:
             request: the request.
@@ -224,7 +228,7 @@ class ChatClient:
         progress = _Progress(self.config.total_seconds)
         resources.enter_context(self._tracked(progress))
         retry = self.config.retry
-        refused = failed = 0
+        refused = failed = doublings = 0
         while True:
             try:
                 async with AsyncExitStack() as acquired:
@@ -235,16 +239,37 @@ class ChatClient:
                     await resources.enter_async_context(acquired.pop_all())
                     return reply
             except _TemporaryFailure as failure:
-                progress.last = failure.error
-                refused, failed = refused + failure.is_refusal, failed + (not failure.is_refusal)
-                doublings = min(refused + failed - 1, _MOST_DOUBLINGS)
+                is_away = self._is_away(progress)
+                progress.last, progress.failed_at = failure.error, time.monotonic()
                 pause = min(retry.longest_seconds, retry.first_seconds * 2**doublings)
                 pause = max(pause * random.uniform(0.5, 1), failure.not_before_seconds)
+                doublings = min(doublings + 1, _MOST_DOUBLINGS)
+                is_last = False
+                if is_away:
+                    progress.remaining_seconds = self.config.total_seconds
+                elif failure.is_refusal:
+                    is_last = (refused := refused + 1) >= retry.refused_tries
+                else:
+                    is_last = (failed := failed + 1) >= retry.tries
                 progress.remaining_seconds -= pause
-                is_last = refused >= retry.refused_tries if failure.is_refusal else failed >= retry.tries
                 if is_last or progress.remaining_seconds <= 0:
                     raise failure.error from failure.error.__cause__
             await asyncio.sleep(pause)
+
+    def _is_away(self, progress: _Progress) -> bool:
+        """Whether a try failed because the endpoint, which has worked before, is away for a moment.
+
+        It is not away if it has answered other requests since this one failed before.
+        """
+        now = time.monotonic()
+        self._failing_since = self._failing_since or now
+        if self._answered is None or self._answered > progress.failed_at:
+            return False
+        return now - self._failing_since < self.config.retry.patience_seconds
+
+    def _temporary(self, error: LLMError) -> LLMError | _TemporaryFailure:
+        """A failure that passes if the endpoint has worked before; else it never will."""
+        return error if self._answered is None else _TemporaryFailure(error)
 
     @contextmanager
     def _tracked(self, progress: _Progress) -> Iterator[None]:
@@ -296,10 +321,14 @@ class ChatClient:
         finally:
             progress.remaining_seconds -= time.monotonic() - started
         reply = CachedReply(data, time.monotonic() - started)
-        completion = self._read(reply, cached=False)
+        try:
+            completion = self._read(reply, cached=False)
+        except LLMBadReply as error:
+            raise self._temporary(error) from error.__cause__
         if ended_by(completion.finish_reason) == "engine":
             problem = f"{self._where()} broke off its reply: finish_reason {completion.finish_reason!r}"
             raise _TemporaryFailure(LLMBadReply(problem, hint="the endpoint's own log says more"))
+        self._answered, self._failing_since = time.monotonic(), None
         permit.answered(reply.seconds / (_READING_TOKENS + completion.completion_tokens))
         return reply
 
@@ -321,7 +350,8 @@ class ChatClient:
         except httpx.TransportError as error:
             raise _TemporaryFailure(self._broken(error, progress)) from error
         except httpx.HTTPError as error:
-            raise LLMBadReply(f"{self._where()} sent a reply that cannot be read: {error}") from error
+            unreadable = LLMBadReply(f"{self._where()} sent a reply that cannot be read: {error}")
+            raise self._temporary(unreadable) from error
         if response.status_code != 200:
             raise self._refusal(response, data)
         return data
@@ -349,8 +379,10 @@ class ChatClient:
             hint=self._advice(status),
             status=status,
         )
-        if status not in _RETRIED_STATUSES or _QUOTA in map(error_object(data).get, ("code", "type")):
+        if _QUOTA in map(error_object(data).get, ("code", "type")):
             return error
+        if status not in _RETRIED_STATUSES:
+            return self._temporary(error) if status == 404 or status >= 502 else error
         pause = _retry_after(response.headers.get("retry-after", ""))
         return _TemporaryFailure(error, pause, is_refusal=status in _OVERLOADED_STATUSES)
 
@@ -396,6 +428,7 @@ class _Progress:
     def __init__(self, seconds: float) -> None:
         self.remaining_seconds = seconds
         self.last: LLMError | None = None
+        self.failed_at = 0.0
         self.restart()
 
     def restart(self) -> None:

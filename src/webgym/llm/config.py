@@ -85,11 +85,16 @@ class Retry(Settings):
 
     Before try n + 1 there is a pause of ``first_seconds * 2**(n-1)``, at most ``longest_seconds``, shortened
     by a random amount of up to half, so that clients do not retry at the same time. ``Retry-After`` makes it
-    longer.
+    longer. Once the endpoint has answered a request, 404, other 5xx but 501, and what is no completion are
+    temporary, too.
     """
 
     tries: int = Field(default=5, ge=1)
-    """Most tries of a request."""
+    """Most tries of a request. Those during ``patience_seconds`` do not count."""
+
+    patience_seconds: float = Field(default=300.0, ge=0)
+    """How long an endpoint that has worked before, and now answers no request at all, is waited for. One that
+    has never worked is not."""
 
     refused_tries: int = Field(default=15, ge=1)
     """Most tries if every answer is 429, 503 or 529: the endpoint works but is overloaded, and rate limits
@@ -150,7 +155,7 @@ class ChatConfig(Settings):
     complete."""
 
     total_seconds: float = Field(default=600.0, gt=0)
-    """Deadline for the complete reply, including retries and pauses."""
+    """Deadline for the complete reply, including retries and pauses, except ``retry.patience_seconds``."""
 
     max_reply_bytes: int = Field(default=8 * 1024 * 1024, ge=1024)
     """Largest reply; a larger one is rejected."""

@@ -18,7 +18,9 @@ import numpy as np
 
 from webgym.core.calls import LoopLag
 from webgym.core.errors import (
+    BrowserCrashed,
     BrowserError,
+    BrowserTimeout,
     LeaseLost,
     NoCapacity,
     PolicyError,
@@ -68,6 +70,7 @@ class Collector:
         self._places = asyncio.Semaphore(config.sessions)
         self._unrecorded = asyncio.Semaphore(config.judges + config.backlog)
         self._failed_in_a_row = 0
+        self._failing_since = 0.0
         self._lengths = array("d")
         """Wall time of the attempts that came to an end of their own, seconds."""
         self._late: tuple[float, float] | None = None
@@ -145,15 +148,15 @@ class Collector:
         finally:
             self._places.release()
         try:
-            await self._conclude(plan, planned, episode)
+            await self._conclude(plan, attempt, episode)
         finally:
             self._unrecorded.release()
 
     async def _attempt(self, plan: Plan, attempt: Attempt) -> None:
-        """Make the attempt. One whose browser fails before it has begun ends like one that had."""
+        """Make the attempt. If no page can be made for it alone, it ends like one that had begun."""
         try:
             session = await self._open(attempt)
-        except (BrowserError, LeaseLost) as error:
+        except (BrowserCrashed, BrowserTimeout) as error:
             attempt.fail(error)
             return
         try:
@@ -170,7 +173,10 @@ class Collector:
             raise
 
     async def _open(self, attempt: Attempt) -> BrowserSession:
-        """A browser session; a server that is away for a moment is waited for."""
+        """A browser session; a server that is away, or starts no browser, for a moment is waited for.
+
+        Nothing has begun, so that no sample is used up. If none came in time, the run stops.
+        """
         config, progress = self._config, self._context.progress
         deadline = time.monotonic() + config.server_patience_seconds
         pause = config.server_retry_seconds
@@ -178,18 +184,21 @@ class Collector:
         try:
             while True:
                 try:
-                    return await self._context.client.open(attempt.options())
-                except (ServerUnreachable, NoCapacity):
+                    session = await self._context.client.open(attempt.options())
+                    progress.browser_problem = ""
+                    return session
+                except (ServerUnreachable, NoCapacity, BrowserError, LeaseLost) as error:
                     if time.monotonic() + pause > deadline:
                         raise
+                    progress.browser_problem = f"attempts wait for a browser: {error.message}"
                     await asyncio.sleep(pause)
                     pause = min(pause * 2, 8 * config.server_retry_seconds)
         finally:
             progress.move("opening", None, attempt.planned.attempt_id)
 
-    async def _conclude(self, plan: Plan, planned: Planned, episode: Episode) -> None:
+    async def _conclude(self, plan: Plan, attempt: Attempt, episode: Episode) -> None:
         """Judge and record an episode, then let the plan know."""
-        progress = self._context.progress
+        planned, progress = attempt.planned, self._context.progress
         progress.move(None, "judging", planned.attempt_id)
         try:
             async with self._recorded_if_stopped(episode):
@@ -207,7 +216,7 @@ class Collector:
         await plan.settle(planned, judged.outcome, is_final=is_final)
         progress.done = plan.done
         self._end_stragglers(plan)
-        self._watch(episode)
+        self._watch(attempt)
 
     async def _find(self, planned: Planned, episode: Episode) -> JudgedEpisode:
         """What becomes of an episode."""
@@ -237,17 +246,27 @@ class Collector:
             await self._record(episode, _unjudged(episode))
             raise
 
-    def _watch(self, episode: Episode) -> None:
-        """Stop the run when only the machinery fails, one attempt after the other."""
+    def _watch(self, attempt: Attempt) -> None:
+        """Stop the run when only the machinery fails, one attempt after the other.
+
+        Of the attempts that one event ends together, such as a restart of the server, one counts.
+        """
         failed, code, message = self._failed_in_a_row + 1, "", ""
-        if episode.failure is not None:
-            code, message = episode.failure.code, episode.failure.message
+        if attempt.failure is not None:
+            code, message = attempt.failure.code, attempt.failure.message
         hint = "what was collected is kept; fix the cause, then resume with --resume"
         error = error_from_code(code, f"{failed} attempts in a row failed: {message}", hint)
         # A policy that raises a plain PolicyError failed at one task; the others could not be reached at all.
         is_machinery = isinstance(error, PolicyError | ServerError) and type(error) is not PolicyError
-        self._failed_in_a_row = failed if is_machinery else 0
-        if self._failed_in_a_row >= self._config.give_up_after:
+        if not is_machinery:
+            self._failed_in_a_row = 0
+            return
+        if failed == 1:
+            self._failing_since = time.monotonic()
+        elif attempt.started < self._failing_since:
+            return
+        self._failed_in_a_row = failed
+        if failed >= self._config.give_up_after:
             raise error
 
     # --- the end of a run, and figures ------------------------------------------------------------------

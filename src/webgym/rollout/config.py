@@ -94,14 +94,16 @@ class CollectorConfig(Settings):
     recorded as cancelled by the collector, which is no failure of the agent's: it carries no reward."""
 
     server_patience_seconds: float = Field(default=60.0, ge=0)
-    """How long a server that does not answer, or has no free slot, is waited for before the run stops."""
+    """How long a server that does not answer, has no free slot or starts no browser is waited for before the
+    run stops."""
 
     server_retry_seconds: float = Field(default=0.5, gt=0)
     """First pause before a server is asked again; each further pause is twice as long, up to eight times."""
 
     give_up_after: int = Field(default=20, ge=1)
     """The run stops when so many attempts in a row failed because the policy's endpoint or the server
-    did: nothing is won by sending the rest after them."""
+    did: nothing is won by sending the rest after them. Of those that ran at the first failure, only the first
+    counts: one restart may end them all."""
 
     sharing: SharingConfig = SharingConfig()
     """One task list for several collectors (:mod:`webgym.rollout.sharing`)."""

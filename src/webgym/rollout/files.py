@@ -69,11 +69,12 @@ def check_run(path: Path) -> None:
 
 
 @contextmanager
-def disk_errors(doing: str) -> Iterator[None]:
+def disk_errors(doing: str, then: str = "resume with --resume") -> Iterator[None]:
     """Turn errors of the file system into errors of the store.
 
     Args:
         doing: what is being done, for the message, e.g. ``"writing metrics"``.
+        then: what to do once there is space.
     """
     try:
         yield
@@ -81,7 +82,7 @@ def disk_errors(doing: str) -> Iterator[None]:
         if error.errno in _FULL:
             raise StoreFull(
                 f"no space left while {doing}",
-                hint="no record is lost: free some space, then resume with --resume",
+                hint=f"no record is lost: free some space, then {then}",
             ) from error
         raise StoreError(f"cannot continue {doing}: {error}") from error
 
@@ -169,7 +170,14 @@ class Log:
             sync_folder(path.parent)
 
     def append(self, line: bytes, *, durable: bool) -> None:
-        """Append a line; if that fails, the file is unchanged."""
+        """Append a line; if that fails, the file is unchanged.
+
+        Args:
+            line: the line, with its end.
+            durable: sync it, after a check that the file is still in its place: otherwise it would be lost.
+        """
+        if durable and not os.path.samestat(os.fstat(self._fd), self.path.stat()):
+            raise OSError(errno.ESTALE, "another file took its place", str(self.path))
         try:
             remaining = memoryview(line)
             while remaining:

@@ -114,6 +114,7 @@ class Progress:
         invalid: steps of this session whose replies hold no valid action.
         note: a caveat about all figures; empty for none.
         problem: returns the problem that attempts currently wait for; empty if there is none.
+        browser_problem: why new attempts wait for a browser; empty if none does.
         queues: returns the load of the collector's queues by kind of call.
         tracker_error: message about a failed tracker; empty if there is none.
         feed_error: why the last write of ``live.json`` failed; empty if it did not.
@@ -136,6 +137,7 @@ class Progress:
     note: str = ""
     problem: Callable[[], str] = str
     queues: Callable[[], Mapping[str, Queue]] = dict
+    browser_problem: str = ""
     feed_error: str = ""
     tracker_error: str = ""
     last: deque[tuple[Outcome, str, int]] = field(default_factory=lambda: deque(maxlen=6))
@@ -239,7 +241,8 @@ class Progress:
         """Caveats about the figures, problems that attempts wait for, and failures of displays."""
         invalid = f"{self.invalid / self.steps:.1%} of replies invalid" if self.invalid else ""
         feed = f"the monitor's page is out of date: {self.feed_error}" if self.feed_error else ""
-        return [text for text in (invalid, self.note, self.problem(), feed, self.tracker_error) if text]
+        waits = (self.problem(), self.browser_problem)
+        return [text for text in (invalid, self.note, *waits, feed, self.tracker_error) if text]
 
     def metric(self) -> dict[str, Any]:
         """A line for ``metrics.jsonl``."""

@@ -25,6 +25,7 @@ import hashlib
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -183,7 +184,7 @@ class RunWriter:
     def _create(cls, path: Path, config: Mapping[str, Any], tasks: list[Task], limits: StoreLimits) -> Self:
         make_folder(path)
         refuse_taken(path)
-        with disk_errors(f"making {path}"):
+        with disk_errors(f"making {path}", then="start the run again"):
             writer = cls(path, limits, take_lock(path))
             try:
                 refuse_taken(path)  # again, now that the lock is held
@@ -194,6 +195,9 @@ class RunWriter:
                 sync_folder(path)
                 writer._open_logs()
             except BaseException:
+                for folder in () if (path / CONFIG).exists() else (writer._folder, path / SCREENSHOTS):
+                    with suppress(OSError):  # it holds something, or is not there
+                        folder.rmdir()
                 os.close(writer._lock)
                 raise
         return writer

@@ -34,6 +34,7 @@ async def judge_again(
     config: CollectorConfig,
     blocklist: Blocklist | None = None,
     plan: Plan | None = None,
+    finishing: asyncio.Event | None = None,
 ) -> None:
     """Judge all attempts without a verdict again, and record the verdicts.
 
@@ -48,12 +49,13 @@ async def judge_again(
         config: limits.
         blocklist: gets the websites that blocked the agent.
         plan: of the run. Samples that another collector has taken over are recorded as cancelled here.
+        finishing: once it is set, no more attempts are judged; the rest are when the run is resumed.
 
     Raises:
         StoreError: a verdict cannot be stored, a record is damaged, or a disk shared with other collectors
             cannot be read.
     """
-    again = _Rejudging(context, tasks, judge, pictures, config, blocklist, plan)
+    again = _Rejudging(context, tasks, judge, pictures, config, blocklist, plan, finishing)
     for _ in range(config.judge_again):
         if not await again.round():
             return
@@ -69,6 +71,7 @@ class _Rejudging:
         config: CollectorConfig,
         blocklist: Blocklist | None,
         plan: Plan | None,
+        finishing: asyncio.Event | None,
     ) -> None:
         self._context = context
         self._tasks = {task.id: task for task in tasks}
@@ -77,13 +80,14 @@ class _Rejudging:
         self._config = config
         self._blocklist = blocklist
         self._plan = plan
+        self._finishing = finishing
         self._failed_in_a_row = 0
 
     async def round(self) -> bool:
         """Judge all attempts without a verdict once; returns whether another round may help."""
         entries = self._context.store.attempts.values()
         waiting = deque(entry.attempt_id for entry in entries if entry.outcome is Outcome.JUDGE_ERROR)
-        if not waiting:
+        if not waiting or not self._may_continue:
             return False
         reader = RunReader(self._context.store.path, skip_corrupt=True)
         await asyncio.to_thread(reader.refresh)
@@ -94,7 +98,8 @@ class _Rejudging:
 
     @property
     def _may_continue(self) -> bool:
-        return self._failed_in_a_row < self._config.give_up_after
+        is_finishing = self._finishing is not None and self._finishing.is_set()
+        return not is_finishing and self._failed_in_a_row < self._config.give_up_after
 
     async def _work(self, waiting: deque[str], reader: RunReader) -> None:
         while waiting and self._may_continue:

@@ -6,7 +6,7 @@ import msgspec
 
 from webgym.browser.config import PageOptions
 from webgym.browser.gestures import AnyAction
-from webgym.core.errors import ProtocolError, WebGymError, error_from_code
+from webgym.core.errors import ProtocolError, ServerUnreachable, WebGymError, error_from_code
 from webgym.core.observation import Notice, Observation
 
 SECRET_HEADER = "x-webgym-secret"  # noqa: S105
@@ -14,6 +14,8 @@ GENERATION_HEADER = "x-webgym-generation"
 CLIENT_HEADER = "x-webgym-client"
 INSTANCE_HEADER = "x-webgym-instance"
 """Header of every answer to ``/healthz``: the id of this run of the server, which is unique."""
+_OF_PROXIES = frozenset({502, 503, 504})
+"""Statuses with which a proxy says that the server behind it does not answer."""
 
 
 class SessionOptions(PageOptions, frozen=True, omit_defaults=True):
@@ -269,8 +271,8 @@ def error_of(body: bytes, status: int, host: str) -> WebGymError:
     try:
         error = msgspec.json.decode(body, type=ErrorReply).error
     except (msgspec.MsgspecError, ValueError):
-        return ProtocolError(
-            f"{host} answered {status} with no typed error",
-            hint="is this the address of a WebGym server?",
-        )
+        untyped = f"{host} answered {status} with no typed error"
+        if status in _OF_PROXIES:
+            return ServerUnreachable(untyped, hint="does the server behind this proxy run?")
+        return ProtocolError(untyped, hint="is this the address of a WebGym server?")
     return error_from_code(error.code, error.message, error.hint)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from webgym.browser.effect import EffectCheck
 from webgym.core.action import LeftClick, RightClick, Scroll, Target, Wait
 
 from .conftest import Open, Site, Tab
@@ -142,4 +143,20 @@ async def test_a_drawing_that_stays_the_same(site: Site, open_tab: Open) -> None
     await tab.step(LeftClick(HERE))
     assert kinds(tab) in ([], ["no_effect"]), "the mouse may have been drawn"
     await tab.step(LeftClick(HERE))
+    assert kinds(tab) == ["no_effect"]
+
+
+async def test_a_scroll_that_comes_after_its_effect_was_asked_for(
+    site: Site, tab: Tab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def asked_too_early(self: EffectCheck, function: str, *_: object, reply: object) -> object:
+        return {"beginTrace": True, "endTrace": "none"}.get(function)
+
+    await tab.goto(site.page("<div style='height:3000px'>Long</div>"))
+    monkeypatch.setattr(EffectCheck, "_call_page", asked_too_early)
+    look = await tab.step(Scroll("down"))
+    assert look.observation.scroll[0] > 0
+    assert kinds(tab) == []
+    await tab.goto(site.page("<div>Short</div>"))
+    await tab.step(Scroll("down"))
     assert kinds(tab) == ["no_effect"]

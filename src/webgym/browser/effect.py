@@ -33,7 +33,7 @@ class EffectCheck:
         self._page = page
         self._point: Point | None = None
         self._message = ""
-        self._is_idle = isinstance(action, Wait)
+        self._is_idle, self._is_scroll = isinstance(action, Wait), isinstance(action, Scroll)
         self._trace_started: asyncio.Task[bool | None] | None = None
         match action:
             case LeftClick(target=target) | DoubleClick(target=target) | RightClick(target=target):
@@ -66,6 +66,8 @@ class EffectCheck:
         sees_shadow_roots = options.text or options.elements or options.mode == "marks"
         if effect == "unseen" or not sees_shadow_roots or page.worlds.in_view:
             page.ineffective_if_same = self._message
+        elif self._is_scroll:
+            page.ineffective_if_unscrolled = self._message
         else:
             page.note("no_effect", self._message)
 

@@ -164,7 +164,7 @@ def _observation(
     page: Page, content: PageContent, name: str, settled: str, milliseconds: dict[str, float]
 ) -> Observation:
     page.points = {element.number: _middle(element.box) for element in content.elements or ()}
-    page.pictured(name)
+    page.pictured(name, content.scroll[0])
     return Observation(
         screenshot=name,
         url=page.address,

@@ -170,6 +170,10 @@ class Page:
         """Text of a "no_effect" notice, to be added if the next screenshot equals ``picture``, the last
         one."""
         self.picture = ""
+        self.ineffective_if_unscrolled = ""
+        """The same, if the page is next observed at ``scrolled``, where it last was: a turn of the wheel may
+        have an effect late."""
+        self.scrolled = 0.0
         self.is_calm = False
         """Whether the screenshot of the last step was taken while the page was settling, and used."""
         self.choosers: list[FileChooser] | None = None
@@ -286,7 +290,7 @@ class Page:
             self._release = None
             self.session.send("Fetch.disable")
         self.returned = None
-        self._reported_unopened = self.ineffective_if_same = ""
+        self._reported_unopened = self.ineffective_if_same = self.ineffective_if_unscrolled = ""
         self.popups.begin_action()
         self.acted = time.monotonic()
         self.traffic.begin_action()
@@ -313,11 +317,15 @@ class Page:
         """The notices since the last action began, which the next observation contains too."""
         return tuple(self._happened)
 
-    def pictured(self, name: str) -> None:
-        """Record the name of a new screenshot. If it is unchanged, the action may have had no effect."""
-        if self.ineffective_if_same and name == self.picture and not self._happened:
-            self.note("no_effect", self.ineffective_if_same)
+    def pictured(self, name: str, scrolled: float) -> None:
+        """Record the name of a new screenshot, and how far the page is scrolled. If they are unchanged, the
+        action may have had no effect."""
+        is_same, is_still = name == self.picture, scrolled == self.scrolled
+        text = (is_same and self.ineffective_if_same) or (is_still and self.ineffective_if_unscrolled)
+        if text and not self._happened:
+            self.note("no_effect", text)
         self.ineffective_if_same, self.picture = "", name
+        self.ineffective_if_unscrolled, self.scrolled = "", scrolled
 
     def take_notices(self) -> tuple[Notice, ...]:
         """The notices since the last call."""

@@ -16,6 +16,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from collections.abc import Set as AbstractSet
+from functools import lru_cache
 from itertools import pairwise
 from typing import Final
 
@@ -71,7 +72,7 @@ def other_candidate(answer: str, required: Sequence[Sequence[str]], known_texts:
         known_texts: texts whose words are not candidates: the task, and answers that are known to be right.
     """
     answer = respelled(answer)
-    options, right, known = _right_and_known(required, known_texts)
+    options, right, known = _right_and_known(tuple(map(tuple, required)), tuple(known_texts))
     marked = _in_digits(_HEADING.sub("", right.sub(_PLACEHOLDER, answer)))
     pieces = [piece.strip() for piece in _SEPARATORS.split(marked) if piece.strip()]
     shapes = {_shape(value) for option in options for value in _TOKEN.findall(option) if value[0].isdigit()}
@@ -111,7 +112,9 @@ def copied(
     Words that only the answer has do not break the copy, nor do those of the task and of the right answer;
     right answers do. The arguments but ``pages`` are those of :func:`other_candidate`.
     """
-    _, right, known = _right_and_known(required, known_texts)
+    if len(_TOKEN.findall(answer)) <= _MOST_QUOTED:
+        return ""
+    _, right, known = _right_and_known(tuple(map(tuple, required)), tuple(known_texts))
 
     def words(text: str) -> list[str]:
         found = map(fold, _MARKED.findall(right.sub(_PLACEHOLDER, respelled(text))))
@@ -133,8 +136,9 @@ def _runs(words: Sequence[str]) -> set[tuple[str, ...]]:
     return {run for run in runs if _PLACEHOLDER not in run}
 
 
+@lru_cache(maxsize=64)
 def _right_and_known(
-    required: Sequence[Sequence[str]], known_texts: Iterable[str]
+    required: tuple[tuple[str, ...], ...], known_texts: tuple[str, ...]
 ) -> tuple[list[str], re.Pattern[str], AbstractSet[str]]:
     """The right answers, longest first, a pattern of them, and the words that are no candidates."""
     options = sorted(

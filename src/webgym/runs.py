@@ -320,9 +320,8 @@ async def _collected(
                 again = (context, tasks, judge, pictures, config.collector, blocklist, plan, finishing)
                 await judge_again(*again)
     except BaseException:
-        with suppress(
-            Exception
-        ):  # a stopped run gets a summary of what is on disk, too, if it can be written
+        # A stopped run gets a summary of what is on disk, too, if it can be written.
+        with suppress(Exception):
             await summarised()
         raise
     return await summarised()

@@ -243,6 +243,8 @@ async def test_a_slow_judge_or_disk_holds_browsers_back_before_memory_grows(
 async def test_a_run_that_is_to_finish_ends_what_it_has_begun_and_begins_nothing(
     tmp_path: Path, world: World
 ) -> None:
+    numbers = itertools.count()
+    world.model._reply_seconds = lambda: 0.0 if next(numbers) < 40 else 0.3  # not done before it is told
     run = Run().start(world.config(tmp_path, 40), tmp_path / "run")
     await until(lambda: run.progress.done >= 4)
     run.finishing.set()

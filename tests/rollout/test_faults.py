@@ -49,16 +49,18 @@ async def test_a_policy_that_is_restarted_costs_no_attempt(tmp_path: Path, world
 async def test_a_policy_that_is_away_for_longer_than_its_tries_costs_no_attempt(
     tmp_path: Path, world: World
 ) -> None:
-    world.model._reply_seconds = lambda: 0.02
     config = world.config(tmp_path, 16, {"give_up_after": 2}, retries=0)
     assert config.policy.chat is not None
     retry = Retry(tries=2, first_seconds=0.05, longest_seconds=0.2)
     chat = config.policy.chat.model_copy(update={"retry": retry})
     config = config.model_copy(update={"policy": config.policy.model_copy(update={"chat": chat})})
+    numbers = itertools.count()
+    world.model._reply_seconds = lambda: 0.0 if next(numbers) < 40 else 1000.0  # of 73
     run = Run().start(config, tmp_path / "run")
-    await until(lambda: run.progress.done >= 3 and world.model.running >= 2)
+    await until(lambda: run.progress.done >= 1 and world.model.running >= 2)
     await world.stop("model")
     await asyncio.sleep(2)
+    world.model._reply_seconds = lambda: 0.0
     assert "cannot be reached" in " ".join(run.progress.warnings)
     await world.start("model")
     await run.end()

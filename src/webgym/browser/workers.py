@@ -1,9 +1,8 @@
 """The workers of a page, dedicated and shared ones: what they load, and whether they compute.
 
 A worker is a target with a session of its own: the page's session does not report what it loads, nor when the
-script of a shared one has come. Whether it
-computes is found out by evaluating a trivial expression, which it answers once it is idle. Pages without
-workers cost nothing.
+script of a shared one has come. Whether it computes is found out by evaluating a trivial expression, which it
+answers once it is idle. Pages without workers cost nothing.
 """
 
 from __future__ import annotations

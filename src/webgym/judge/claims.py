@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import date
+from functools import lru_cache
 from itertools import combinations
 from typing import Final, TypeAlias
 
@@ -101,10 +102,14 @@ def _without_list_numbers(text: str) -> str:
     return without if following > 2 else text
 
 
+@lru_cache(maxsize=1024)
 def respelled(text: str) -> str:
     """The text without the numbers of list items, and with common spellings of times, dates and amounts
     written in one way."""
-    text = _without_list_numbers(text)
+    return _respelled(_without_list_numbers(text))
+
+
+def _respelled(text: str) -> str:
     for pattern, written in _SPELLINGS:
         text = pattern.sub(written, text)
     text = _NUMERIC_DATE.sub(_in_words, text)
@@ -124,9 +129,10 @@ def day_of(text: str) -> date | None:
     return date(*map(int, dates[0].split("-"))) if len(dates) == len(readings) == 1 else None
 
 
+@lru_cache(maxsize=1024)
 def spelled(text: str) -> str:
     """The same of the folded text, with whole amounts without their ".00"."""
-    return _WHOLE_AMOUNT.sub("", respelled(fold(_without_list_numbers(text))).casefold())
+    return _WHOLE_AMOUNT.sub("", _respelled(fold(_without_list_numbers(text))).casefold())
 
 
 def numeral(option: str) -> tuple[str, ...]:

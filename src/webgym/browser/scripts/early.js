@@ -5,13 +5,12 @@
   const { documentElement, getSelection } = webgym.dom;
   const { state, counters } = webgym;
 
-  // What changes the picture and is no change of the document.
-  let stirs = 0;
-  const onStir = ({ target }) => state.ours.has(target) || (stirs += 1);
-  const STIRS =
-    'pointerover pointerout focusin focusout toggle load error loadeddata play pause seeked ' +
-    'transitionrun animationstart fullscreenchange';
-  for (const name of STIRS.split(' ')) webgym.listen([name, onStir, { capture: true, passive: true }]);
+  // What changes the picture and is neither a change of the document nor one of its aspect.
+  const STIRS = [
+    'pointerover', 'pointerout', 'load', 'error', 'loadeddata', 'play', 'pause', 'seeked', 'transitionrun', 'animationstart',
+    'fullscreenchange',
+  ];
+  const stirs = webgym.countEvents(STIRS);
 
   // What is selected; a caret is not drawn.
   const selected = () => {
@@ -20,8 +19,7 @@
   };
   // Two are the same if nothing changed in between, nor was planned.
   const moment = () => [
-    state.changes, stirs, ...Object.values(counters).map((counter) => counter.asked()), ...selected(),
-    ...webgym.fieldValues(), ...webgym.ruleCounts(),
+    state.changes, stirs(), ...Object.values(counters).map((counter) => counter.asked()), ...selected(), ...webgym.aspect(),
   ];
 
   // Whether no task is left to do: one that lets all others go first has its turn.

@@ -207,11 +207,15 @@
 
   // --- what a timer brings ------------------------------------------------------------------------
 
-  // What changes without a change of the document.
-  let stirs = 0;
-  const onStir = ({ target }) => state.ours.has(target) || (stirs += 1);
-  for (const name of ['toggle', 'focusin', 'focusout']) webgym.listen([name, onStir, { capture: true, passive: true }]);
-  const aspect = () => [stirs, ...webgym.ruleCounts(), ...webgym.fieldValues()];
+  // Count events of these names, but for our own elements: what changes without a change of the document.
+  webgym.countEvents = (names) => {
+    let count = 0;
+    const onEvent = ({ target }) => state.ours.has(target) || (count += 1);
+    for (const name of names) webgym.listen([name, onEvent, { capture: true, passive: true }]);
+    return () => count;
+  };
+  const stirs = webgym.countEvents(['toggle', 'focusin', 'focusout']);
+  const aspect = (webgym.aspect = () => [stirs(), ...webgym.ruleCounts(), ...webgym.fieldValues()]);
   let before = null;
 
   // A timer is about to fire.

@@ -106,6 +106,8 @@ def test_samples_of_one_task_are_one_piece_of_evidence() -> None:
 def test_where_all_tasks_end_alike_the_interval_counts_tasks() -> None:
     row = rows_of(attempts("hard", "fff", "fff"), drawn(hard=2), 3, QUICK)["hard"]
     assert (row.rate, row.method, row.interval) == (0.0, "wilson", wilson(0, 2))
+    row = rows_of(attempts("hard", "sffff", "sffff"), drawn(hard=2), 5, QUICK)["hard"]
+    assert (row.rate, row.method, row.interval) == (0.2, "wilson", wilson(0.4, 2))  # not wilson(0, 2)
 
 
 @given(
@@ -165,6 +167,11 @@ async def test_a_task_that_was_drawn_twice_is_one_piece_of_evidence(tmp_path: Pa
     assert (row.tasks, row.planned, row.missing, row.solved) == (6, 12, 0, (3, 3))
     assert row.rate_of_planned == row.rate == 11 / 12
     assert row.interval_of_planned == row.interval == (0.75, 1.0)
+    summary = summarise(RunReader(tmp_path / "run").trajectories(), tasks, 2)
+    for name in ("success_interval", "success_interval_of_planned"):
+        assert summary[name]["easy"] == summary[name]["overall"] == row.interval  # type: ignore[literal-required]
+    assert summary["by_domain"]["Shopping"]["success_interval"] == row.interval
+    assert summary["by_website"]["http://a.test/"]["success_interval_of_planned"] == row.interval
 
 
 async def test_what_other_collectors_took_of_a_shared_list_is_not_missing(tmp_path: Path) -> None:

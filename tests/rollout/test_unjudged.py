@@ -231,8 +231,13 @@ async def client(tmp_path: Path) -> AsyncIterator[httpx.AsyncClient]:
 async def test_the_viewer_shows_the_verdict_that_came_later(
     client: httpx.AsyncClient, tmp_path: Path
 ) -> None:
+    async def news(**known: Any) -> dict[str, Any]:
+        reply = await client.get("/api/news", params=known)
+        assert reply.status_code == 200
+        return dict(reply.json())
+
     async def outcomes() -> dict[str, int]:
-        assert (await client.get("/api/news", params={"known": 0})).status_code == 200
+        await news(known=0)
         rows = (await client.get("/api/rows", params={"count": 10})).json()["rows"]
         found: dict[str, int] = defaultdict(int)
         for row in rows:
@@ -240,9 +245,12 @@ async def test_the_viewer_shows_the_verdict_that_came_later(
         return found
 
     assert await outcomes() == {"judge_error": 3}
+    known = {"known": 3, "whole": "false", "version": (await news(known=0))["version"]}
+    assert not (await news(**known))["overview"]
     async with await RunWriter.reopen(tmp_path / "run") as store:
         held = context(store, Progress(total=3))
         await judge_again(
             held, RunReader(tmp_path / "run").tasks.values(), Doubtful(0), pictures, CollectorConfig()
         )
+    assert "100.0%" in (await news(**known))["overview"]  # though there are no more attempts than before
     assert await outcomes() == {"success": 3}

@@ -439,6 +439,7 @@ class Training:
         collected = self.folder.figures(number, Stage.COLLECT)
         row = {
             "iteration": number,
+            "at": time.time(),
             "trajectories": collected["attempts"] + self._trajectories_before(number),
             "seconds": {"collect": collected.pop("seconds"), **seconds},
             "collect": collected,

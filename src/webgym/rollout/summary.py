@@ -116,6 +116,7 @@ class Summary(TypedDict):
         pass_at: pass@k for k = 1, 2, 4, ... and the number of samples per task, averaged over the tasks with
             at least k attempts with a reward. pass@1 is the mean over tasks of their success rates.
         steps: all steps taken.
+        steps_per_attempt: over the attempts with a reward.
         wall_seconds: time during which at least one attempt was in progress, or as the collector measured.
         steps_per_second: ``steps`` / ``wall_seconds``.
         policy, judge: names, joined by commas; empty if there are none.
@@ -146,6 +147,7 @@ class Summary(TypedDict):
     elsewhere: dict[str, int]
     pass_at: dict[str, PassAt]
     steps: int
+    steps_per_attempt: Quantiles
     wall_seconds: float
     steps_per_second: float
     policy: str
@@ -463,6 +465,7 @@ class Tally:
             "elsewhere": dict(elsewhere) if elsewhere else {},
             "pass_at": self._pass_at(),
             "steps": overall["steps"],
+            "steps_per_attempt": overall["steps_per_attempt"],
             "wall_seconds": wall,
             "steps_per_second": overall["steps"] / wall if wall > 0 else 0.0,
             "policy": ", ".join(self._policies) if policy is None else policy,

@@ -173,7 +173,7 @@ async def test_a_task_that_was_drawn_twice_is_one_piece_of_evidence(tmp_path: Pa
     assert row.interval_of_planned == row.interval == (0.75, 1.0)
     summary = summarise(RunReader(tmp_path / "run").trajectories(), tasks, 2)
     for name in ("success_interval", "success_interval_of_planned"):
-        assert summary[name]["easy"] == summary[name]["overall"] == row.interval  # type: ignore[literal-required]
+        assert summary[name]["easy"] == summary[name]["overall"] == row.interval
     assert summary["by_domain"]["Shopping"]["success_interval"] == row.interval
     assert summary["by_website"]["http://a.test/"]["success_interval_of_planned"] == row.interval
 

@@ -3,8 +3,9 @@
 Every planned sample of every task counts once, by the last attempt at it. Success, failure and truncated
 have a reward and make up the rate; the other outcomes are reported separately and do not count. The rate
 over all
-planned samples is reported as well: there, everything but success counts against the policy. Intervals are those of
-:mod:`webgym.rollout.rates`.
+planned samples is reported as well: there, everything but success counts against the policy.
+
+Intervals are those of :mod:`webgym.rollout.rates`.
 """
 
 from __future__ import annotations

@@ -65,9 +65,7 @@ def over_tasks(
 
 
 @lru_cache(4096)  # many websites have the same counts
-def _over_tasks(
-    levels: tuple[_Clusters, ...], resamples: int, seed: int
-) -> tuple[Method, Interval | None]:
+def _over_tasks(levels: tuple[_Clusters, ...], resamples: int, seed: int) -> tuple[Method, Interval | None]:
     tasks = [task for level in levels for task in level]
     won, of = (sum(task[place] for task in tasks) for place in (0, 1))
     if of == len(tasks):

@@ -419,7 +419,10 @@ class Tally:
                 planned[key] -= count
         tasks = self._by_task(elsewhere) if max(self._samples.values(), default=1) > 1 else {}
         keys: list[_GroupKey] = [("all", ""), *(("level", level) for level in LEVELS), *sorted(self._counts)]
-        return {key: self._counts.get(key, _Count()).group(planned[key], tasks.get(key, {}).values()) for key in keys}
+        return {
+            key: self._counts.get(key, _Count()).group(planned[key], tasks.get(key, {}).values())
+            for key in keys
+        }
 
     def _by_task(self, elsewhere: Mapping[str, int]) -> Mapping[_GroupKey, Mapping[str, list[_TaskCount]]]:
         """The counts of every task, by group and level."""

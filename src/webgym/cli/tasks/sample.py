@@ -109,7 +109,9 @@ def _write(drawn: list[Task], out: Path | None) -> None:
 
     distinct = list({task.id: task for task in drawn}.values())
     if repeated := len(drawn) - len(distinct):
-        what = "printed: all tasks had been drawn" if out is None else "left out: a file contains each task once"
+        what = (
+            "printed: all tasks had been drawn" if out is None else "left out: a file contains each task once"
+        )
         print(f"{repeated:,} repeated draws are {what}", file=sys.stderr)
     if out is None:
         print("\n".join(plain(task.id) for task in drawn))

@@ -207,6 +207,12 @@ async def check_in_browsers(
             earlier=len(tasks) - len(missing),
             levels={task.id: task.level for task in tasks},
         )
+        left = {task.id for task in missing}
+        for task in tasks:
+            if task.id not in left and (known := results.of(task, mode)) is not None:
+                progress.outcomes[known.outcome] += 1
+                progress.by_level[task.level, known.outcome] += 1
+                progress.done_by_level[task.level] += 1
         if missing:
             context = (web, sessions, latency, mode, results, progress, on_episode)
             async with _playing(*context) as player, show(progress) if show else nullcontext():
@@ -378,6 +384,7 @@ class _Player:
         faults = (*result.faults, *self._typed(task))
         self._results.add(msgspec.structs.replace(result, faults=faults))
         self._progress.done += 1
+        self._progress.done_by_level[task.level] += 1
         self._progress.ended(Trajectory(episode, result.outcome))
 
     def _typed(self, task: Task) -> Iterator[str]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import uuid
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import (
     AbstractAsyncContextManager,
@@ -288,6 +288,9 @@ async def _collected(
         note=oracle_note(name) if name in ORACLES else "",
         problem=run_services.problem,
     )
+    if store.attempts:
+        recorded = RunReader(store.path, skip_corrupt=True).trajectories()
+        await asyncio.to_thread(lambda: deque(map(progress.recorded, recorded), maxlen=0))
     judge = run_services.judge
     context = AttemptContext(
         client=run_services.client,

@@ -33,6 +33,8 @@ def test_rates_stand_beside_what_they_are_of() -> None:
     overall = next(line for line in said.getvalue().splitlines() if line.startswith("overall")).split()
     assert (overall[1], overall[5]) == ("66.7%", "3")
     assert (overall[6], overall[10]) == ("50.0%", "4")
+    assert overall[11] == "2"
+    assert "median" in said.getvalue()
 
 
 def test_whoever_reads_an_oracles_figures_is_told() -> None:

@@ -88,8 +88,8 @@ def test_an_iteration_is_told_on_one_line(tmp_path: Path) -> None:
     rows = [json.loads(line) for line in (tmp_path / "first/metrics.jsonl").read_bytes().splitlines()]
     line = iteration_line(rows[1], TrainingProgress(iterations=2))
     assert re.fullmatch(
-        r"iteration 2 of 2: success \d+\.\d% \(\d+\.\d% to \d+\.\d%\) of 8 attempts, easy .*; \d+ steps, "
-        r"loss 0\.7 \(left out: .*2 request too long\); 0:0\d",
+        r"iteration 2 of 2: success \d+\.\d% \(\d+\.\d% to \d+\.\d%\) of 7 judged attempts, "
+        r"easy .*; \d+ steps, loss 0\.7 \(left out: .*2 request too long\); 0:0\d",
         line,
     )
     nothing = rows[0] | {"update": {}}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,6 +19,8 @@ from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.truth import Click, Give
 from webgym.offline.web import OfflineWeb
+from webgym.rollout.progress import Progress
+from webgym.rollout.rates import Successes
 
 
 @pytest.fixture(scope="module")
@@ -80,17 +84,29 @@ def mistaken(task: Task) -> Task:
 @pytest.mark.browser
 @pytest.mark.timeout(300)
 async def test_a_check_goes_on_where_it_was(web: OfflineWeb, tasks: list[Task], tmp_path: Path) -> None:
-    path, played = tmp_path / "results.jsonl", list[str]()
+    path, played, shown = tmp_path / "results.jsonl", list[str](), list[Progress]()
+
+    @asynccontextmanager
+    async def show(progress: Progress) -> AsyncIterator[None]:
+        shown.append(progress)
+        yield
 
     async def check(tasks: list[Task], *, again: bool = False) -> list[str]:
         played.clear()
         return await check_in_browsers(
-            web, tasks, path, sessions=1, again=again, on_episode=lambda task, _: played.append(task.id)
+            web,
+            tasks,
+            path,
+            sessions=1,
+            again=again,
+            show=show,
+            on_episode=lambda task, _: played.append(task.id),
         )
 
     assert await check(tasks[:2]) == []
     assert await check(tasks[:3]) == []
     assert played == [tasks[2].id]
+    assert shown[-1].successes == Successes(3, 3, 3)  # earlier results included
     broken = [*tasks[:2], mistaken(tasks[2])]
     (fault,) = await check(broken)
     assert fault.startswith(f"{tasks[2].id}: expected success, got failure")

@@ -8,6 +8,7 @@ import re
 import shutil
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -281,6 +282,35 @@ async def test_pictures_come_from_the_folder_and_a_report_that_was_moved_says_so
     await expect(absent).to_contain_text("If the report was moved, move it back into its run folder")
     await expect(page.locator("#moved")).to_contain_text("the report was moved. Move it back")
     await context.close()
+
+
+async def test_a_phone_shows_figures_and_steps_whole(
+    browser: Browser, report: Path, run_folder: Path
+) -> None:
+    phone = {"width": 390, "height": 800}
+    async with opened(browser, report.as_uri(), viewport=phone) as page:
+        ticks = [await box_of(tick) for tick in await page.locator(".timings .ticks span").all()]
+        for one, other in pairwise(ticks):
+            assert one["x"] + one["width"] < other["x"]
+        for name in await page.locator(".timings tbody th:not(:empty)").all():
+            assert await name.evaluate("e => e.scrollWidth <= e.clientWidth")
+        card, losses = page.locator("[aria-labelledby=losses-title]"), page.locator(".losses a").first
+        assert (await box_of(losses))["width"] >= 200
+        assert await card.evaluate("e => e.scrollWidth <= e.clientWidth")
+        await page.locator("[aria-labelledby=domain-title] tbody th").first.evaluate(
+            "e => { e.textContent = 'D'.repeat(120); }"
+        )
+        assert await page.evaluate("document.documentElement.scrollWidth") == 390
+        bar = await page.evaluate(
+            """() => { const live = document.getElementById("live"); live.hidden = false;
+            live.textContent = "finished, 12,000 attempts"; return live.offsetHeight; }"""
+        )
+        assert bar < 30
+    async with opened(browser, address(report, run_folder, 0, 3), viewport=phone) as page:
+        film, did = await box_of(page.locator(".film")), await box_of(page.locator("#did"))
+        assert did["y"] > film["y"] + film["height"]
+        assert did["width"] > 300
+        assert await page.evaluate("document.documentElement.scrollWidth") == 390
 
 
 async def test_tiles_have_borders_at_any_width(browser: Browser, report: Path) -> None:

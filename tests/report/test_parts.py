@@ -37,10 +37,11 @@ from webgym.report.charts import Histogram, LogAxis, outcome_bar, rate_bar
 from webgym.report.config import ReportConfig
 from webgym.report.content import page, row
 from webgym.report.formatting import duration, milliseconds, number, percent
+from webgym.report.overview import Overview, overview_html
 from webgym.report.template import Page, inert
 from webgym.report.thumbnails import thumbnails
 from webgym.rollout.store import RunReader
-from webgym.rollout.summary import quantiles
+from webgym.rollout.summary import digest_of, quantiles
 
 # --- content -----------------------------------------------------------------------------------------
 
@@ -54,6 +55,23 @@ def test_places_are_percent_of_the_picture(run_folder: Path) -> None:
     assert (shown["mark"], shown["on"], shown["role"]) == (1, "Search the catalogue", "searchbox")
     x, y, w, h = (element.box for element in seen.elements or () if element.number == 1).__next__()
     assert shown["box"] == pytest.approx([x / 12.8, y / 7.68, w / 12.8, h / 7.68], abs=1e-3)
+
+
+def test_figures_of_odd_tasks_and_messages_can_be_read(run_folder: Path) -> None:
+    reader = RunReader(run_folder)
+    overview = Overview(reader)
+    for trajectory in reader.trajectories():
+        overview.add(digest_of(trajectory))
+    figures = overview.figures()
+    summary = figures.summary
+    summary["by_domain"] = {"": summary["by_level"]["easy"]}
+    summary["by_level"]["hard"]["steps_per_attempt"] = quantiles([])
+    summary["losses"]["blocked"]["message"] = "E" * 3_000
+    text = overview_html(reader, figures, [])
+    assert ">no domain</th>" in text
+    assert "median –" in text
+    assert "median 0" not in text
+    assert "E" * 299 + "…</a>" in text
 
 
 def test_a_point_says_what_lies_under_it(run_folder: Path) -> None:

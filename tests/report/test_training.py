@@ -19,6 +19,8 @@ from webgym.report.config import ReportConfig
 from webgym.report.curves import Curves, Line, Point, nice_ticks
 from webgym.report.formatting import percent, points
 from webgym.report.training import Training, is_training, write_training_report
+from webgym.tiny.demo import before_and_after
+from webgym.train.figures import success_line
 
 
 @pytest.fixture(scope="module")
@@ -101,6 +103,22 @@ def test_what_was_learned_is_shown_first(folder: Path) -> None:
     assert won[0] == (False, True)
     assert all(pair.before.task_id == pair.after.task_id for pair in pairs)
     assert all(pair.before.outcome.is_rewarded and pair.after.outcome.is_rewarded for pair in pairs)
+
+
+def test_success_is_of_the_attempts_that_were_judged(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder / "evaluations", tmp_path / "evaluations")
+    shutil.copy(folder / "config.yaml", tmp_path)
+    for file in (tmp_path / "evaluations").glob("*.json"):
+        figures = json.loads(file.read_bytes())
+        figures["attempts"] = 12
+        figures["outcomes"] |= {"success": 4, "failure": 2, "truncated": 1, "blocked": 5}
+        file.write_text(json.dumps(figures))
+    assert "of 7 judged attempts" in success_line(figures)
+    assert all("of 7 judged attempts" in line for line in before_and_after(tmp_path))
+    text = write_training_report(tmp_path).read_text()
+    assert text.count("of 7 judged attempts") == 2
+    pairs = Training(tmp_path).pairs()
+    assert f"Of {len(pairs)} samples that were judged both times" in text
 
 
 @pytest.mark.parametrize("left", ["nothing", "an evaluation"])

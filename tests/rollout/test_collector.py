@@ -17,9 +17,11 @@ from tests.rollout.running import SECONDS, Run, World, a_world, books, outcomes,
 from tests.rollout.stand_in_judge import ADDRESS
 
 from webgym.core.errors import LeaseLost, ServerUnreachable
+from webgym.core.task import LEVELS
 from webgym.rollout.config import AttemptConfig
 from webgym.rollout.files import TRAJECTORIES, Log
 from webgym.rollout.lockstep import Lockstep
+from webgym.rollout.rates import Successes
 from webgym.server.client import BrowserClient
 from webgym.server.config import ClientLimits
 
@@ -265,10 +267,18 @@ async def test_a_run_that_is_to_finish_does_not_judge_the_backlog_first(tmp_path
     await world.start("judge")
     run = Run().start(None, tmp_path / "run")
     await until(lambda: world.judge.asked == 1)
+    progress = run.progress
+    assert progress.successes_of("easy").judged == 0
+    assert progress.steps == sum(len(each.episode.steps) for each in books(tmp_path / "run"))
     run.finishing.set()
     world.judge.lets.set()
     await run.end()
     assert outcomes(tmp_path / "run") == {"judge_error": 5, "success": 1}
+    # Figures of a resumed run are those of all its sessions; speed is this session's.
+    assert +progress.outcomes == {"judge_error": 5, "success": 1}
+    assert progress.successes == Successes(1, 1, 6)
+    assert sum(progress.successes_of(level).planned for level in LEVELS) == 6
+    assert progress.steps_per_second == 0
     await Run().start(None, tmp_path / "run").end()
     assert outcomes(tmp_path / "run") == {"success": 6}
 

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import asyncio
+import io
 import json
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rich.console import Console
 from tests.conftest import Calls
 from tests.report.conftest import build_run
 from tests.rollout.test_summary import attempt, task
 
+from webgym.cli._evaluation import notes, show
 from webgym.core.errors import RunFolderError
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Level
@@ -106,6 +110,8 @@ def test_samples_of_one_task_are_one_piece_of_evidence() -> None:
 def test_where_all_tasks_end_alike_the_interval_counts_tasks() -> None:
     row = rows_of(attempts("hard", "fff", "fff"), drawn(hard=2), 3, QUICK)["hard"]
     assert (row.rate, row.method, row.interval) == (0.0, "wilson", wilson(0, 2))
+    row = rows_of(attempts("hard", "sffff", "sffff"), drawn(hard=2), 5, QUICK)["hard"]
+    assert (row.rate, row.method, row.interval) == (0.2, "wilson", wilson(0.4, 2))  # not wilson(0, 2)
 
 
 @given(
@@ -165,6 +171,11 @@ async def test_a_task_that_was_drawn_twice_is_one_piece_of_evidence(tmp_path: Pa
     assert (row.tasks, row.planned, row.missing, row.solved) == (6, 12, 0, (3, 3))
     assert row.rate_of_planned == row.rate == 11 / 12
     assert row.interval_of_planned == row.interval == (0.75, 1.0)
+    summary = summarise(RunReader(tmp_path / "run").trajectories(), tasks, 2)
+    for name in ("success_interval", "success_interval_of_planned"):
+        assert summary[name]["easy"] == summary[name]["overall"] == row.interval
+    assert summary["by_domain"]["Shopping"]["success_interval"] == row.interval
+    assert summary["by_website"]["http://a.test/"]["success_interval_of_planned"] == row.interval
 
 
 async def test_what_other_collectors_took_of_a_shared_list_is_not_missing(tmp_path: Path) -> None:
@@ -287,6 +298,23 @@ def test_conditions_stand_beside_the_score(run: Path, calls: Calls) -> None:
     assert told["browser"] == ["not recorded"] * 2
     assert told["judged samples, successes"] == ["7, 4"] * 2
     assert all("judge_error" in cell for cell in told["samples without a reward"])
+
+
+def test_several_samples_per_task_fit_a_terminal_and_are_explained(run: Path) -> None:
+    samples = attempts("easy", *["ssss"] * 300, *["sssf"] * 300)
+    rows = rows_of(samples, drawn(easy=600), 4, QUICK)
+    result = msgspec.structs.replace(evaluate(run, config=QUICK), samples=4, rows=rows)
+    said = io.StringIO()
+    show(result, Console(file=said, width=80))
+    table, _, _ = said.getvalue().strip("\n").partition("\n\n")
+    assert max(map(len, table.splitlines())) <= 80
+    assert "86.4, 88.5" in table
+    assert "…" not in table
+    assert "95 % intervals over tasks: bootstrap" in said.getvalue()
+    assert any(note.startswith("ever:") for note in notes(result))
+    assert not any(note.startswith("ever:") for note in notes(result, alone=False))
+    alike = rows_of(attempts("easy", "ssss", "ssss"), drawn(easy=2), 4, QUICK)
+    assert any("over tasks" in note for note in notes(msgspec.structs.replace(result, rows=alike)))
 
 
 def test_tables_of_runs(run: Path, calls: Calls) -> None:

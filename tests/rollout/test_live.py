@@ -18,6 +18,7 @@ from webgym.core.trajectory import Episode, Failure, Trajectory
 from webgym.rollout.grid import style_of
 from webgym.rollout.live import duration, line, panel
 from webgym.rollout.progress import STATES, Progress, Queue
+from webgym.rollout.rates import Successes
 
 SCRIPT = """
 import asyncio
@@ -107,8 +108,8 @@ def test_progress_tells_pace_and_success() -> None:
     progress.outcomes.update({Outcome.SUCCESS: 1, Outcome.TRUNCATED: 1, Outcome.BLOCKED: 5})
     assert progress.successes.of_judged.value == 0.5
     progress.done = 9
-    assert progress.successes.of_planned.value == pytest.approx(1 / 7)
-    assert "success 50.0% (14.3% of all)" in line(progress)
+    assert progress.successes.of_planned.value == pytest.approx(1 / 9)
+    assert "success 50.0% (11.1% of all)" in line(progress)
     progress.done = 4
     left = progress.seconds_left
     assert left is not None
@@ -175,6 +176,10 @@ def test_success_by_difficulty_and_what_went_wrong() -> None:
     unjudged = trajectory("b#1.0", Outcome.JUDGE_ERROR, "judge_error")
     progress.ended(unjudged)
     assert progress.successes_of("easy").of_judged.value == 0.5
+    progress.ended(trajectory("a#2.0", Outcome.ENVIRONMENT_ERROR))
+    progress.ended(trajectory("a#2.1", Outcome.ENVIRONMENT_ERROR))
+    progress.done = progress.done_by_level["easy"] = 3  # the third sample was attempted twice
+    assert progress.successes_of("easy") == Successes(1, 2, 3)
     assert progress.successes_of("hard").of_judged.value is None
     assert progress.errors == {"browser_crashed": 1, "judge_error": 1}
     progress.judged_again(unjudged, trajectory("b#1.0", Outcome.SUCCESS))

@@ -83,7 +83,7 @@ def test_what_leaves_the_rate_of_judged_attempts_does_not_leave_that_of_planned_
     assert summary["planned"] == {"overall": 9, "easy": 3, "medium": 3, "hard": 3}
     of_planned = summary["success_rate_of_planned"]
     assert of_planned == {"overall": 1 / 9, "easy": 1 / 3, "medium": 0.0, "hard": 0.0}
-    assert summary["success_interval_of_planned"]["overall"] == wilson(1, 9)
+    assert summary["success_interval_of_planned"]["overall"] == wilson(1 / 3, 3)  # of 3 tasks
     assert summary["by_domain"]["Shopping"]["success_rate_of_planned"] == 1 / 6
     assert summary["by_website"]["http://a.test/"]["planned"] == 6
 

@@ -57,6 +57,16 @@ def scalars(path: Path) -> dict[str, list[tuple[int, float]]]:
     }
 
 
+def test_tensorboard_shows_when_figures_were_measured(tmp_path: Path) -> None:
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    with tracking(["tensorboard"], tmp_path, "webgym", [row(1, 0.25) | {"at": 1_000.5}], print):
+        pass
+    found = EventAccumulator(str(tmp_path / FOLDER))
+    found.Reload()
+    assert [each.wall_time for each in found.Scalars("update/loss")] == [1_000.5]
+
+
 def texts(path: Path) -> dict[str, list[str]]:
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
     from tensorboard.util.tensor_util import make_ndarray  # type: ignore[import-untyped]

@@ -189,13 +189,15 @@ async def test_a_run_that_is_resumed_judges_again_what_has_no_verdict(tmp_path: 
     await judged(run, judge, CollectorConfig(judge_again=0), 1)
     tasks, progress = RunReader(run).tasks, Progress(total=3)
     kept = Blocklist(BlocklistConfig(file=tmp_path / "blocked.jsonl"))
+    for trajectory in RunReader(run).trajectories():
+        progress.recorded(trajectory)
     for outcome in (Outcome.JUDGE_ERROR, Outcome.BLOCKED):
         async with await RunWriter.reopen(run) as store:
             config = CollectorConfig(judge_again=1)
             await judge_again(context(store, progress), tasks.values(), judge, pictures, config, kept)
         assert {entry.outcome for entry in RunReader(run).attempts.values()} == {outcome}
     assert list(kept.blocked()) == ["mugs.example"]
-    assert not +progress.outcomes  # they ended in an earlier session
+    assert +progress.outcomes == {Outcome.BLOCKED: 3}
 
 
 async def test_only_an_attempt_without_a_verdict_may_be_recorded_again(tmp_path: Path) -> None:
@@ -229,8 +231,13 @@ async def client(tmp_path: Path) -> AsyncIterator[httpx.AsyncClient]:
 async def test_the_viewer_shows_the_verdict_that_came_later(
     client: httpx.AsyncClient, tmp_path: Path
 ) -> None:
+    async def news(**known: Any) -> dict[str, Any]:
+        reply = await client.get("/api/news", params=known)
+        assert reply.status_code == 200
+        return dict(reply.json())
+
     async def outcomes() -> dict[str, int]:
-        assert (await client.get("/api/news", params={"known": 0})).status_code == 200
+        await news(known=0)
         rows = (await client.get("/api/rows", params={"count": 10})).json()["rows"]
         found: dict[str, int] = defaultdict(int)
         for row in rows:
@@ -238,9 +245,12 @@ async def test_the_viewer_shows_the_verdict_that_came_later(
         return found
 
     assert await outcomes() == {"judge_error": 3}
+    known = {"known": 3, "whole": "false", "version": (await news(known=0))["version"]}
+    assert not (await news(**known))["overview"]
     async with await RunWriter.reopen(tmp_path / "run") as store:
         held = context(store, Progress(total=3))
         await judge_again(
             held, RunReader(tmp_path / "run").tasks.values(), Doubtful(0), pictures, CollectorConfig()
         )
+    assert "100.0%" in (await news(**known))["overview"]  # though there are no more attempts than before
     assert await outcomes() == {"success": 3}

@@ -145,6 +145,9 @@ def test_a_file_of_drawn_tasks_holds_each_once(calls: Calls, tmp_path: Path, who
     held = read_tasks(out)
     assert len(held.tasks) == 200
     assert not held.broken
+    code, output = calls.run("tasks", "sample", whole, "--count", 450)
+    assert code == 0, output
+    assert "250 repeated draws are printed: all tasks had been drawn" in output
 
 
 def test_a_read_only_file_system_is_one_line(

@@ -16,9 +16,12 @@ from webgym.tables import DASH, Table
 
 _SHORT: Final = {
     "difficulty": "",
-    "success, %": "success %",
-    "of planned, %": "of all %",
+    "success, %": "success\n%",
+    "of planned, %": "of all\n%",
     "95 % interval": "95 %",
+    "ever, %": "ever\n%",
+    "mean steps": "mean\nsteps",
+    "no reward": "no\nreward",
 }
 """Shorter column headers, for a terminal of 80 characters."""
 
@@ -111,21 +114,24 @@ def show(result: Evaluation, console: Console) -> None:
         console.print(plain(note), highlight=False, soft_wrap=True, markup=False)
 
 
-def notes(result: Evaluation) -> Iterator[str]:
-    """Notes below the table: policy, judge, budget, method of the intervals, samples without a reward."""
+def notes(result: Evaluation, *, alone: bool = True) -> Iterator[str]:
+    """Notes below the table: policy, judge, budget, method of the intervals, samples without a reward.
+
+    Args:
+        result: the evaluation.
+        alone: whether the table is of this run alone; that of several has no column ``ever``.
+    """
     overall = result.rows["overall"]
     yield from result.notes
     yield f"policy {result.policy}, judged by {result.judge}, seed {result.seed}"
     budget = "" if result.budget is None else f"at most {' / '.join(map(str, result.budget))} steps"
     per_task = "1 sample" if result.samples == 1 else f"{result.samples} samples"
     yield f"{per_task} per task{', ' if budget else ''}{budget}"
-    if result.samples > 1:
+    if result.samples > 1 and alone:
         yield "ever: share of the tasks with at least one successful sample"
-    if any(row.method == "bootstrap" for row in result.rows.values()):
-        kinds = "bootstrap over tasks, stratified by difficulty"
-        if any(row.method == "wilson" and row.interval for row in result.rows.values()):
-            kinds += "; where all tasks had the same result, Wilson's over tasks"
-        yield f"95 % intervals: {kinds}"
+    if result.samples > 1 or any(row.method == "bootstrap" for row in result.rows.values()):
+        kinds = "bootstrap, stratified by difficulty; where all tasks had the same result, Wilson's"
+        yield f"95 % intervals over tasks: {kinds}"
     else:
         yield "95 % intervals: Wilson's"
     if overall.no_reward:
@@ -141,7 +147,7 @@ def _by_difficulty(result: Evaluation) -> tuple[tuple[str, ...], list[tuple[str,
     is_repeated = result.samples > 1
     solved = ("ever, %",) if is_repeated else ()
     rates = ("success, %", "95 % interval", "of planned, %", "95 % interval")
-    columns = ("difficulty", "tasks", "judged", *rates, *solved, "steps", "no reward")
+    columns = ("difficulty", "tasks", "judged", *rates, *solved, "mean steps", "no reward")
     rows = []
     for group in GROUPS:
         row = result.rows[group]

@@ -39,20 +39,21 @@ def all_failed(summary: Summary) -> bool:
 def print_summary(summary: Summary, console: Console) -> None:
     """Print a run's outcomes and success rates."""
     rates = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="dim")
-    for name in ("", "success", "95 %", "judged", "success", "95 %", "planned", "steps"):  # 80 characters
+    columns = ("", "success", "95 %", "judged", "success", "95 %", "planned", "median\nsteps")
+    for name in columns:  # 80 characters
         rates.add_column(name, justify="left" if not name else "right", no_wrap=True)
     for level in ("overall", *LEVELS):
-        group = summary["by_level"].get(level)
-        outcomes_of = summary["outcomes"] if level == "overall" else group["outcomes"] if group else {}
+        group = summary if level == "overall" else summary["by_level"][level]
+        outcomes_of = group["outcomes"]
         judged = sum(count for name, count in outcomes_of.items() if Outcome(name).is_rewarded)
-        steps = group["steps_per_attempt"]["p50"] if group else None
+        steps = group["steps_per_attempt"]["p50"]
         rates.add_row(
             level,
             *_rate(summary["success_rate"][level], summary["success_interval"][level]),
             str(judged),
             *_rate(summary["success_rate_of_planned"][level], summary["success_interval_of_planned"][level]),
             str(summary["planned"][level]),
-            "" if steps is None else f"{steps:.0f}",
+            "–" if steps is None else f"{steps:.0f}",
         )
     outcomes = Text()
     for outcome in Outcome:

@@ -141,7 +141,7 @@ def _print_results(
     else:
         show_tables(tables(results), console)
     for result in results:
-        for note in notes(result):
+        for note in notes(result, alone=len(results) == 1):
             name = f"{result.run}: " if len(results) > 1 else ""
             console.print(plain(f"{name}{note}"), highlight=False, soft_wrap=True, markup=False)
 

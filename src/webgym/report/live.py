@@ -66,7 +66,8 @@ class _Pages:
         return self._page.head(overview, self._list_state(), whole=self._run.is_whole) + self._page.tail()
 
     def _list_state(self) -> dict[str, Any]:
-        return {"count": len(self._run.index), "options": self._run.index.options()}
+        index = self._run.index
+        return {"count": len(index), "version": index.version, "options": index.options()}
 
     async def rows(self, request: Request) -> Response:
         """Matching trajectories, as rows, and their total number."""
@@ -88,14 +89,14 @@ class _Pages:
         known = request.query_params.get("known", "")
         if not (known.isdecimal() and len(known) < 10):
             return error_reply("known must be a number of rows", 400)
-        was_finished = request.query_params.get("whole") == "true"
-        return json_reply(await self.read(self._news, int(known), was_finished))
+        version, was_finished = (request.query_params.get(name) for name in ("version", "whole"))
+        return json_reply(await self.read(self._news, int(known), version, was_finished == "true"))
 
-    def _news(self, known: int, was_finished: bool) -> dict[str, Any]:
+    def _news(self, known: int, version: str | None, was_finished: bool) -> dict[str, Any]:
         self._run.refresh()
-        whole = self._run.is_whole
-        is_new = known != len(self._run.index) or whole != was_finished
-        return {**self._list_state(), "whole": whole, "overview": self._run.overview() if is_new else ""}
+        whole, now = self._run.is_whole, self._list_state()
+        is_new = (known, version, was_finished) != (now["count"], now["version"], whole)
+        return {**now, "whole": whole, "overview": self._run.overview() if is_new else ""}
 
     async def trajectory(self, request: Request) -> Response:
         """The content of one attempt's page."""

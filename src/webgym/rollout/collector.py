@@ -92,6 +92,7 @@ class Collector:
         """
         progress, lag = self._context.progress, LoopLag()
         progress.done = progress.earlier = plan.done
+        progress.done_by_level = plan.done_by_level
         progress.calls, progress.lag = self._context.calls, lag
         progress.queues = partial(queues_of, self._context.calls)
         async with asyncio.TaskGroup() as background:

@@ -5,12 +5,7 @@ have a reward and make up the rate; the other outcomes are reported separately a
 over all
 planned samples is reported as well: there, everything but success counts against the policy.
 
-**Intervals.** With one sample per task, attempts are independent and the interval is Wilson's: it needs no
-random numbers and is accurate near 0 and 1, which is typical of hard tasks. With several samples per task
-they are not independent (a task is easy or hard for all of them), so tasks are resampled with all their
-samples (bootstrap, percentiles), within each level of difficulty, because the test set fixes the number of
-tasks per level. If all samples have the same outcome, resampling shows no spread; the interval is then
-Wilson's, counting tasks rather than attempts.
+Intervals are those of :mod:`webgym.rollout.rates`.
 """
 
 from __future__ import annotations
@@ -21,7 +16,6 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeAlias
 
 import msgspec
-import numpy as np
 from pydantic import Field
 
 from webgym.agent.policy import ORACLES
@@ -29,25 +23,23 @@ from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Level, StepBudget
 from webgym.core.trajectory import Failure, Trajectory
 from webgym.rollout.manifest import Manifest, Records, manifest_of
-from webgym.rollout.rates import Interval, Rate, Successes, wilson
+from webgym.rollout.rates import RESAMPLES, Interval, Method, Successes, over_tasks
 from webgym.rollout.rejudge import RECORDED, verdicts_of
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import oracle_note
 from webgym.settings import Settings
-from webgym.stats import Counts, percentiles, resampled
 
 TEST_BUDGET: Final = StepBudget(30, 50, 70)
 """Steps per attempt in testing, by level (paper §5)."""
 
 Group: TypeAlias = Literal["easy", "medium", "hard", "overall"]
-Method: TypeAlias = Literal["wilson", "bootstrap"]
 GROUPS: Final[tuple[Group, ...]] = (*LEVELS, "overall")
 
 
 class EvaluationConfig(Settings):
     """Settings of the bootstrap, for several samples per task."""
 
-    resamples: Annotated[int, Field(ge=100)] = 10_000
+    resamples: Annotated[int, Field(ge=100)] = RESAMPLES
     """Number of bootstrap resamples."""
 
     seed: int = 0
@@ -196,7 +188,6 @@ def rows_of(
         elsewhere: number of samples that other collectors of a shared list have taken, by task.
     """
     config, taken = config or EvaluationConfig(), elsewhere or {}
-    generator = np.random.default_rng(config.seed)
     levels, times = dict(drawn), Counter(id for id, _ in drawn)
     recorded = Counter(sample.task_id for sample in samples)
     # At least those recorded here: another collector may have taken over a sample after an error.
@@ -204,66 +195,49 @@ def rows_of(
     rewarded, planned = {}, {}
     for level in LEVELS:
         won = _by_task(sample for sample in samples if sample.level == level)
-        rewarded[level] = resampled(list(won.values()), 2, config.resamples, generator)
-        of_level = [(won.get(id, (0, 0))[0], n) for id, n in counts.items() if n and levels[id] == level]
-        planned[level] = resampled(of_level, 2, config.resamples, generator)
+        rewarded[level] = list(won.values())
+        planned[level] = [(won.get(id, (0, 0))[0], n) for id, n in counts.items() if levels[id] == level]
     rows: dict[Group, Row] = {}
     for group in GROUPS:
         of_group = [sample for sample in samples if group in ("overall", sample.level)]
         tasks = sum(group in ("overall", level) for _, level in drawn)
-        clusters = [n for id, n in counts.items() if n and group in ("overall", levels[id])]
-        rows[group] = _row(of_group, tasks, clusters, _spread(rewarded, group), _spread(planned, group))
+        included = [level for level in LEVELS if group in ("overall", level)]
+        judged, all_planned = ([of[level] for level in included] for of in (rewarded, planned))
+        rows[group] = _row(of_group, tasks, judged, all_planned, config)
     return rows
-
-
-def _spread(drawn: Mapping[Level, Counts], group: Group) -> Interval | None:
-    """The percentile interval of a rate from its resamples of (successes, attempts)."""
-    sums = drawn[group] if group != "overall" else np.sum(list(drawn.values()), axis=0)
-    with np.errstate(invalid="ignore"):
-        return percentiles(sums[:, 0] / sums[:, 1], 0.95)
 
 
 def _row(
     samples: Sequence[Sample],
     tasks: int,
-    clusters: Sequence[int],
-    judged: Interval | None,
-    planned: Interval | None,
+    judged: Sequence[Sequence[tuple[int, int]]],
+    planned: Sequence[Sequence[tuple[int, int]]],
+    config: EvaluationConfig,
 ) -> Row:
-    """The row of a group: its samples, number of tasks, planned samples of each different task, intervals."""
+    """The row of a group: its samples, its number of tasks, and of each different task by level its
+    successes with the number of judged and of planned samples."""
     rewarded = [sample for sample in samples if sample.outcome.is_rewarded]
-    won = sum(sample.outcome is Outcome.SUCCESS for sample in rewarded)
-    rates = Successes(won, len(rewarded), sum(clusters))
-    by_task = _by_task(rewarded)
-    method, interval = _interval(rates.of_judged, judged, len(rewarded), len(by_task))
+    by_task = [task for level in judged for task in level]
+    rates = Successes(
+        sum(won for won, _ in by_task), len(rewarded), sum(n for level in planned for _, n in level)
+    )
+    method, interval = over_tasks(judged, config.resamples, config.seed)
     lost = Counter(sample.outcome.value for sample in samples if not sample.outcome.is_rewarded)
     return Row(
         tasks=tasks,
         attempts=len(rewarded),
-        successes=won,
+        successes=rates.won,
         rate=rates.of_judged.value,
         interval=interval,
         method=method,
         planned=rates.planned,
         rate_of_planned=rates.of_planned.value,
-        interval_of_planned=_interval(rates.of_planned, planned, rates.planned, len(clusters))[1],
-        solved=(sum(bool(won) for won, _ in by_task.values()), len(by_task)),
+        interval_of_planned=over_tasks(planned, config.resamples, config.seed)[1],
+        solved=(sum(bool(won) for won, _ in by_task), len(by_task)),
         steps=sum(sample.steps for sample in rewarded) / len(rewarded) if rewarded else None,
         no_reward={outcome.value: lost[outcome.value] for outcome in Outcome if lost[outcome.value]},
         missing=rates.planned - len(samples),
     )
-
-
-def _interval(
-    rate: Rate, spread: Interval | None, attempts: int, tasks: int
-) -> tuple[Method, Interval | None]:
-    """The method for the interval of a rate, and the interval."""
-    if rate.value is None or tasks == attempts:
-        return "wilson", rate.interval
-    if spread:
-        return "bootstrap", spread
-    # If all attempts have the same outcome, count tasks, because only these are independent.
-    return "wilson", wilson(round(rate.value * tasks), tasks)
 
 
 def _by_task(samples: Iterable[Sample]) -> dict[str, tuple[int, int]]:

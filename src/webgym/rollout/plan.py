@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from webgym.core.outcome import Outcome
-from webgym.core.task import Task
+from webgym.core.task import Level, Task
 from webgym.rollout.records import Entry
 from webgym.rollout.sharing import Claim, Claims
 
@@ -68,6 +68,10 @@ class Plan:
         retry_errors: reset the retries of samples whose last attempt ended in an error.
         hardest_first: hand out the tasks with the most facts first.
         claims: for tasks shared with other collectors, whose samples count as done.
+
+    Attributes:
+        done_by_level: number of samples that are done by difficulty.
+        elsewhere: samples (task id, number) that other collectors have finished or taken over.
     """
 
     def __init__(
@@ -89,9 +93,8 @@ class Plan:
         self._claimed_elsewhere: list[Planned] = []
         """Attempts that other collectors have claimed; they return here if that collector dies."""
         self.elsewhere: set[tuple[str, int]] = set()
-        """Samples (task id, number) that other collectors have finished or taken over."""
         self._in_flight = 0
-        self._done = 0
+        self.done_by_level: Counter[Level] = Counter()
         self._changed = asyncio.Condition()
         ended: defaultdict[tuple[str, int], list[Outcome]] = defaultdict(list)
         used_ids = [*map(_parse_id, retired)]
@@ -110,7 +113,7 @@ class Plan:
                 outcomes = ended.get((task.id, sample), [])
                 failures = 0 if retry_errors else sum(map(_has_failed, outcomes))
                 if failures > retries or not all(outcome.is_retried for outcome in outcomes):
-                    self._done += 1
+                    self.done_by_level[task.level] += 1
                 else:
                     self._waiting.append(
                         Planned(task, sample, next_retry.get((task.id, sample), 0), failures)
@@ -129,7 +132,7 @@ class Plan:
     @property
     def done(self) -> int:
         """Number of samples that are done."""
-        return self._done
+        return self.done_by_level.total()
 
     @property
     def waiting(self) -> int:
@@ -154,7 +157,7 @@ class Plan:
                 if claim is Claim.TAKEN:
                     self._claimed_elsewhere.append(planned)
                 else:
-                    self._done += 1
+                    self.done_by_level[planned.task.level] += 1
                     self.elsewhere.add((planned.task.id, planned.sample))
                 self._changed.notify_all()
         return None
@@ -200,7 +203,7 @@ class Plan:
         async with self._changed:
             self._in_flight -= 1
             if following is None:
-                self._done += 1
+                self.done_by_level[planned.task.level] += 1
             else:
                 self._waiting.append(following)
             self._changed.notify_all()
@@ -213,4 +216,4 @@ class Plan:
 
     def is_ending(self, share: float) -> bool:
         """Whether this share of all samples is done and no attempt is waiting to start."""
-        return self._done >= share * self.total and not self._waiting
+        return self.done >= share * self.total and not self._waiting

@@ -106,12 +106,13 @@ class Progress:
         earlier: samples done before this session.
         states: number of attempts by state.
         cells: the attempts in progress, by attempt id.
-        outcomes: number of attempts that ended in this session, by outcome.
+        outcomes: number of recorded attempts, by outcome; like all counts, of the whole run.
         levels: difficulty of the tasks, by id.
-        by_level: number of ended attempts by difficulty and outcome.
+        by_level: number of recorded attempts by difficulty and outcome.
+        done_by_level: number of samples that are done by difficulty.
         errors: number of failures that ended attempts or prevented verdicts, by code.
-        steps: number of steps in this session.
-        invalid: steps of this session whose replies hold no valid action.
+        steps: number of steps.
+        invalid: steps whose replies hold no valid action.
         note: a caveat about all figures; empty for none.
         problem: returns the problem that attempts currently wait for; empty if there is none.
         browser_problem: why new attempts wait for a browser; empty if none does.
@@ -131,6 +132,7 @@ class Progress:
     outcomes: Counter[Outcome] = field(default_factory=Counter)
     levels: Mapping[str, Level] = field(default_factory=dict)
     by_level: Counter[tuple[Level, Outcome]] = field(default_factory=Counter)
+    done_by_level: Counter[Level] = field(default_factory=Counter)
     errors: Counter[str] = field(default_factory=Counter)
     steps: int = 0
     invalid: int = 0
@@ -178,6 +180,12 @@ class Progress:
         if attempt_id is not None and (cell := self.cells.get(attempt_id)) is not None:
             cell.steps += 1
 
+    def recorded(self, trajectory: Trajectory) -> None:
+        """Count an attempt of an earlier session, which adds nothing to the rates over time."""
+        self._count(trajectory, 1)
+        self.steps += len(trajectory.episode.steps)
+        self.invalid += sum(step.action is None for step in trajectory.episode.steps)
+
     def ended(self, trajectory: Trajectory) -> None:
         """Count a recorded attempt and remove its cell."""
         episode = trajectory.episode
@@ -189,9 +197,8 @@ class Progress:
 
     def judged_again(self, before: Trajectory, after: Trajectory) -> None:
         """Replace the counts of an attempt that was judged again."""
-        if self.outcomes[before.outcome]:  # otherwise it ended in an earlier session
-            self._count(before, -1)
-            self._count(after, 1)
+        self._count(before, -1)
+        self._count(after, 1)
 
     def _count(self, trajectory: Trajectory, by: int) -> None:
         self.outcomes[trajectory.outcome] += by
@@ -223,18 +230,13 @@ class Progress:
 
     @property
     def successes(self) -> Successes:
-        """Success of this session; only samples that are done count as planned."""
-        rewarded = sum(count for outcome, count in self.outcomes.items() if outcome.is_rewarded)
-        done = max(
-            self.done - self.earlier, rewarded
-        )  # an attempt is recorded a moment before its sample is done
-        return Successes(self.outcomes[Outcome.SUCCESS], rewarded, done)
+        """Success so far; only samples that are done count as planned."""
+        return _successes(self.outcomes, self.done)
 
     def successes_of(self, level: Level) -> Successes:
-        """Success of this session's attempts at tasks of a difficulty."""
+        """Success so far at tasks of a difficulty."""
         ended = {outcome: self.by_level[level, outcome] for outcome in Outcome}
-        rewarded = sum(count for outcome, count in ended.items() if outcome.is_rewarded)
-        return Successes(ended[Outcome.SUCCESS], rewarded, sum(ended.values()))
+        return _successes(ended, self.done_by_level[level])
 
     @property
     def warnings(self) -> list[str]:
@@ -283,6 +285,12 @@ class Progress:
                 for cell in self.cells.values()
             ],
         }
+
+
+def _successes(ended: Mapping[Outcome, int], done: int) -> Successes:
+    rewarded = sum(count for outcome, count in ended.items() if outcome.is_rewarded)
+    # An attempt is recorded a moment before its sample is done.
+    return Successes(ended.get(Outcome.SUCCESS, 0), rewarded, max(done, rewarded))
 
 
 def _rates(successes: Successes) -> dict[str, Any]:

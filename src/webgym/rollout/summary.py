@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from array import array
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
-from typing import Literal, TypeAlias, TypedDict
+from typing import Literal, NamedTuple, TypeAlias, TypedDict
 
 import msgspec
 import numpy as np
@@ -17,7 +17,7 @@ from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Task
 from webgym.core.trajectory import Step, Trajectory
 from webgym.judge.blocking import blocking_host
-from webgym.rollout.rates import Interval, Successes, pass_at
+from webgym.rollout.rates import Interval, Successes, over_tasks, pass_at
 from webgym.tasks.selection import splits_in
 
 UNKNOWN = "unknown"
@@ -54,9 +54,9 @@ class Group(TypedDict):
         outcomes: number of attempts for each of the eight outcomes.
         planned: planned samples of the tasks of this group.
         success_rate: success / (success + failure + truncated); ``None`` if there are none of these.
-        success_interval: its Wilson 95 % interval; ``None`` with the rate.
+        success_interval: its 95 % interval; ``None`` with the rate.
         success_rate_of_planned: success / planned; ``None`` if nothing was planned.
-        success_interval_of_planned: its Wilson 95 % interval; ``None`` with the rate.
+        success_interval_of_planned: its 95 % interval; ``None`` with the rate.
         steps: all steps taken.
         steps_per_attempt: over the attempts with a reward.
     """
@@ -107,15 +107,16 @@ class Summary(TypedDict):
         outcomes: number of attempts for each of the eight outcomes.
         success_rate: success / (success + failure + truncated), for ``overall``, ``easy``, ``medium`` and
             ``hard``; ``None`` if no attempt has a reward.
-        success_interval: the Wilson 95 % intervals of these rates.
+        success_interval: the 95 % intervals of these rates.
         success_rate_of_planned: success / planned, likewise: samples without a reward or never attempted
             count as unsuccessful. A sample that was attempted again after an error counts once.
-        success_interval_of_planned: the Wilson 95 % intervals of these rates.
+        success_interval_of_planned: the 95 % intervals of these rates.
         planned: number of planned samples, likewise, without those of other collectors.
         elsewhere: number of samples that other collectors of a shared list have taken, by task.
         pass_at: pass@k for k = 1, 2, 4, ... and the number of samples per task, averaged over the tasks with
             at least k attempts with a reward. pass@1 is the mean over tasks of their success rates.
         steps: all steps taken.
+        steps_per_attempt: over the attempts with a reward.
         wall_seconds: time during which at least one attempt was in progress, or as the collector measured.
         steps_per_second: ``steps`` / ``wall_seconds``.
         policy, judge: names, joined by commas; empty if there are none.
@@ -146,6 +147,7 @@ class Summary(TypedDict):
     elsewhere: dict[str, int]
     pass_at: dict[str, PassAt]
     steps: int
+    steps_per_attempt: Quantiles
     wall_seconds: float
     steps_per_second: float
     policy: str
@@ -262,6 +264,14 @@ def _loss(trajectory: Trajectory) -> tuple[str, str] | None:
     return trajectory.outcome.value, trajectory.verdict.blocked.reason if trajectory.verdict else ""
 
 
+class _TaskCount(NamedTuple):
+    """Samples of one task: successes, those with a reward, and all planned ones."""
+
+    won: int
+    judged: int
+    planned: int
+
+
 class _Count:
     """Counts the attempts of a :class:`Group`."""
 
@@ -276,17 +286,27 @@ class _Count:
         if digest.outcome.is_rewarded:
             self.lengths.append(digest.steps)
 
-    def group(self, planned: int) -> Group:
+    def group(self, planned: int, tasks: Iterable[Collection[_TaskCount]] = ()) -> Group:
+        """The figures.
+
+        Args:
+            planned: number of planned samples.
+            tasks: the counts of every task, by level, if tasks have several samples.
+        """
         rewarded = sum(count for outcome, count in self.outcomes.items() if outcome.is_rewarded)
         successes = Successes(self.outcomes[Outcome.SUCCESS], rewarded, planned)
+        judged, of_planned = successes.of_judged.interval, successes.of_planned.interval
+        if tasks:
+            _, judged = over_tasks([(task.won, task.judged) for task in level] for level in tasks)
+            _, of_planned = over_tasks([(task.won, task.planned) for task in level] for level in tasks)
         return {
             "attempts": self.outcomes.total(),
             "outcomes": {outcome.value: self.outcomes[outcome] for outcome in Outcome},
             "planned": planned,
             "success_rate": successes.of_judged.value,
-            "success_interval": successes.of_judged.interval,
+            "success_interval": judged,
             "success_rate_of_planned": successes.of_planned.value,
-            "success_interval_of_planned": successes.of_planned.interval,
+            "success_interval_of_planned": of_planned,
             "steps": self.steps,
             "steps_per_attempt": quantiles(self.lengths),
         }
@@ -397,8 +417,26 @@ class Tally:
         for task_id, count in elsewhere.items():
             for key in _group_keys(self._tasks.get(task_id)):
                 planned[key] -= count
+        tasks = self._by_task(elsewhere) if max(self._samples.values(), default=1) > 1 else {}
         keys: list[_GroupKey] = [("all", ""), *(("level", level) for level in LEVELS), *sorted(self._counts)]
-        return {key: self._counts.get(key, _Count()).group(planned[key]) for key in keys}
+        return {
+            key: self._counts.get(key, _Count()).group(planned[key], tasks.get(key, {}).values())
+            for key in keys
+        }
+
+    def _by_task(self, elsewhere: Mapping[str, int]) -> Mapping[_GroupKey, Mapping[str, list[_TaskCount]]]:
+        """The counts of every task, by group and level."""
+        found: defaultdict[_GroupKey, defaultdict[str, list[_TaskCount]]] = defaultdict(
+            lambda: defaultdict(list)
+        )
+        for task_id in self._samples.keys() | self._attempted.keys():
+            outcomes = [outcome for _, outcome in self._attempted.get(task_id, {}).values()]
+            won, judged = outcomes.count(Outcome.SUCCESS), sum(outcome.is_rewarded for outcome in outcomes)
+            planned = max(self._samples[task_id] - elsewhere.get(task_id, 0), len(outcomes))
+            task = self._tasks.get(task_id)
+            for key in _group_keys(task):
+                found[key][task.level if task else UNKNOWN].append(_TaskCount(won, judged, planned))
+        return found
 
     def summary(
         self,
@@ -430,6 +468,7 @@ class Tally:
             "elsewhere": dict(elsewhere) if elsewhere else {},
             "pass_at": self._pass_at(),
             "steps": overall["steps"],
+            "steps_per_attempt": overall["steps_per_attempt"],
             "wall_seconds": wall,
             "steps_per_second": overall["steps"] / wall if wall > 0 else 0.0,
             "policy": ", ".join(self._policies) if policy is None else policy,

@@ -161,10 +161,11 @@ def _tensorboard(path: Path, project: str) -> tuple[Log, Callable[[], object]]: 
         writer: Any = SummaryWriter(str(path / FOLDER))
 
     def log(step: int, numbers: Mapping[str, float], note: str) -> None:
+        at = numbers.get("at")  # when it was measured: rows on disk are sent again later
         if note:
-            writer.add_text("note", note, step)
+            writer.add_text("note", note, step, at)
         for name, value in numbers.items():
-            writer.add_scalar(name, value, step)
+            writer.add_scalar(name, value, step, at)
         writer.flush()
 
     return log, writer.close

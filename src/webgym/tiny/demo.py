@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from webgym.core.task import LEVELS
 from webgym.settings import merged, read_yaml
+from webgym.train.figures import judged, success_line
 from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig
 
@@ -48,11 +49,14 @@ def before_and_after(folder: Path) -> Iterator[str]:
     evaluations = TrainingFolder(folder).evaluations()
     for when, number in (("before", 0), ("after", max(evaluations))):
         figures = evaluations[number]
+        if not judged(figures):
+            yield f"{when:8} {success_line(figures)}"
+            continue
         of_planned = figures["success_rate_of_planned"]["overall"]
         rates, (low, high) = figures["success_rate"], figures["success_interval"]["overall"]
         levels = ", ".join(f"{level} {rates[level]:.0%}" for level in LEVELS if rates.get(level) is not None)
         yield (
-            f"{when:8} {rates['overall']:.1%} of {figures['attempts']} attempts at unseen websites "
+            f"{when:8} {rates['overall']:.1%} of {judged(figures)} judged attempts at unseen websites "
             f"(95 %: {low:.1%}-{high:.1%}; of all planned {of_planned:.1%}; "
             f"{levels})"
         )

@@ -6,11 +6,17 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
+from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS
 from webgym.rollout.live import duration
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import Summary
 from webgym.train.progress import TrainingProgress
+
+
+def judged(figures: Mapping[str, Any]) -> int:
+    """The number of attempts that a success rate is over: those with a reward."""
+    return sum(figures["outcomes"][outcome.value] for outcome in Outcome if outcome.is_rewarded)
 
 
 def success_line(figures: Mapping[str, Any]) -> str:
@@ -20,7 +26,8 @@ def success_line(figures: Mapping[str, Any]) -> str:
         return f"success unknown, none of {figures['attempts']} attempts was judged"
     levels = [f"{level} {rates[level]:.1%}" for level in LEVELS if rates[level] is not None]
     spread = f" ({interval[0]:.1%} to {interval[1]:.1%})"
-    return f"success {rates['overall']:.1%}{spread} of {figures['attempts']} attempts, {', '.join(levels)}"
+    success = f"success {rates['overall']:.1%}{spread} of {judged(figures)} judged attempts"
+    return ", ".join([success, *levels])
 
 
 def iteration_line(row: Mapping[str, Any], progress: TrainingProgress) -> str:

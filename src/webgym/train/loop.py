@@ -31,7 +31,6 @@ from webgym.core.task import Task
 from webgym.inference.local import LocalConfig
 from webgym.inference.vllm import VllmConfig
 from webgym.rollout.blocklist import Blocklist
-from webgym.rollout.evaluation import evaluate
 from webgym.rollout.files import CONFIG
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
@@ -432,12 +431,6 @@ class Training:
         )
         summary = await self._attempt(out, run, tasks)
         rates = rates_of(summary)
-        if config.samples > 1:  # Wilson's interval would take samples of one task for independent
-            rows = (await asyncio.to_thread(evaluate, out)).rows
-            rates["success_interval"] = {group: row.interval for group, row in rows.items()}
-            rates["success_interval_of_planned"] = {
-                group: row.interval_of_planned for group, row in rows.items()
-            }
         self.folder.write_evaluation(number, rates)
         self.progress.evaluated = success_line(rates)
         self._tell(f"evaluation after iteration {number}: {success_line(rates)}")
@@ -446,6 +439,7 @@ class Training:
         collected = self.folder.figures(number, Stage.COLLECT)
         row = {
             "iteration": number,
+            "at": time.time(),
             "trajectories": collected["attempts"] + self._trajectories_before(number),
             "seconds": {"collect": collected.pop("seconds"), **seconds},
             "collect": collected,

@@ -107,14 +107,17 @@ def _write(drawn: list[Task], out: Path | None) -> None:
     from webgym.core.text import plain
     from webgym.tasks.formats import write_tasks
 
+    distinct = list({task.id: task for task in drawn}.values())
+    if repeated := len(drawn) - len(distinct):
+        what = (
+            "printed: all tasks had been drawn" if out is None else "left out: a file contains each task once"
+        )
+        print(f"{repeated:,} repeated draws are {what}", file=sys.stderr)
     if out is None:
         print("\n".join(plain(task.id) for task in drawn))
         return
-    distinct = list({task.id: task for task in drawn}.values())
     write_tasks(out, distinct)
     print(f"{len(distinct):,} tasks written to {out}")
-    if repeated := len(drawn) - len(distinct):
-        print(f"{repeated:,} repeated draws are left out: a file contains each task once", file=sys.stderr)
 
 
 def _config(choice: dict[str, Any], *, seed: int, ratio: str | None, shard: str) -> SamplerConfig:

@@ -1,7 +1,7 @@
 // The source of rows, trajectories and screenshots: the file itself, or the server of a live page.
 
-const embeddedRows = JSON.parse(byId("rows").textContent);   // rows; of a live page, how many there are, and the filters' values
-const list = settings.live ? { count: embeddedRows.count, options: embeddedRows.options }
+const embeddedRows = JSON.parse(byId("rows").textContent);   // rows; of a live page, how many there are, their version, and the filters' values
+const list = settings.live ? embeddedRows
   : { count: embeddedRows.length, options: Object.fromEntries(["outcome", "level", "domain", "site"].map((key) => [key, [...new Set(embeddedRows.map((row) => row[key]))].filter(Boolean)])) };
 
 /** The first `count` matching rows, in order, and the number of all matching ones. */
@@ -71,10 +71,10 @@ function follow(changed) {
   showState();
   async function ask() {
     try {
-      const reply = await fetch(`api/news?known=${list.count}&whole=${isWhole}`);
+      const reply = await fetch(`api/news?known=${list.count}&version=${list.version}&whole=${isWhole}`);
       if (!reply.ok) throw new Error(String(reply.status));
       const news = await reply.json();
-      Object.assign(list, { count: news.count, options: news.options });
+      Object.assign(list, { count: news.count, version: news.version, options: news.options });
       isWhole = news.whole;
       badge.classList.remove("lost");
       showState();

@@ -183,7 +183,8 @@ function drawTrajectory(it, place, moved, hint = reportKeys()) {
     for (const thumb of film.children) {
       if (Number(thumb.dataset.step) === number) {
         thumb.setAttribute("aria-current", "step");
-        film.scrollTo({ top: thumb.offsetTop - film.clientHeight / 2 + thumb.clientHeight / 2 });
+        film.scrollTo({ top: thumb.offsetTop - film.clientHeight / 2 + thumb.clientHeight / 2,
+          left: thumb.offsetLeft - film.clientWidth / 2 + thumb.clientWidth / 2 });
       } else thumb.removeAttribute("aria-current");
     }
     moved(number);

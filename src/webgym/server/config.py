@@ -191,8 +191,8 @@ class GatewayConfig(Settings):
     """After a worker has run for this long, its next restart uses the first pause again."""
 
     silent_seconds: float = Field(default=15.0, gt=0)
-    """Time without a report after which a worker counts as gone, and is ended. Longer than several intervals
-    of its reports."""
+    """Time without a report after which a worker is queried; it is killed if it does not answer within
+    ``answer_seconds``. Longer than several intervals of its reports."""
 
     connect_seconds: float = Field(default=3.0, gt=0)
     """Connecting to a worker."""

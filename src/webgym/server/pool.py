@@ -184,7 +184,7 @@ class Pool:
                 async with self._launches:
                     await self._make_ready(slot)
                 break
-            except (BrowserError, OSError) as error:
+            except Exception as error:  # whatever it is, the slot must not be lost
                 failure = error if isinstance(error, BrowserError) else BrowserError(str(error))
                 self._failing[slot] = failure
                 self.on_change()

@@ -95,10 +95,13 @@ def command(
     import uvloop
 
     from webgym.server.listening import raise_open_files_limit
+    from webgym.server.tokens import check_token
     from webgym.settings import validated
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     token = _read_or_create_token(token_file) if token_file else os.environ.get(TOKEN)
+    if token and not token_file:
+        check_token(token, TOKEN)
     if "tokens_file" in server:
         server["tokens_file"] = server["tokens_file"].absolute()
     config = validated(ServerConfig, {"port": _PORT} | server | ({"token": token} if token else {}))
@@ -108,7 +111,8 @@ def command(
         cluster = validated(RayConfig, ray | {"slots_per_node": server.get("slots")})
     token_source = f"in {token_file}" if token_file else f"in {TOKEN}" if token else ""
     compat_config = config.model_copy(update={"port": compat_port}) if compat else None
-    key = _read_or_create_token(compat_key_file) if compat_key_file else None
+    # The authors' clients may have a short one.
+    key = _read_or_create_token(compat_key_file, shortest=1) if compat_key_file else None
     raise_open_files_limit()
     uvloop.run(_serve(config, fleet, cluster, token_source, compat_config, key))
     if cluster is not None:
@@ -172,18 +176,22 @@ def _print_server(url: str, token: str, info: ServerInfo, wanted: int) -> None:
     print(f"sandbox  {sandbox if running else 'not known yet'}", flush=True)
 
 
-def _read_or_create_token(path: Path) -> str:
+def _read_or_create_token(path: Path, shortest: int | None = None) -> str:
     """Read the token in a file; if there is no such file, create it with a random token.
 
     Raises:
-        ConfigError: the file cannot be read or created.
+        ConfigError: the file cannot be read or created, or does not contain a token of that length.
     """
     import os
     import secrets
 
+    from webgym.server.tokens import SHORTEST, check_token
+
     try:
         if path.exists():
-            return path.read_text().strip()
+            token = path.read_text(errors="replace").strip()
+            check_token(token, str(path), shortest or SHORTEST)
+            return token
         token = secrets.token_urlsafe(_TOKEN_BYTES)
         with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
             file.write(f"{token}\n")

@@ -308,7 +308,8 @@ async def _has_answer(reader: asyncio.StreamReader) -> bool:
         return False
 
 
-async def test_one_client_may_not_take_every_slot() -> None:
+async def test_one_client_may_not_take_every_slot(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("webgym.server.service.SHORTEST_TTL_SECONDS", 0)
     config = ServerConfig(slots=3, token=TOKEN, sessions_per_client=1)
     async with (
         running_server(config) as server,
@@ -349,6 +350,6 @@ async def test_whoever_watches_hears_of_every_change(http: httpx.AsyncClient, cl
 async def test_who_finds_the_line_full_is_told_when_to_come_again(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Pool, "is_healthy", True)  # without a browser
     with pytest.raises(TooManyWaiting, match="0 callers wait for a slot already") as refused:
-        await Pool(ServerConfig(waiting=0), Path("browser")).acquire()
+        await Pool(ServerConfig(waiting=0), Path("browser")).acquire(60)
     answer = error_response(refused.value)
     assert (answer.status_code, answer.headers["retry-after"]) == (429, "5")

@@ -97,7 +97,8 @@ class ServerConfig(Settings):
     when they start; it costs a lock per running server."""
 
     allocate_seconds: float = Field(default=60.0, ge=0)
-    """Seconds that a caller waits for a free slot before it is refused with ``no_capacity``."""
+    """Seconds that a caller waits for a free slot before it is refused with ``no_capacity``. Clients may wait
+    for less: ours for 120 s, ``limits.wait_seconds``."""
 
     waiting: int = Field(default=4096, ge=0)
     """Callers that may wait for a slot, each with a connection of its own; more are refused with
@@ -269,8 +270,12 @@ class ClientLimits(Settings):
     """Opening a connection."""
 
     reply_seconds: float = Field(default=120.0, gt=0)
-    """Until a call is answered, without the time that a session's call waits in the server's queues. Longer
-    than the server's own deadlines, and than its longest wait for a free slot."""
+    """Until a call is answered, without the time that it waits in the server's queues. Longer than the
+    server's own deadlines."""
+
+    wait_seconds: float = Field(default=120.0, ge=0)
+    """Longest wait for a free slot. The server is told, and refuses with ``no_capacity`` then, or earlier if its
+    own limit is shorter."""
 
     release_seconds: float = Field(default=10.0, gt=0)
     """Releasing a session. Short, because the lease expires by itself."""

@@ -105,12 +105,12 @@ class Gateway:
     async def allocate(self, request: Request, front: HttpFrontend) -> SessionGrant:
         """Open a session on the worker with the most free slots."""
         body = await front.body(request)
-        decode(body, SessionOptions)  # an invalid request must not wait in the queue
+        options = decode(body, SessionOptions)  # an invalid request must not wait in the queue
         client = client_of(request)
         self._asked += 1
         with self._quota.requesting(client):
             headers = [header for header in _forwarded_headers(request) if header[0] != b"authorization"]
-            work = self._open(headers, body)
+            work = self._open(headers, body, options.wait_at_most(self.config.allocate_seconds))
             worker, grant = await while_connected(request, work, self._undo)
             if not worker.is_lost:  # otherwise the session has ended already
                 worker.sessions[grant.session_id] = grant.generation
@@ -119,8 +119,10 @@ class Gateway:
         self._granted += 1
         return grant
 
-    async def _open(self, headers: list[Header], body: bytes) -> tuple[Worker, SessionGrant]:
-        deadline = asyncio.get_running_loop().time() + self.config.allocate_seconds
+    async def _open(
+        self, headers: list[Header], body: bytes, seconds: float
+    ) -> tuple[Worker, SessionGrant]:
+        deadline = asyncio.get_running_loop().time() + seconds
         attempt = 1
         while True:
             remaining = max(0.0, deadline - asyncio.get_running_loop().time())

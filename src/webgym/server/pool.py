@@ -108,11 +108,11 @@ class Pool:
 
     # --- leasing ------------------------------------------------------------------------------------
 
-    async def acquire(self) -> Slot:
+    async def acquire(self, seconds: float) -> Slot:
         """A free slot, first come, first served.
 
         Raises:
-            NoCapacity: none became free within ``allocate_seconds``.
+            NoCapacity: none became free within ``seconds``.
             TooManyWaiting: none is free, and the queue is full.
             BrowserLaunchFailed: none can become free, because no browser starts.
         """
@@ -122,12 +122,12 @@ class Pool:
         self._waiting += 1
         self.on_change()
         try:
-            async with asyncio.timeout(self._config.allocate_seconds):
+            async with asyncio.timeout(seconds):
                 slot = await self._free.get()
         except TimeoutError:
             self._check_health()
             raise NoCapacity(
-                f"all {len(self._slots)} slots were in use for {self._config.allocate_seconds:g} s",
+                f"all {len(self._slots)} slots were in use for {seconds:g} s",
                 hint="close sessions, or start the server with more slots",
             ) from None
         finally:

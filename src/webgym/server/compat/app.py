@@ -281,7 +281,9 @@ async def running_compat(
     """
     config = config or CompatConfig()
     key = key or token
-    limits = ClientLimits(allocate=config.waiting, release=config.waiting)
+    limits = ClientLimits(
+        allocate=config.waiting, release=config.waiting, wait_seconds=listening.allocate_seconds
+    )
     async with AsyncExitStack() as stack:
         listener = stack.enter_context(closing(listen(listening)))
         client = await stack.enter_async_context(BrowserClient(server_url, token=token, limits=limits))

@@ -172,7 +172,9 @@ async def _browsers(
         ) as client:
             info = await client.info()  # fails now, in one line, rather than once per attempt
             if sessions > info.slots:
-                say(tell, f"the server has {info.slots} slots so far, for {sessions} sessions: some will wait")
+                say(
+                    tell, f"the server has {info.slots} slots so far, for {sessions} sessions: some will wait"
+                )
             yield client
         return
     browser = config.browser.allowing(*allowed)

@@ -70,7 +70,9 @@ def test_what_is_no_cgroup_of_ours_is_refused(tree: Path, tmp_path: Path) -> Non
         new_cgroup(BrowserConfig(cgroup=tree))
 
 
-async def test_a_cgroup_that_is_gone_later_is_no_fault_of_the_settings(egress: Egress, tmp_path: Path) -> None:
+async def test_a_cgroup_that_is_gone_later_is_no_fault_of_the_settings(
+    egress: Egress, tmp_path: Path
+) -> None:
     """The server tries again: it may come back."""
     config = BrowserConfig(cgroup=tmp_path / "none")
     given = config, Path("browser"), ProfileRoot(tmp_path)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import AsyncIterator, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import msgspec
@@ -25,6 +26,7 @@ from webgym.run_config import RunConfig, Secrets, ServerChoice
 from webgym.run_services import services
 from webgym.runs import collect
 from webgym.server.config import ServerConfig
+from webgym.server.listening import listen
 from webgym.server.run_worker import running_server
 from webgym.tasks.formats import write_tasks
 from webgym.tasks.sampling import draw
@@ -189,6 +191,17 @@ def test_a_token_of_the_environment_that_is_not_ascii(
     code, said = calls.run("serve", "--browser", tmp_path / "none")
     assert code == 2
     assert "WEBGYM_TOKEN is not a token" in one_line(said)
+
+
+def test_a_taken_port_of_the_authors_api(tmp_path: Path, calls: Calls) -> None:
+    """It is noticed before a worker is started."""
+    with closing(listen(ServerConfig())) as taken:
+        port = taken.getsockname()[1]
+        compat = ("--compat", "--compat-port", port)
+        code, said = calls.run("serve", "--port", 0, *compat, "--browser", tmp_path / "none")
+    assert code == 2
+    assert f":{port} cannot be listened on" in one_line(said)
+    assert "choose another --compat-port" in said
 
 
 def test_a_missing_browser(tmp_path: Path, calls: Calls, few_websites: tuple[object, ...]) -> None:

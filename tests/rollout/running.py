@@ -128,9 +128,7 @@ class Run:
         self.progress = progress
         yield
 
-    def start(
-        self, config: RunConfig | None, out: Path, tell: Callable[[str], None] | None = None
-    ) -> Run:
+    def start(self, config: RunConfig | None, out: Path, tell: Callable[[str], None] | None = None) -> Run:
         """Collect, or continue without a config."""
         given: dict[str, Any] = {
             "secrets": Secrets(server_token=SecretStr(TOKEN)),

@@ -21,7 +21,14 @@ from tests.rollout.running import SECONDS, Run, World, a_world, books, outcomes,
 from tests.rollout.stand_in_judge import ADDRESS
 
 from webgym.bench.soak.disk import small_disk
-from webgym.core.errors import BrowserCrashed, BrowserLaunchFailed, NoCapacity, StoreFull, WebGymError, WorkerLost
+from webgym.core.errors import (
+    BrowserCrashed,
+    BrowserLaunchFailed,
+    NoCapacity,
+    StoreFull,
+    WebGymError,
+    WorkerLost,
+)
 from webgym.core.outcome import Outcome
 from webgym.llm.config import Retry
 from webgym.rollout.feed import read_feed

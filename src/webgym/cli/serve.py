@@ -132,10 +132,11 @@ async def _serve(
 ) -> None:
     import asyncio
     import signal
-    from contextlib import AsyncExitStack
+    from contextlib import AsyncExitStack, closing
 
     from webgym.server.compat import running_compat
     from webgym.server.gateway import running_gateway
+    from webgym.server.listening import listen
 
     serving = asyncio.current_task()
     assert serving is not None
@@ -150,13 +151,15 @@ async def _serve(
         asyncio.get_running_loop().add_signal_handler(number, stop)
     try:
         async with AsyncExitStack() as stack:
+            if compat is not None:  # before any browser starts
+                listener = stack.enter_context(closing(listen(compat, "--compat-port")))
             server = await stack.enter_async_context(running_gateway(config, fleet, cluster))
             gateway = server.gateway
             _print_server(
                 server.url, token_source or server.token, await gateway.info(), gateway.fleet.wanted
             )
             if compat is not None:
-                layer = running_compat(server.url, server.token, listening=compat, key=key)
+                layer = running_compat(server.url, server.token, listening=compat, key=key, listener=listener)
                 print(f"compat   {(await stack.enter_async_context(layer)).url}", flush=True)
             await asyncio.Event().wait()
     except asyncio.CancelledError:

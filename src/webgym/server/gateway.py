@@ -119,9 +119,7 @@ class Gateway:
         self._granted += 1
         return grant
 
-    async def _open(
-        self, headers: list[Header], body: bytes, seconds: float
-    ) -> tuple[Worker, SessionGrant]:
+    async def _open(self, headers: list[Header], body: bytes, seconds: float) -> tuple[Worker, SessionGrant]:
         deadline = asyncio.get_running_loop().time() + seconds
         attempt = 1
         while True:

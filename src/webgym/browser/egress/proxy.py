@@ -203,9 +203,13 @@ class ProxyListener:
         try:
             server = await loop.create_server(lambda: _Handshake(self), _LOOPBACK, 0, backlog=_BACKLOG)
             self._port = cast(int, server.sockets[0].getsockname()[1])
-        except (OSError, IndexError) as error:  # if no file is left, the loop returns a server without sockets
+        except (
+            OSError,
+            IndexError,
+        ) as error:  # if no file is left, the loop returns a server without sockets
             raise BrowserLaunchFailed(
-                "no socket can be opened for the browser's connections", hint="is the limit of open files too low?"
+                "no socket can be opened for the browser's connections",
+                hint="is the limit of open files too low?",
             ) from error
         self._server = server
 

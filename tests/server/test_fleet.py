@@ -135,9 +135,13 @@ async def test_a_gateway_that_keeps_no_worker_running_any_more_ends(
     ends: dict[str, asyncio.Event],
 ) -> None:
     gateway = Gateway(ServerConfig(), _CONFIG, Machine(), TOKEN, Audit())
-    with pytest.raises(ServerError, match="ended all workers"):
+
+    async def serve() -> None:
         async with asyncio.timeout(5), _running_fleet(gateway):
             await _until(gateway.fleet, "w1", "w2")
-            gateway.fleet._on_change = lambda _: 1 / 0  # type: ignore[assignment, return-value]
+            gateway.fleet._on_change = lambda _: 1 / 0  # type: ignore[assignment]
             ends["w1"].set()
             await asyncio.Event().wait()
+
+    with pytest.raises(ServerError, match="ended all workers"):
+        await serve()

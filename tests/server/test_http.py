@@ -350,6 +350,6 @@ async def test_whoever_watches_hears_of_every_change(http: httpx.AsyncClient, cl
 async def test_who_finds_the_line_full_is_told_when_to_come_again(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Pool, "is_healthy", True)  # without a browser
     with pytest.raises(TooManyWaiting, match="0 callers wait for a slot already") as refused:
-        await Pool(ServerConfig(waiting=0), Path("browser")).acquire(60)
+        await Pool(ServerConfig(waiting=0), Path("browser")).acquire()
     answer = error_response(refused.value)
     assert (answer.status_code, answer.headers["retry-after"]) == (429, "5")

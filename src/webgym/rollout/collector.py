@@ -178,8 +178,8 @@ class Collector:
     async def _open(self, attempt: Attempt) -> BrowserSession:
         """A browser session; a server that is away, or starts no browser, for a moment is waited for.
 
-        Nothing has begun, so that no sample is used up. If none came in time, the run stops. The time in which
-        this run itself holds browsers, and a server without more answers, does not count.
+        Nothing has begun, so that no sample is used up. If none came in time, the run stops. Waiting for a
+        slot does not count while this run itself holds some.
         """
         config, progress = self._config, self._context.progress
         since = time.monotonic()

@@ -109,8 +109,9 @@ class ServerConfig(Settings):
     time."""
 
     lease_look_seconds: float = Field(default=1.0, gt=0)
-    """Longest interval between two checks of the leases. If the server itself was stopped for longer, that
-    time does not count against leases, because it could not receive heartbeats."""
+    """Longest interval between two checks of the leases. If the worker itself was stopped for longer, that
+    time does not count against leases, because it could not receive heartbeats. Those that a stopped gateway did
+    not forward are missed."""
 
     longest_ttl_seconds: float = Field(default=600.0, gt=0)
     """Longest time to live that a client may request."""
@@ -274,8 +275,8 @@ class ClientLimits(Settings):
     server's own deadlines."""
 
     wait_seconds: float = Field(default=120.0, ge=0)
-    """Longest wait for a free slot. The server is told, and refuses with ``no_capacity`` then, or earlier if its
-    own limit is shorter."""
+    """Longest wait for a free slot. The server is told, and refuses with ``no_capacity`` then, or earlier if
+    its own limit is shorter."""
 
     release_seconds: float = Field(default=10.0, gt=0)
     """Releasing a session. Short, because the lease expires by itself."""

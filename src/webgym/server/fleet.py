@@ -350,10 +350,8 @@ class Fleet:
                     await self._run_once(host, share.model_copy(update={"name": name}), key)
                     log.warning("worker %s on %s ended", name, host.place)
                 except Exception as error:  # also OSError: no process, file or memory is left for a moment
-                    is_ours = isinstance(error, WebGymError)
-                    self._failing[key] = (
-                        error if is_ours else ServerError(f"a worker did not start: {error!r}")
-                    )
+                    failure = error if isinstance(error, WebGymError) else None
+                    self._failing[key] = failure or ServerError(f"a worker did not start: {error!r}")
                     log.error("worker %s on %s did not start: %s", name, host.place, error)
                 self._report_change(())
                 if loop.time() - started_at > self._config.settled_seconds:

@@ -387,8 +387,11 @@ async def running_gateway(
 
 @asynccontextmanager
 async def _running_fleet(gateway: Gateway) -> AsyncIterator[Gateway]:
-    """Run the workers during the block, which begins when the first is ready, and is cancelled if no worker is
-    kept running any more."""
+    """Run the workers during the block, which begins when the first is ready.
+
+    Raises:
+        ServerError: no worker is kept running any more, because of an internal error. The block is cancelled.
+    """
     owner = asyncio.current_task()
     assert owner is not None
     running = asyncio.create_task(gateway.fleet.run())

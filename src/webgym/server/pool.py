@@ -108,15 +108,19 @@ class Pool:
 
     # --- leasing ------------------------------------------------------------------------------------
 
-    async def acquire(self, seconds: float) -> Slot:
+    async def acquire(self, seconds: float | None = None) -> Slot:
         """A free slot, first come, first served.
 
+        Args:
+            seconds: longest wait; by default ``allocate_seconds``.
+
         Raises:
-            NoCapacity: none became free within ``seconds``.
+            NoCapacity: none became free in time.
             TooManyWaiting: none is free, and the queue is full.
             BrowserLaunchFailed: none can become free, because no browser starts.
         """
         self._check_health()
+        seconds = self._config.allocate_seconds if seconds is None else seconds
         if self._free.empty() and self._waiting >= self._config.waiting:
             raise TooManyWaiting.of(self._waiting)
         self._waiting += 1

@@ -110,8 +110,8 @@ class ServerConfig(Settings):
 
     lease_look_seconds: float = Field(default=1.0, gt=0)
     """Longest interval between two checks of the leases. If the worker itself was stopped for longer, that
-    time does not count against leases, because it could not receive heartbeats. Those that a stopped gateway did
-    not forward are missed."""
+    time does not count against leases, because it could not receive heartbeats. Those that a stopped
+    gateway did not forward are missed."""
 
     longest_ttl_seconds: float = Field(default=600.0, gt=0)
     """Longest time to live that a client may request."""

@@ -18,7 +18,7 @@ from typing import Any, Final
 import msgspec
 from aiohttp import web
 
-from webgym.core.errors import LeaseLost, WebGymError
+from webgym.core.errors import LeaseLost, NoCapacity, WebGymError
 from webgym.core.observation import Observation
 from webgym.server.messages import (
     SECRET_HEADER,
@@ -56,6 +56,7 @@ class StandInBrowsers:
         most_of: maximum number of parallel calls so far, by operation.
         opened: number of sessions opened so far.
         steps: number of steps so far.
+        slots: number of sessions at once; more are refused.
         refuses: makes the answer to every request for a session; ``None`` opens one.
     """
 
@@ -68,6 +69,7 @@ class StandInBrowsers:
         self.sessions: dict[str, int] = {}
         self.log: list[tuple[str, str]] = []
         self.most = self.opened = self.steps = 0
+        self.slots = 10_000
         self.refuses: Callable[[], web.HTTPException] | None = None
         self.most_of: Counter[str] = Counter()
         self._running: Counter[str] = Counter()
@@ -91,7 +93,7 @@ class StandInBrowsers:
         return app
 
     async def _info(self, _: web.Request) -> web.Response:
-        return _json(ServerInfo("0", 10_000, "none", "none", sandboxed=True, sandbox_reason=""))
+        return _json(ServerInfo("0", self.slots, "none", "none", sandboxed=True, sandbox_reason=""))
 
     @asynccontextmanager
     async def _during(self, operation: str, seconds: float = 0.0) -> AsyncIterator[None]:
@@ -108,6 +110,8 @@ class StandInBrowsers:
     async def _open(self, _: web.Request) -> web.Response:
         if self.refuses is not None:
             raise self.refuses()
+        if len(self.sessions) >= self.slots:
+            raise refusal(NoCapacity("all slots are in use"))
         async with self._during("allocate", self._open_seconds):
             self.opened += 1
             name = f"s{self.opened}"

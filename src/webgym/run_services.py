@@ -160,6 +160,7 @@ async def _browsers(
     calls: dict[str, CallQueue],
 ) -> AsyncIterator[BrowserClient]:
     """A client of the configured browser server, or of one started here with as many slots as needed."""
+    sessions = max(1, min(config.collector.sessions, attempts))
     if config.server.url is not None:
         token = secrets.server_token
         if token is None:
@@ -169,14 +170,17 @@ async def _browsers(
         async with BrowserClient(
             config.server.url, token=token.get_secret_value(), limits=config.limits, calls=calls
         ) as client:
-            await client.info()  # fails now, in one line, rather than once per attempt
+            info = await client.info()  # fails now, in one line, rather than once per attempt
+            if sessions > info.slots:
+                say(
+                    tell, f"the server has {info.slots} slots so far, for {sessions} sessions: some will wait"
+                )
             yield client
         return
     browser = config.browser.allowing(*allowed)
-    slots = max(1, min(config.collector.sessions, attempts))
     admission = Admission(queues=config.server.queues)
     async with (
-        running_server(ServerConfig(slots=slots, browser=browser, admission=admission)) as server,
+        running_server(ServerConfig(slots=sessions, browser=browser, admission=admission)) as server,
         BrowserClient(server.url, token=server.token, limits=config.limits, calls=calls) as client,
     ):
         info = await client.info()

@@ -122,6 +122,8 @@ async def test_it_writes_into_its_profile_alone(
 
 async def test_when_files_run_out_nothing_is_left(root: ProfileRoot, egress: Egress) -> None:
     before, offspring = await at_rest()
+    with only(0), pytest.raises(BrowserLaunchFailed, match="no socket"):
+        await egress.open_listener()
     said = set()
     for spare in range(12):  # each fails at another point of the start
         with only(spare), pytest.raises(BrowserLaunchFailed) as caught:

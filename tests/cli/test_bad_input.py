@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import AsyncIterator, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import msgspec
@@ -14,7 +15,8 @@ from tests.conftest import Calls
 from tests.llm.endpoint import Endpoint, serve
 from tests.serving import beside
 
-from webgym.core.errors import PolicyError, StoreFull, WebGymError
+from webgym.cli.serve import _read_or_create_token
+from webgym.core.errors import ConfigError, PolicyError, StoreFull, WebGymError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.offline.config import CollectionName
@@ -24,6 +26,7 @@ from webgym.run_config import RunConfig, Secrets, ServerChoice
 from webgym.run_services import services
 from webgym.runs import collect
 from webgym.server.config import ServerConfig
+from webgym.server.listening import listen
 from webgym.server.run_worker import running_server
 from webgym.tasks.formats import write_tasks
 from webgym.tasks.sampling import draw
@@ -160,6 +163,45 @@ def test_a_wrong_token(tmp_path: Path, calls: Calls) -> None:
         code, said = calls.run("rollout", *options, WEBGYM_TOKEN="x" * 20)
     assert code == 1
     assert "token" in one_line(said)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", f"{'a' * 20}\n{'b' * 20}\n".encode(), ("\u00e9" * 20).encode(), b"\xe9" * 20],
+    ids=["empty", "two lines", "not ascii", "not utf-8"],
+)
+@pytest.mark.parametrize("shortest", [None, 1], ids=["token", "key"])
+def test_a_file_without_a_token(tmp_path: Path, content: bytes, shortest: int | None) -> None:
+    (tmp_path / "token").write_bytes(content)
+    with pytest.raises(ConfigError, match="token is not a token: one line of"):
+        _read_or_create_token(tmp_path / "token", shortest)
+
+
+def test_a_short_key_of_the_authors_clients(tmp_path: Path) -> None:
+    (tmp_path / "key").write_text("default_key\n")
+    assert _read_or_create_token(tmp_path / "key", 1) == "default_key"
+    with pytest.raises(ConfigError, match="16 or more"):
+        _read_or_create_token(tmp_path / "key")
+
+
+def test_a_token_of_the_environment_that_is_not_ascii(
+    tmp_path: Path, calls: Calls, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("WEBGYM_TOKEN", "\u00e9" * 20)
+    code, said = calls.run("serve", "--browser", tmp_path / "none")
+    assert code == 2
+    assert "WEBGYM_TOKEN is not a token" in one_line(said)
+
+
+def test_a_taken_port_of_the_authors_api(tmp_path: Path, calls: Calls) -> None:
+    """It is noticed before a worker is started."""
+    with closing(listen(ServerConfig())) as taken:
+        port = taken.getsockname()[1]
+        compat = ("--compat", "--compat-port", port)
+        code, said = calls.run("serve", "--port", 0, *compat, "--browser", tmp_path / "none")
+    assert code == 2
+    assert f":{port} cannot be listened on" in one_line(said)
+    assert "choose another --compat-port" in said
 
 
 def test_a_missing_browser(tmp_path: Path, calls: Calls, few_websites: tuple[object, ...]) -> None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import os
 from asyncio.subprocess import PIPE
 
 import pytest
 
+from webgym.browser.config import BrowserConfig
 from webgym.browser.memory import MemoryWatch, ProcessTable
 from webgym.core.action import BrowserAction, Navigate, Wait
 from webgym.core.errors import BrowserOutOfMemory
@@ -77,6 +79,28 @@ async def test_a_machine_without_memory_ends_the_largest(fault: Around) -> None:
         [notice] = (await large.step()).observation.notices
         assert "the machine had only" in notice.text
         await asyncio.gather(small.close(), large.close())
+
+
+async def test_a_watch_that_cannot_look_for_a_while_goes_on(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    looks = 0
+
+    async def check() -> None:
+        nonlocal looks
+        looks += 1
+        if looks in (2, 3):
+            raise OSError(errno.EMFILE, "no files")
+
+    watch = MemoryWatch(BrowserConfig(memory_look_seconds=0.001), tuple)
+    monkeypatch.setattr(watch, "check", check)
+    watching = asyncio.create_task(watch.run())
+    async with asyncio.timeout(5):
+        while looks < 5:
+            await asyncio.sleep(0.001)
+    watching.cancel()
+    await asyncio.wait({watching})
+    assert caplog.text.count("no files") == 1
 
 
 @pytest.mark.parametrize("before", ["--type=zygote", "no type"])

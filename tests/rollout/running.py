@@ -128,12 +128,13 @@ class Run:
         self.progress = progress
         yield
 
-    def start(self, config: RunConfig | None, out: Path) -> Run:
+    def start(self, config: RunConfig | None, out: Path, tell: Callable[[str], None] | None = None) -> Run:
         """Collect, or continue without a config."""
         given: dict[str, Any] = {
             "secrets": Secrets(server_token=SecretStr(TOKEN)),
             "show": self._show,
             "finishing": self.finishing,
+            "tell": tell,
         }
         job = collect(config, out, **given) if config else resume(out, **given)
         self.task = asyncio.create_task(job)

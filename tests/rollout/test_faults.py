@@ -21,7 +21,14 @@ from tests.rollout.running import SECONDS, Run, World, a_world, books, outcomes,
 from tests.rollout.stand_in_judge import ADDRESS
 
 from webgym.bench.soak.disk import small_disk
-from webgym.core.errors import BrowserCrashed, BrowserLaunchFailed, StoreFull, WebGymError, WorkerLost
+from webgym.core.errors import (
+    BrowserCrashed,
+    BrowserLaunchFailed,
+    NoCapacity,
+    StoreFull,
+    WebGymError,
+    WorkerLost,
+)
 from webgym.core.outcome import Outcome
 from webgym.llm.config import Retry
 from webgym.rollout.feed import read_feed
@@ -155,6 +162,26 @@ async def test_a_browser_that_does_not_come_back_stops_the_run_and_uses_up_no_sa
     world.browsers.refuses = None
     await Run().start(None, tmp_path / "run").end()
     assert outcomes(tmp_path / "run")["success"] == 16
+
+
+async def test_a_run_with_more_sessions_than_slots_waits_for_its_own(tmp_path: Path, world: World) -> None:
+    world.browsers.slots = 1
+    world.model._reply_seconds = lambda: 0.05  # an attempt takes 0.15 s
+    config = world.config(tmp_path, 3, {"server_patience_seconds": 0.1, "server_retry_seconds": 0.01})
+    told: list[str] = []
+    await Run().start(config, tmp_path / "run", tell=told.append).end()
+    assert outcomes(tmp_path / "run") == {"success": 3}
+    assert "the server has 1 slots so far, for 3 sessions: some will wait" in told
+
+
+async def test_slots_that_others_hold_are_waited_for_for_as_long_as_a_server(
+    tmp_path: Path, world: World
+) -> None:
+    world.browsers.slots = 0
+    config = world.config(tmp_path, 1, {"server_patience_seconds": 0.1, "server_retry_seconds": 0.01})
+    with pytest.raises(BaseExceptionGroup) as stopped:
+        await Run().start(config, tmp_path / "run").end()
+    assert stopped.group_contains(NoCapacity)
 
 
 async def test_a_disk_that_is_full_stops_the_run_and_once_freed_it_goes_on(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager, contextmanager
 from typing import Any, TypeVar
@@ -122,6 +123,32 @@ async def test_fewer_run_once_the_processors_are_saturated() -> None:
         await until(lambda: gate.permits.limit == FEW.fewest)
         calls.let_go()
     await gate.stop()
+
+
+async def test_a_load_that_cannot_be_read_for_a_while_is_measured_later(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    machine = Machine(0.1)
+    failed = 0
+
+    def no_file() -> float:
+        nonlocal failed
+        failed += 1
+        raise OSError(errno.EMFILE, "no files")
+
+    monkeypatch.setattr(machine, "busy", no_file)
+    gate = AdmissionController(FEW, machine)
+    async with asyncio.TaskGroup() as group:
+        calls = Calls(gate)
+        for number in range(10):
+            group.create_task(calls.one("execute", str(number)))
+        await until(lambda: failed >= 3)
+        assert gate.permits.limit == FEW.fewest
+        monkeypatch.undo()
+        await until(lambda: gate.permits.limit == FEW.most)
+        calls.let_go()
+    await gate.stop()
+    assert caplog.text.count("no files") == 1
 
 
 async def test_a_call_that_is_cancelled_as_its_turn_comes_leaves_no_permit_behind() -> None:

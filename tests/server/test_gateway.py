@@ -469,6 +469,15 @@ async def test_a_full_line_is_told_after_a_while() -> None:
         assert gateway.gateway.workers[0].room == 0
 
 
+async def test_a_client_that_waits_for_less_is_told_so_in_time(client: BrowserClient) -> None:
+    for _ in range(WORKERS):
+        await client.open()
+    limits = quick(wait_seconds=0.1, reply_seconds=2)
+    async with BrowserClient(client.base_url, token=TOKEN, limits=limits) as other:
+        with pytest.raises(NoCapacity, match=r"in use for 0\.1 s"):
+            await other.open()
+
+
 async def test_where_no_worker_comes_up_it_is_said_why(tmp_path: Path) -> None:
     browser = LOCAL.model_copy(update={"executable": tmp_path / "none"})
     before = set(children())

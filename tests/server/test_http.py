@@ -308,7 +308,8 @@ async def _has_answer(reader: asyncio.StreamReader) -> bool:
         return False
 
 
-async def test_one_client_may_not_take_every_slot() -> None:
+async def test_one_client_may_not_take_every_slot(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("webgym.server.service.SHORTEST_TTL_SECONDS", 0)
     config = ServerConfig(slots=3, token=TOKEN, sessions_per_client=1)
     async with (
         running_server(config) as server,

@@ -11,7 +11,7 @@ import pytest
 from tests.server.conftest import TOKEN
 
 from webgym.core.errors import ConfigError, TooManySessions, Unauthorized
-from webgym.server.audit import audit_to
+from webgym.server.audit import Audit, audit_to
 from webgym.server.client import BrowserClient
 from webgym.server.config import ClientLimits, GatewayConfig, ServerConfig
 from webgym.server.gateway import running_gateway
@@ -92,6 +92,39 @@ async def test_tokens_are_added_and_withdrawn_while_it_runs(
 def test_an_audit_file_that_cannot_be_written_is_said(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="cannot be written"), audit_to(tmp_path / "none" / "audit"):
         pass
+
+
+def _note(audit: Audit, session: str) -> None:
+    audit.opened(session, token="t", client="c", address="a")
+
+
+async def test_an_audit_file_that_is_away_for_a_while_is_written_again(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    file = tmp_path / "log" / "audit"
+    file.parent.mkdir()
+    with audit_to(file) as audit:
+        _note(audit, "first")
+        await until(lambda: "first" in file.read_text())
+        file.parent.rename(tmp_path / "old")
+        _note(audit, "missing")
+        _note(audit, "missing too")
+        await until(lambda: "cannot be written" in caplog.text)
+        file.parent.mkdir()
+        _note(audit, "second")
+        await until(file.exists)
+    assert "second" in file.read_text()
+    assert caplog.text.count("cannot be written") == 1
+
+
+def test_a_full_disk_under_the_audit_file_ends_nothing(
+    caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with audit_to(Path("/dev/full")) as audit:
+        _note(audit, "first")
+        _note(audit, "second")
+    assert caplog.text.count("No space left on device") == 1
+    assert not capsys.readouterr().err
 
 
 @pytest.mark.browser

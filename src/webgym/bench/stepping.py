@@ -185,7 +185,12 @@ async def measured_server(config: ServerConfig) -> AsyncIterator[tuple[ServerAdd
     Yields:
         Its address and a client, when all slots are ready.
     """
-    limits = ClientLimits(allocate=config.slots, release=config.slots, reply_seconds=_READY_SECONDS)
+    limits = ClientLimits(
+        allocate=config.slots,
+        release=config.slots,
+        reply_seconds=_READY_SECONDS,
+        wait_seconds=_READY_SECONDS,
+    )
     async with (
         server_process(config) as address,
         BrowserClient(address.url, token=address.token, limits=limits) as client,

@@ -170,10 +170,17 @@ class MemoryWatch:
         """How often a browser or renderer was ended."""
 
     async def run(self) -> None:
-        """Check at intervals, until cancelled."""
+        """Check at intervals, until cancelled. Checks that fail, because no file is left, are made again."""
+        is_blind = False
         while True:
             await asyncio.sleep(self._config.memory_look_seconds)
-            await self.check()
+            try:
+                await self.check()
+                is_blind = False
+            except Exception as error:  # also RuntimeError: no thread is left
+                if not is_blind:
+                    log.error("the memory of browsers is not watched until it can be read again: %s", error)
+                is_blind = True
 
     async def check(self) -> None:
         """Check all running browsers once."""

@@ -438,13 +438,19 @@ async def launch_sandboxed(
 
     Raises:
         BrowserLaunchFailed: it does not start, or not with the sandbox that the setting requires.
+        ConfigError: at the first launch: ``browser.cgroup`` is not a cgroup that can be divided.
     """
     state = sandbox or planned_sandbox(config)
-    if sandbox is not None or not state.on:
+    if sandbox is not None:
+        try:
+            return await launch(config, executable, root, sandbox, listener), sandbox
+        except ConfigError as error:  # the settings were right at the first launch
+            raise BrowserLaunchFailed(error.message, hint=error.hint) from error
+    if not state.on:
         process = await launch(config, executable, root, state, listener)
     else:
         process, state = await _launch_first(config, executable, root, listener)
-    if sandbox is None and not state.on:
+    if not state.on:
         fix = "" if config.sandbox == "off" else f"; to fix it: {remedy()}"
         log.warning("Chromium runs WITHOUT its sandbox: %s%s", state.reason, fix)
     return process, state

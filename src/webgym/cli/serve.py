@@ -95,10 +95,13 @@ def command(
     import uvloop
 
     from webgym.server.listening import raise_open_files_limit
+    from webgym.server.tokens import check_token
     from webgym.settings import validated
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     token = _read_or_create_token(token_file) if token_file else os.environ.get(TOKEN)
+    if token and not token_file:
+        check_token(token, TOKEN)
     if "tokens_file" in server:
         server["tokens_file"] = server["tokens_file"].absolute()
     config = validated(ServerConfig, {"port": _PORT} | server | ({"token": token} if token else {}))
@@ -108,7 +111,8 @@ def command(
         cluster = validated(RayConfig, ray | {"slots_per_node": server.get("slots")})
     token_source = f"in {token_file}" if token_file else f"in {TOKEN}" if token else ""
     compat_config = config.model_copy(update={"port": compat_port}) if compat else None
-    key = _read_or_create_token(compat_key_file) if compat_key_file else None
+    # The authors' clients may have a short one.
+    key = _read_or_create_token(compat_key_file, shortest=1) if compat_key_file else None
     raise_open_files_limit()
     uvloop.run(_serve(config, fleet, cluster, token_source, compat_config, key))
     if cluster is not None:
@@ -128,10 +132,11 @@ async def _serve(
 ) -> None:
     import asyncio
     import signal
-    from contextlib import AsyncExitStack
+    from contextlib import AsyncExitStack, closing
 
     from webgym.server.compat import running_compat
     from webgym.server.gateway import running_gateway
+    from webgym.server.listening import listen
 
     serving = asyncio.current_task()
     assert serving is not None
@@ -146,13 +151,15 @@ async def _serve(
         asyncio.get_running_loop().add_signal_handler(number, stop)
     try:
         async with AsyncExitStack() as stack:
+            if compat is not None:  # before any browser starts
+                listener = stack.enter_context(closing(listen(compat, "--compat-port")))
             server = await stack.enter_async_context(running_gateway(config, fleet, cluster))
             gateway = server.gateway
             _print_server(
                 server.url, token_source or server.token, await gateway.info(), gateway.fleet.wanted
             )
             if compat is not None:
-                layer = running_compat(server.url, server.token, listening=compat, key=key)
+                layer = running_compat(server.url, server.token, listening=compat, key=key, listener=listener)
                 print(f"compat   {(await stack.enter_async_context(layer)).url}", flush=True)
             await asyncio.Event().wait()
     except asyncio.CancelledError:
@@ -172,18 +179,22 @@ def _print_server(url: str, token: str, info: ServerInfo, wanted: int) -> None:
     print(f"sandbox  {sandbox if running else 'not known yet'}", flush=True)
 
 
-def _read_or_create_token(path: Path) -> str:
+def _read_or_create_token(path: Path, shortest: int | None = None) -> str:
     """Read the token in a file; if there is no such file, create it with a random token.
 
     Raises:
-        ConfigError: the file cannot be read or created.
+        ConfigError: the file cannot be read or created, or does not contain a token of that length.
     """
     import os
     import secrets
 
+    from webgym.server.tokens import SHORTEST, check_token
+
     try:
         if path.exists():
-            return path.read_text().strip()
+            token = path.read_text(errors="replace").strip()
+            check_token(token, str(path), shortest or SHORTEST)
+            return token
         token = secrets.token_urlsafe(_TOKEN_BYTES)
         with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
             file.write(f"{token}\n")

@@ -67,6 +67,8 @@ class Collector:
         self._pictures = pictures
         self._config = config
         self._running: set[Attempt] = set()
+        self._last_held = 0.0
+        """When a browser was last given back."""
         self._places = asyncio.Semaphore(config.sessions)
         self._unrecorded = asyncio.Semaphore(config.judges + config.backlog)
         self._failed_in_a_row = 0
@@ -167,6 +169,7 @@ class Collector:
                 await attempt.run(session)
             finally:
                 self._running.discard(attempt)
+                self._last_held = time.monotonic()
                 await session.close()
         except asyncio.CancelledError:
             episode = attempt.episode()
@@ -176,10 +179,11 @@ class Collector:
     async def _open(self, attempt: Attempt) -> BrowserSession:
         """A browser session; a server that is away, or starts no browser, for a moment is waited for.
 
-        Nothing has begun, so that no sample is used up. If none came in time, the run stops.
+        Nothing has begun, so that no sample is used up. If none came in time, the run stops. Waiting for a
+        slot does not count while this run itself holds some.
         """
         config, progress = self._config, self._context.progress
-        deadline = time.monotonic() + config.server_patience_seconds
+        since = time.monotonic()
         pause = config.server_retry_seconds
         progress.move(None, "opening", attempt.planned.attempt_id)
         try:
@@ -189,7 +193,9 @@ class Collector:
                     progress.browser_problem = ""
                     return session
                 except (ServerUnreachable, NoCapacity, BrowserError, LeaseLost) as error:
-                    if time.monotonic() + pause > deadline:
+                    if isinstance(error, NoCapacity):
+                        since = max(since, time.monotonic() if self._running else self._last_held)
+                    if time.monotonic() + pause > since + config.server_patience_seconds:
                         raise
                     progress.browser_problem = f"attempts wait for a browser: {error.message}"
                     await asyncio.sleep(pause)

@@ -95,7 +95,7 @@ class CollectorConfig(Settings):
 
     server_patience_seconds: float = Field(default=60.0, ge=0)
     """How long a server that does not answer, has no free slot or starts no browser is waited for before the
-    run stops."""
+    run stops. Waiting for a slot does not count while this run itself holds some."""
 
     server_retry_seconds: float = Field(default=0.5, gt=0)
     """First pause before a server is asked again; each further pause is twice as long, up to eight times."""

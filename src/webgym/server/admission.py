@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 from collections import deque
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractContextManager, asynccontextmanager
@@ -24,6 +25,8 @@ from webgym.server.config import Admission
 from webgym.server.messages import PermitLoad, QueueLoad
 from webgym.server.operations import QUEUES, QueueName
 from webgym.server.saturation import Processors
+
+log = logging.getLogger(__name__)
 
 _RECENT = 0.1
 """Weight of the latest call in the expected service time of a queue's calls."""
@@ -153,6 +156,7 @@ class AdmissionController:
         """Largest account of a served queue: the least account of a queue that was empty."""
         self._arrivals = 0
         self._running = 0
+        self._is_blind = False
         self._adapting: asyncio.Task[None] | None = None
 
     @asynccontextmanager
@@ -210,15 +214,29 @@ class AdmissionController:
     async def _adapt(self) -> None:
         """Measure the load and adjust the number of permits while calls wait."""
         config = self._config
-        self._processors.busy()  # the next measurement begins here
+        self._measure()  # the next measurement begins here
         while any(queue.first is not None for queue in self._queues.values()):
             await asyncio.sleep(config.measure_seconds)
-            self.busy = self._processors.busy()
+            if (busy := self._measure()) is None:
+                continue
+            self.busy = busy
             if self.busy < config.spare_below:
                 self.limit = min(config.most, self.limit + config.step)
                 self._grant()
             elif self.busy > config.saturated_above:
                 self.limit = max(config.fewest, self.limit - config.step)
+
+    def _measure(self) -> float | None:
+        """The load since the last measurement; ``None`` if it cannot be read, because no file is left."""
+        try:
+            busy = self._processors.busy()
+        except OSError as error:
+            if not self._is_blind:
+                log.error("the number of permits stays until the load can be measured again: %s", error)
+            self._is_blind = True
+            return None
+        self._is_blind = False
+        return busy
 
     async def stop(self) -> None:
         """Stop measuring."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +15,8 @@ from typing import Any
 import msgspec
 
 from webgym.core.errors import ConfigError
+
+log = logging.getLogger(__name__)
 
 _log = logging.getLogger("webgym.audit")
 
@@ -53,9 +56,47 @@ class Audit:
         self._handler.handle(record)
 
 
+class _File(WatchedFileHandler):
+    """A file that may be full or away for a while: then lines are missing, which is logged once."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, encoding="utf-8")
+        self._is_away = False
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a line."""
+        try:
+            super().emit(record)
+        except OSError as error:
+            self._missed(error)
+        else:
+            self._is_away = False
+
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 - the name of the standard library
+        """Called in :meth:`emit` instead of the error."""
+        error = sys.exception()
+        if not isinstance(error, OSError):
+            super().handleError(record)
+            return
+        raise error
+
+    def _missed(self, error: OSError) -> None:
+        if not self._is_away:
+            log.error("the audit file cannot be written, and lines will be missing: %s", error)
+        self._is_away = True
+
+    def close(self) -> None:
+        """Close it, with what could not be written before."""
+        try:
+            super().close()
+        except OSError as error:
+            self._missed(error)
+
+
 @contextmanager
 def audit_to(path: Path | None) -> Iterator[Audit]:
-    """Append to a file during the block, from a background thread.
+    """Append to a file during the block, from a background thread. If it cannot be written for a while, lines
+    are missing.
 
     Raises:
         ConfigError: the file cannot be written.
@@ -64,7 +105,7 @@ def audit_to(path: Path | None) -> Iterator[Audit]:
         yield Audit()
         return
     try:
-        file = WatchedFileHandler(path, encoding="utf-8")
+        file = _File(path)
     except OSError as error:
         raise ConfigError(f"the audit file {path} cannot be written: {error.strerror}") from None
     queue: SimpleQueue[logging.LogRecord] = SimpleQueue()

@@ -191,7 +191,10 @@ class BrowserClient:
             NoCapacity: no slot became free in time.
             TooManySessions: this client has reached its limit on sessions.
         """
-        grant = await self.call(ALLOCATE, SessionGrant, options or SessionOptions())
+        options = options or SessionOptions()
+        wait = options.wait_at_most(self.limits.wait_seconds)
+        options = msgspec.structs.replace(options, wait_seconds=wait)  # so that the server answers in time
+        grant = await self.call(ALLOCATE, SessionGrant, options, seconds=wait + self.limits.reply_seconds)
         try:
             route = await self._router.find(grant)
         except asyncio.CancelledError:

@@ -97,7 +97,8 @@ class ServerConfig(Settings):
     when they start; it costs a lock per running server."""
 
     allocate_seconds: float = Field(default=60.0, ge=0)
-    """Seconds that a caller waits for a free slot before it is refused with ``no_capacity``."""
+    """Seconds that a caller waits for a free slot before it is refused with ``no_capacity``. Clients may wait
+    for less: ours for 120 s, ``limits.wait_seconds``."""
 
     waiting: int = Field(default=4096, ge=0)
     """Callers that may wait for a slot, each with a connection of its own; more are refused with
@@ -108,8 +109,9 @@ class ServerConfig(Settings):
     time."""
 
     lease_look_seconds: float = Field(default=1.0, gt=0)
-    """Longest interval between two checks of the leases. If the server itself was stopped for longer, that
-    time does not count against leases, because it could not receive heartbeats."""
+    """Longest interval between two checks of the leases. If the worker itself was stopped for longer, that
+    time does not count against leases, because it could not receive heartbeats. Those that a stopped
+    gateway did not forward are missed."""
 
     longest_ttl_seconds: float = Field(default=600.0, gt=0)
     """Longest time to live that a client may request."""
@@ -191,8 +193,8 @@ class GatewayConfig(Settings):
     """After a worker has run for this long, its next restart uses the first pause again."""
 
     silent_seconds: float = Field(default=15.0, gt=0)
-    """Time without a report after which a worker counts as gone, and is ended. Longer than several intervals
-    of its reports."""
+    """Time without a report after which a worker is queried; it is killed if it does not answer within
+    ``answer_seconds``. Longer than several intervals of its reports."""
 
     connect_seconds: float = Field(default=3.0, gt=0)
     """Connecting to a worker."""
@@ -269,8 +271,12 @@ class ClientLimits(Settings):
     """Opening a connection."""
 
     reply_seconds: float = Field(default=120.0, gt=0)
-    """Until a call is answered, without the time that a session's call waits in the server's queues. Longer
-    than the server's own deadlines, and than its longest wait for a free slot."""
+    """Until a call is answered, without the time that it waits in the server's queues. Longer than the
+    server's own deadlines."""
+
+    wait_seconds: float = Field(default=120.0, ge=0)
+    """Longest wait for a free slot. The server is told, and refuses with ``no_capacity`` then, or earlier if
+    its own limit is shorter."""
 
     release_seconds: float = Field(default=10.0, gt=0)
     """Releasing a session. Short, because the lease expires by itself."""

@@ -67,8 +67,8 @@ class Host(Protocol):
             WebGymError: it does not start.
         """
 
-    async def stop(self, name: str) -> None:
-        """Stop a worker in any state. Does nothing if it is gone."""
+    async def stop(self, name: str, *, at_once: bool) -> None:
+        """Stop a worker in any state, or kill it at once. Does nothing if it is gone."""
 
 
 class Hosts(Protocol):
@@ -349,8 +349,9 @@ class Fleet:
                 try:
                     await self._run_once(host, share.model_copy(update={"name": name}), key)
                     log.warning("worker %s on %s ended", name, host.place)
-                except WebGymError as error:
-                    self._failing[key] = error
+                except Exception as error:  # also OSError: no process, file or memory is left for a moment
+                    failure = error if isinstance(error, WebGymError) else None
+                    self._failing[key] = failure or ServerError(f"a worker did not start: {error!r}")
                     log.error("worker %s on %s did not start: %s", name, host.place, error)
                 self._report_change(())
                 if loop.time() - started_at > self._config.settled_seconds:
@@ -366,6 +367,7 @@ class Fleet:
         Raises:
             WebGymError: it did not start.
         """
+        is_lost = False
         try:
             try:
                 async with asyncio.timeout(self._config.start_seconds):
@@ -377,12 +379,17 @@ class Fleet:
             try:
                 await self._watch(worker)
             finally:
+                is_lost = worker.is_lost
                 self.workers.pop(worker.name, None)
                 self.lost += 1
                 worker.lose()
                 self._report_change(worker.sessions)
         finally:
-            await host.stop(config.name)
+            try:
+                # One that hangs would not stop in order, and holders of its sessions wait until it is gone.
+                await host.stop(config.name, at_once=is_lost)
+            except Exception as error:
+                log.error("worker %s on %s was not stopped in order: %s", config.name, host.place, error)
 
     async def _watch(self, worker: Worker) -> None:
         """Process a worker's reports until it is gone. If the connection fails, it is opened again."""

@@ -105,12 +105,12 @@ class Gateway:
     async def allocate(self, request: Request, front: HttpFrontend) -> SessionGrant:
         """Open a session on the worker with the most free slots."""
         body = await front.body(request)
-        decode(body, SessionOptions)  # an invalid request must not wait in the queue
+        options = decode(body, SessionOptions)  # an invalid request must not wait in the queue
         client = client_of(request)
         self._asked += 1
         with self._quota.requesting(client):
             headers = [header for header in _forwarded_headers(request) if header[0] != b"authorization"]
-            work = self._open(headers, body)
+            work = self._open(headers, body, options.wait_at_most(self.config.allocate_seconds))
             worker, grant = await while_connected(request, work, self._undo)
             if not worker.is_lost:  # otherwise the session has ended already
                 worker.sessions[grant.session_id] = grant.generation
@@ -119,8 +119,8 @@ class Gateway:
         self._granted += 1
         return grant
 
-    async def _open(self, headers: list[Header], body: bytes) -> tuple[Worker, SessionGrant]:
-        deadline = asyncio.get_running_loop().time() + self.config.allocate_seconds
+    async def _open(self, headers: list[Header], body: bytes, seconds: float) -> tuple[Worker, SessionGrant]:
+        deadline = asyncio.get_running_loop().time() + seconds
         attempt = 1
         while True:
             remaining = max(0.0, deadline - asyncio.get_running_loop().time())
@@ -365,6 +365,7 @@ async def running_gateway(
         BrowserNotFound, BrowserLaunchFailed: no worker starts.
         ConfigError: the address cannot be listened on, or Ray is not installed.
         ServerUnreachable: no cluster answers.
+        ServerError: the workers are no longer kept running, because of an internal error.
     """
     config = config or ServerConfig()
     fleet = fleet or GatewayConfig()
@@ -386,23 +387,38 @@ async def running_gateway(
 
 @asynccontextmanager
 async def _running_fleet(gateway: Gateway) -> AsyncIterator[Gateway]:
-    """Run the workers during the block, which begins when the first is ready."""
+    """Run the workers during the block, which begins when the first is ready.
+
+    Raises:
+        ServerError: no worker is kept running any more, because of an internal error. The block is cancelled.
+    """
+    owner = asyncio.current_task()
+    assert owner is not None
     running = asyncio.create_task(gateway.fleet.run())
     ready = asyncio.create_task(gateway.fleet.ready())
+    failed: list[BaseException] = []
+
+    def end(running: asyncio.Task[None]) -> None:
+        if not running.cancelled() and (error := running.exception()) is not None:
+            failed.append(error)
+            owner.cancel()
+
     try:
         await asyncio.wait({running, ready}, return_when=asyncio.FIRST_COMPLETED)
         if running.done():
             running.result()
         ready.result()
-        running.add_done_callback(_log_failure)
+        running.add_done_callback(end)
         yield gateway
         await gateway.stop()
+    except asyncio.CancelledError:
+        if not failed:
+            raise
+        owner.uncancel()
+        log.critical("workers are no longer started because of an internal error", exc_info=failed[0])
+        raise ServerError(f"an internal error ended all workers: {failed[0]!r}") from failed[0]
     finally:
+        running.remove_done_callback(end)
         for task in (ready, running):
             task.cancel()
         await asyncio.wait({ready, running})
-
-
-def _log_failure(running: asyncio.Task[None]) -> None:
-    if not running.cancelled() and (error := running.exception()) is not None:
-        log.critical("workers are no longer restarted because of an internal error", exc_info=error)

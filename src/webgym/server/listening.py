@@ -51,8 +51,12 @@ def raise_open_files_limit() -> None:
     resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
 
 
-def listen(config: ServerConfig) -> socket.socket:
+def listen(config: ServerConfig, option: str = "--port") -> socket.socket:
     """Open the server's socket. From now on, clients wait instead of being refused.
+
+    Args:
+        config: where to listen.
+        option: what sets the port, for the error.
 
     Raises:
         ConfigError: the address cannot be listened on.
@@ -63,7 +67,7 @@ def listen(config: ServerConfig) -> socket.socket:
         except OSError as error:
             raise ConfigError(
                 f"{config.host}:{config.port} cannot be listened on: {error.strerror}",
-                hint="choose another --port, or 0 for a free one",
+                hint=f"choose another {option}, or 0 for a free one",
             ) from error
     first, last = config.ports
     why = f"{first} is above {last}"

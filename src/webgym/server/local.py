@@ -45,11 +45,11 @@ class LocalHost:
         self._children[config.name] = child
         return started
 
-    async def stop(self, name: str) -> None:
+    async def stop(self, name: str, *, at_once: bool) -> None:
         """Stop the process, and kill it if it does not end in time."""
         child = self._children.pop(name, None)
         if child is not None:
-            await child.stop(self._config.stop_seconds)
+            await child.stop(0.0 if at_once else self._config.stop_seconds)
 
 
 class LocalHosts:

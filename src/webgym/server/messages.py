@@ -23,9 +23,15 @@ class SessionOptions(PageOptions, frozen=True, omit_defaults=True):
 
     Attributes:
         ttl_seconds: how long the lease lasts without a call or heartbeat; ``None`` for the server's default.
+        wait_seconds: longest wait for a free slot, if that is less than the server's own limit.
     """
 
     ttl_seconds: float | None = None
+    wait_seconds: float | None = None
+
+    def wait_at_most(self, seconds: float) -> float:
+        """Longest wait for a free slot on a server with this limit."""
+        return seconds if self.wait_seconds is None else max(0.0, min(seconds, self.wait_seconds))
 
 
 class SessionGrant(msgspec.Struct, frozen=True):

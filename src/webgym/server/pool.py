@@ -108,26 +108,30 @@ class Pool:
 
     # --- leasing ------------------------------------------------------------------------------------
 
-    async def acquire(self) -> Slot:
+    async def acquire(self, seconds: float | None = None) -> Slot:
         """A free slot, first come, first served.
 
+        Args:
+            seconds: longest wait; by default ``allocate_seconds``.
+
         Raises:
-            NoCapacity: none became free within ``allocate_seconds``.
+            NoCapacity: none became free in time.
             TooManyWaiting: none is free, and the queue is full.
             BrowserLaunchFailed: none can become free, because no browser starts.
         """
         self._check_health()
+        seconds = self._config.allocate_seconds if seconds is None else seconds
         if self._free.empty() and self._waiting >= self._config.waiting:
             raise TooManyWaiting.of(self._waiting)
         self._waiting += 1
         self.on_change()
         try:
-            async with asyncio.timeout(self._config.allocate_seconds):
+            async with asyncio.timeout(seconds):
                 slot = await self._free.get()
         except TimeoutError:
             self._check_health()
             raise NoCapacity(
-                f"all {len(self._slots)} slots were in use for {self._config.allocate_seconds:g} s",
+                f"all {len(self._slots)} slots were in use for {seconds:g} s",
                 hint="close sessions, or start the server with more slots",
             ) from None
         finally:
@@ -184,7 +188,7 @@ class Pool:
                 async with self._launches:
                     await self._make_ready(slot)
                 break
-            except (BrowserError, OSError) as error:
+            except Exception as error:  # whatever it is, the slot must not be lost
                 failure = error if isinstance(error, BrowserError) else BrowserError(str(error))
                 self._failing[slot] = failure
                 self.on_change()

@@ -77,8 +77,10 @@ class SlotQueue:
     def _no_capacity(self, seconds: float) -> NoCapacity:
         slots = sum(worker.info.slots for worker in self._workers.values())
         if not slots:
-            return NoCapacity(f"no worker started within {seconds:g} s", hint="the server's log says why")
+            return NoCapacity(
+                f"no worker started within {round(seconds, 2):g} s", hint="the server's log says why"
+            )
         return NoCapacity(
-            f"all {slots} slots were in use for {seconds:g} s",
+            f"all {slots} slots were in use for {round(seconds, 2):g} s",
             hint="close sessions, or start the server with more slots",
         )

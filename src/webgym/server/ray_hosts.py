@@ -69,12 +69,12 @@ def _node_actor() -> type:
                 self._children[name] = child
             return child.report()
 
-        def stop(self, name: str) -> None:
+        def stop(self, name: str, at_once: bool) -> None:
             """End a worker."""
             with self._lock:
                 child = self._children.pop(name, None)
             if child is not None:
-                child.stop()
+                child.stop(at_once=at_once)
 
     return NodeActor
 
@@ -151,7 +151,7 @@ class RayHost:
             raise ServerError(f"the actor at {self.place} does not answer: {_last_line(error)}") from None
         return read_report(report)
 
-    async def stop(self, name: str) -> None:
+    async def stop(self, name: str, *, at_once: bool) -> None:
         """Stop a worker by the node's actor; if the actor is gone, so is the worker."""
         if name not in self._started:
             return
@@ -160,7 +160,7 @@ class RayHost:
             return
         try:
             async with asyncio.timeout(2 * self._config.stop_seconds):
-                await self._actor.stop.remote(name)
+                await self._actor.stop.remote(name, at_once)
         except self._ray.exceptions.RayError as error:
             log.warning("worker %s at %s ended with its actor: %s", name, self.place, _last_line(error))
         except TimeoutError:

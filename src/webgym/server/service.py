@@ -47,6 +47,9 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
+SHORTEST_TTL_SECONDS = 0.1
+"""Shortest time to live that a client may request: with less, a lease expires before its first call."""
+
 _OPEN_ATTEMPTS = 2
 """If a browser has died while it was idle, the second attempt gets a fresh one."""
 
@@ -125,7 +128,7 @@ class Service:
 
     async def _lease(self, options: SessionOptions) -> Lease:
         self._check_options(options)
-        slot = await self.pool.acquire()
+        slot = await self.pool.acquire(options.wait_at_most(self.config.allocate_seconds))
         try:
             async with self._running(slot, "allocate"):
                 await self._open(slot, options)
@@ -155,8 +158,8 @@ class Service:
             )
         if options.jpeg_quality is not None and not 1 <= options.jpeg_quality <= 100:
             raise ProtocolError("jpeg_quality is 1 to 100, or null for PNG")
-        if options.ttl_seconds is not None and options.ttl_seconds <= 0:
-            raise ProtocolError("ttl_seconds must be above 0")
+        if options.ttl_seconds is not None and options.ttl_seconds < SHORTEST_TTL_SECONDS:
+            raise ProtocolError(f"ttl_seconds must be {SHORTEST_TTL_SECONDS:g} or more")
 
     async def release(self, lease: Lease) -> Closed:
         """End a session."""

@@ -89,7 +89,8 @@ class Child:
             async with asyncio.timeout(seconds):
                 await process.wait()
         except TimeoutError:
-            process.kill()
+            with contextlib.suppress(ProcessLookupError):  # it ended at the same moment
+                process.kill()
             await process.wait()
         if process.returncode:
             log.warning("worker %s ended with exit status %d", self._config.name, process.returncode)
@@ -174,13 +175,13 @@ class DetachedChild:
         assert self._process.stdout is not None
         return self._process.stdout.readline()
 
-    def stop(self) -> None:
+    def stop(self, *, at_once: bool) -> None:
         """Stop it, and kill it if it has not ended in time."""
         process = self._process
         assert process.stdin is not None
         assert process.stdout is not None
         process.stdin.close()
-        if not select.select([process.stdout], [], [], self._stop_seconds)[0]:
+        if not select.select([process.stdout], [], [], 0.0 if at_once else self._stop_seconds)[0]:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)  # it is not our child, but still in the group
         process.wait()  # for the child that forked it

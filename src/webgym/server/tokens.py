@@ -24,7 +24,26 @@ SERVER_CALLER = "server"
 
 SHORTEST = 16
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._@-]{0,63}")
+_PRINTABLE = re.compile(r"[\x21-\x7e]+")
 _TOKEN = re.compile(rf"[\x21-\x7e]{{{SHORTEST},}}")
+
+
+def check_token(token: str, where: str, shortest: int = SHORTEST) -> None:
+    """Check that a token can be sent in a header as it is.
+
+    Args:
+        token: the token.
+        where: where it is from, for the error.
+        shortest: its least number of characters.
+
+    Raises:
+        ConfigError: it is too short, has spaces or several lines, or is not ASCII.
+    """
+    if len(token) < shortest or not _PRINTABLE.fullmatch(token):
+        raise ConfigError(
+            f"{where} is not a token: one line of {shortest} or more ASCII characters, without spaces",
+            hint="without one, `webgym serve` makes a random one",
+        )
 
 
 class Tokens:

@@ -39,6 +39,7 @@ from webgym.browser.egress.socks import (
     reply,
 )
 from webgym.browser.egress.splice import BrowserEnd, Connections, ServerEnd
+from webgym.core.errors import BrowserLaunchFailed
 
 _LOOPBACK = "127.0.0.1"
 _BACKLOG = 1024
@@ -105,7 +106,11 @@ class Egress:
         await self._dialer.close()
 
     async def open_listener(self) -> ProxyListener:
-        """Open a listener with a budget of its own."""
+        """Open a listener with a budget of its own.
+
+        Raises:
+            BrowserLaunchFailed: no socket is left for it.
+        """
         listener = ProxyListener(self)
         await listener._open()
         self._listeners.add(listener)
@@ -195,8 +200,18 @@ class ProxyListener:
 
     async def _open(self) -> None:
         loop = asyncio.get_running_loop()
-        self._server = await loop.create_server(lambda: _Handshake(self), _LOOPBACK, 0, backlog=_BACKLOG)
-        self._port = cast(int, self._server.sockets[0].getsockname()[1])
+        try:
+            server = await loop.create_server(lambda: _Handshake(self), _LOOPBACK, 0, backlog=_BACKLOG)
+            self._port = cast(int, server.sockets[0].getsockname()[1])
+        except (
+            OSError,
+            IndexError,
+        ) as error:  # if no file is left, the loop returns a server without sockets
+            raise BrowserLaunchFailed(
+                "no socket can be opened for the browser's connections",
+                hint="is the limit of open files too low?",
+            ) from error
+        self._server = server
 
     async def close(self) -> None:
         """Accept no more connections, and cancel those being opened. Safe to call twice."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hmac
 import logging
 import math
+import socket
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AsyncExitStack, asynccontextmanager, closing
 from dataclasses import dataclass
@@ -267,6 +268,7 @@ async def running_compat(
     listening: ServerConfig,
     key: str | None = None,
     config: CompatConfig | None = None,
+    listener: socket.socket | None = None,
 ) -> AsyncIterator[RunningCompat]:
     """Serve the authors' API during the block, in front of a WebGym server.
 
@@ -275,15 +277,18 @@ async def running_compat(
         listening: where the layer listens, and the limits of its HTTP server.
         key: the API key; by default the token.
         config: limits of the layer.
+        listener: the socket, if it is open already. It is closed at the end.
 
     Raises:
         ConfigError: the address cannot be listened on.
     """
     config = config or CompatConfig()
     key = key or token
-    limits = ClientLimits(allocate=config.waiting, release=config.waiting)
+    limits = ClientLimits(
+        allocate=config.waiting, release=config.waiting, wait_seconds=listening.allocate_seconds
+    )
     async with AsyncExitStack() as stack:
-        listener = stack.enter_context(closing(listen(listening)))
+        listener = stack.enter_context(closing(listener or listen(listening)))
         client = await stack.enter_async_context(BrowserClient(server_url, token=token, limits=limits))
         instances = await stack.enter_async_context(Instances(client, config))
         app = create_compat_app(instances, key, body_bytes=listening.body_bytes)

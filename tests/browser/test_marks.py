@@ -366,7 +366,8 @@ async def test_a_modal_dialog_is_all_that_is_numbered(site: Site, open_tab: Open
 
 LABELS = """
 webgym.mark(webgym.observe({ elements: true }, {}).elements).map(
-  ({ number, colour, left, top, right, bottom }) => ({ box: [left, top, right, bottom], text: String(number), colour })
+  ({ number, colour, left, top, right, bottom }) =>
+    ({ box: [left, top, right, bottom], text: String(number), colour })
 )
 """
 
@@ -380,7 +381,8 @@ def contrast_with_white(colour: str) -> float:
 def colour_of_edges(picture: Image.Image) -> tuple[int, int, int] | None:
     """The colour of all pixels at its edges; ``None`` if it is not one."""
     width, height = picture.size
-    edges = [(0, 0, width, 1), (0, height - 1, width, height), (0, 0, 1, height), (width - 1, 0, width, height)]
+    x, y = width - 1, height - 1
+    edges = [(0, 0, width, 1), (0, y, width, height), (0, 0, 1, height), (x, 0, width, height)]
     found = {colour for edge in edges for _, colour in picture.crop(edge).getcolors() or ()}
     return next(iter(found)) if len(found) == 1 else None  # type: ignore[return-value]
 

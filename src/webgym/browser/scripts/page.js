@@ -216,7 +216,7 @@
     webgym.attach();
     const { target, hasTyped: typed, changes } = state;
     Object.assign(state, { target: 0, hasTyped: false });
-    return { changes, ago: performance.now() - state.changedAt, timers: webgym.counters.timers.asked(), target, typed };
+    return { changes, ago: performance.now() - state.changedAt, timers: webgym.plans().timers, target, typed };
   };
 
   // --- the same picture for the same page ---------------------------------------------------------

@@ -17,6 +17,7 @@ import msgspec
 import pytest
 from PIL import Image, ImageChops, ImageColor
 
+from webgym.browser.observe import capture
 from webgym.core.action import LeftClick, Scroll
 from webgym.core.observation import Element
 
@@ -403,7 +404,7 @@ async def test_labels_can_be_read(site: Site, open_tab: Open) -> None:
     world = {"contextId": page.worlds._worlds[page.target_id], "expression": LABELS, "returnByValue": True}
     labels = (await page.session.call("Runtime.evaluate", world, reply=_Result, seconds=5)).result.value
     assert len(labels) == len(elements(tab)) > 150
-    drawn = Image.open(io.BytesIO(await tab.slot.screenshot())).convert("RGB")
+    drawn = Image.open(io.BytesIO(await capture(page))).convert("RGB")
     at_corners = [drawn.getpixel((label["box"][0], label["box"][1])) for label in labels]
     colours = [ImageColor.getrgb(label["colour"]) for label in labels]
     assert sum(map(operator.eq, at_corners, colours)) >= len(labels) * 0.98

@@ -98,6 +98,9 @@ LATE = {
     "frames": "<canvas id=b></canvas><script>let left = 9; const draw = () => { if (left--)"
     "{ b.getContext('2d').fillRect(0, 0, 10, 90 - 9 * left); requestAnimationFrame(draw) } };"
     "b.onclick = draw</script>",
+    "frames after frames": "<button id=b>Do</button><script>"
+    "const later = (left) => left ? requestAnimationFrame(() => later(left - 1)) : b.textContent = 'Done';"
+    "b.onclick = () => later(4)</script>",
     "a transition": "<style>#b { transition: width .3s } #b:hover { width: 600px }</style>"
     "<button id=b>Do</button>",
     "a picture": "<button id=b>Do</button><script>const c = document.createElement('canvas');"
@@ -119,7 +122,9 @@ async def test_what_a_click_brings_is_in_the_picture(site: Site, tab: Tab, late:
     assert seen.observation.screenshot == await rested(tab)
 
 
-@pytest.mark.parametrize("late", ["a message after messages", "a rule after messages", "a picture"])
+@pytest.mark.parametrize(
+    "late", ["a message after messages", "a rule after messages", "a picture", "frames after frames"]
+)
 async def test_what_a_click_brings_to_a_calm_page_is_in_the_picture(site: Site, tab: Tab, late: str) -> None:
     await tab.goto(site.page(PLACED + LATE[late]))
     for _ in range(20):  # a machine that is starved may be late
@@ -174,3 +179,20 @@ async def test_what_a_scroll_shows_is_in_the_picture(site: Site, tab: Tab, scrol
     for direction in ("down", "up"):
         seen = await tab.step(Scroll(direction))
         assert seen.observation.screenshot == await rested(tab), direction
+
+
+async def test_a_page_that_asks_for_no_frames_is_drawn_for_few(site: Site, tab: Tab) -> None:
+    """To count frames asks for one, and whatever the page does next waits for it."""
+    await tab.goto(
+        site.page(
+            f"{PLACED}<p id=b>Text</p><button style='position:absolute;top:200px;width:200px;height:80px'"
+            " onclick='document.title = requestAnimationFrame(() => {})'>Count</button>"
+        )
+    )
+    handles = []
+    for _ in range(2):
+        seen = await tab.step(LeftClick(Target(coordinate=(50, 400))))
+        handles.append(int(seen.observation.title))
+        for _ in range(4):
+            await tab.step(LeftClick(HERE))
+    assert handles[1] - handles[0] <= 30, "of five steps"

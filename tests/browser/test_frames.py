@@ -234,7 +234,7 @@ async def test_a_page_without_such_frames_costs_no_round_trip(
 
     monkeypatch.setattr(connection, "send", count)
     await tab.step()
-    assert sent == ["Runtime.evaluate", "Page.captureScreenshot", "Runtime.evaluate"]
+    assert sent == ["Runtime.evaluate", "Page.captureScreenshot"]
 
 
 CLOSED = """

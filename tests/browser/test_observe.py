@@ -327,9 +327,9 @@ async def test_a_page_that_is_replaced_while_it_is_looked_at(
         page.session.send("Runtime.evaluate", {"expression": f"location.href = {there!r}"})
         while page.loader == loader:
             await asyncio.sleep(0.01)
-        return await observe.capture_marked(page)
+        return await observe.capture(page)
 
-    monkeypatch.setattr(observe, "capture_marked", late)
+    monkeypatch.setattr(observe, "capture", late)
     seen = await tab.step()
     assert seen.observation.url == there
     assert [element.name for element in seen.observation.elements or ()] == ["Other"]

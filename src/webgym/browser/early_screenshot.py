@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import asyncio
 
-from webgym.browser.observe import Early, PageContent, capture_marked, content_options
+from webgym.browser.observe import Early, PageContent, capture, content_options
 from webgym.browser.page import Page
 from webgym.core.errors import BrowserError
 
@@ -72,7 +72,7 @@ class EarlyScreenshot:
         if not is_worth_it:
             return None
         self._is_requested = True
-        return await capture_marked(page)
+        return await capture(page)
 
     async def end(self, settled: str) -> None:
         """After the wait: find out whether the screenshot shows the page's current state.

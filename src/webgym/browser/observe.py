@@ -132,7 +132,7 @@ async def look(page: Page, settled: str, milliseconds: dict[str, float], early: 
         start = time.perf_counter()
         content = early.content if early else await read_content(page, **content_options(page))
         between = time.perf_counter()
-        image = await (early.picture() if early else capture_marked(page))
+        image = await (early.picture() if early else capture(page))
         end = time.perf_counter()
         if page.loader == loader:
             break  # else the picture shows the next page
@@ -249,15 +249,6 @@ def content_options(page: Page) -> dict[str, bool]:
 def _middle(box: tuple[float, float, float, float]) -> tuple[float, float]:
     x, y, width, height = box
     return x + width / 2, y + height / 2
-
-
-async def capture_marked(page: Page) -> bytes:
-    """:func:`capture`, and remove the marks that were drawn for it."""
-    try:
-        return await capture(page)
-    finally:
-        if page.options.mode == "marks":
-            page.post("unmark")
 
 
 async def capture(page: Page) -> bytes:

@@ -509,6 +509,7 @@ class Slot:
     async def screenshot(self) -> bytes:
         """A screenshot without marks and without waiting."""
         page = self._living_page()
+        page.post("unmark")
         try:
             return await self._query(page, lambda: capture(page))
         except CommandFailed as error:

@@ -3,7 +3,7 @@
   const webgym = globalThis.webgym;
   if (webgym.beginEarly) return;
   const { documentElement, getSelection } = webgym.dom;
-  const { state, counters } = webgym;
+  const { state } = webgym;
 
   // What changes the picture and is neither a change of the document nor one of its aspect.
   const STIRS = [
@@ -19,7 +19,7 @@
   };
   // Two are the same if nothing changed in between, nor was planned.
   const moment = () => [
-    state.changes, stirs(), ...Object.values(counters).map((counter) => counter.asked()), ...selected(), ...webgym.aspect(),
+    state.changes, stirs(), ...Object.values(webgym.plans()), ...selected(), ...webgym.aspect(),
   ];
 
   // Whether no task is left to do: one that lets all others go first has its turn.

@@ -6,7 +6,7 @@
     localName, activeElement, getSelection, getBoundingClientRect, checkVisibility, documentElement, querySelectorAll,
     offsetWidth, offsetHeight, getRootNode, nodeType,
   } = webgym.dom;
-  const { state, counters, rootOf, frameIn } = webgym;
+  const { state, rootOf, frameIn } = webgym;
   const { begin, hit, parentOf } = webgym.geometry;
 
   const VISIBLE = { opacityProperty: true, visibilityProperty: true };
@@ -47,7 +47,7 @@
   const hostOf = (root) => nodeType(root) === Node.DOCUMENT_FRAGMENT_NODE && root.host;
   const listAt = () => state.list && state.list.list.scrollTop;
   const hasSelection = () => !getSelection(document).isCollapsed;
-  const plans = () => Object.entries(counters).map(([name, counter]) => [name, counter.asked()]);
+  const plans = () => Object.entries(webgym.plans());
 
   // The largest part of the page around an element that is not too large to be looked at.
   const around = (element) => {

@@ -8,19 +8,35 @@
   // Dark enough for white digits: a contrast of 4.5 at least.
   const COLOURS = ['#c62828', '#1565c0', '#2e7d32', '#6a1b9a', '#ad1457', '#00695c', '#4527a0', '#bf360c'];
   const BORDER = 2; // around the element, so that nothing of it is hidden
-  const ROUND = 2; // radius of its corners, CSS pixels
-  // Sizes of a label, CSS pixels: the smaller one where the larger has no room. Digits of a monospaced font
-  // are 0.6 em wide everywhere.
-  const SIZES = [{ font: 12, height: 14, pad: 4 }, { font: 9, height: 10, pad: 3 }];
-  const FONT = 'ui-monospace, monospace';
+  // Sizes of a label, CSS pixels: the smaller one where the larger has no room. `advance`: from one digit to the next;
+  // `scale`: of the digits below.
+  const SIZES = [
+    { height: 14, pad: 4, advance: 7.3, scale: 1.1 },
+    { height: 10, pad: 3, advance: 5.5, scale: 0.8 },
+  ];
 
+  // Digits as lines, which cost far less than text: their width and height without that of the line, and paths from
+  // their upper left corner.
+  const DIGIT = [4, 7];
+  const ROUND = {
+    fill: 'none', stroke: '#fff', 'stroke-width': 1.6, 'stroke-linecap': 'round', 'stroke-linejoin': 'round',
+  };
+  const DIGITS = [
+    'm0 2a2 2 0 0 1 4 0v3a2 2 0 0 1-4 0z',
+    'm.8 1.6l1.7-1.6v7',
+    'm0 2a2 2 0 0 1 4 0q0 1.2-1 2.3l-3 2.7h4',
+    'm.2 1.2q.5-1.2 1.8-1.2a1.7 1.7 0 0 1 0 3.4h-.6h.6a1.9 1.8 0 0 1 0 3.6q-1.5 0-2-1.3',
+    'm3.1 7v-7l-3.1 4.9h4.2',
+    'm3.6 0h-3l-.4 3.2q.8-.6 1.8-.6a2.1 2.2 0 0 1 0 4.4q-1.4 0-2-1.2',
+    'm3.6.5q-.6-.5-1.3-.5q-2.3 0-2.3 4.7a2 2.3 0 1 0 4 0a2 2.3 0 1 0-4 0',
+    'm0 0h4l-2.6 7',
+    'm.3 1.7a1.7 1.7 0 1 1 3.4 0a1.7 1.7 0 1 1-3.4 0zm-.3 3.5a2 1.8 0 1 1 4 0a2 1.8 0 1 1-4 0z',
+    'm.4 6.5q.6.5 1.3.5q2.3 0 2.3-4.7a2 2.3 0 1 0-4 0a2 2.3 0 1 0 4 0',
+  ];
+
+  // Edges lie between pixels, where nothing is to be smoothed.
+  const CRISP = { 'shape-rendering': 'crispEdges' };
   const SVG = 'http://www.w3.org/2000/svg';
-  const MARK_STYLE = `
-    :host { all: initial; }
-    svg { position: fixed; will-change: transform; }
-    .boxes { fill: none; stroke-width: ${BORDER}px; }
-    text { fill: #fff; text-anchor: middle; dominant-baseline: central; }
-    ${SIZES.map(({ font }) => `.of${font} { font: 700 ${font}px ${FONT}; }`).join('')}`;
   let marks = null;
 
   const common = (a, b) =>
@@ -60,31 +76,36 @@
     let spot = null;
     let size = null;
     for (size of nearBoxes.length > CROWD ? SIZES.slice(1) : SIZES) {
-      const width = Math.ceil(size.pad + size.font * 0.61 * String(number).length);
+      const width = Math.ceil(size.pad + size.advance * String(number).length);
       spot = spotFor(box, width, size.height, nearLabels, nearBoxes);
       if (!spot.hidden) break;
     }
     labels.push(spot.rect);
-    return { font: size.font, hidden: spot.hidden, ...spot.rect };
+    return { size, hidden: spot.hidden, ...spot.rect };
   };
 
   // Edges between two pixels are blurred.
   const whole = (rect) => Object.fromEntries(Object.entries(rect).map(([side, at]) => [side, Math.round(at)]));
 
   // What is drawn of one colour is one path.
-  const boxPath = ({ left, top, right, bottom }) => {
-    const inset = BORDER / 2;
-    const [x, y] = [Math.max(inset, left - inset), Math.max(inset, top - inset)];
-    const [w, h] = [Math.min(innerWidth, right + BORDER) - inset - x, Math.min(innerHeight, bottom + BORDER) - inset - y];
-    const r = Math.max(0, Math.min(ROUND, w / 2, h / 2));
-    const corner = (dx, dy) => `a${r} ${r} 0 0 1 ${dx} ${dy}`;
-    return (
-      `M${x + r} ${y}h${w - 2 * r}${corner(r, r)}v${h - 2 * r}${corner(-r, r)}` +
-      `h${2 * r - w}${corner(-r, -r)}v${2 * r - h}${corner(r, -r)}z`
-    );
-  };
   const rectPath = ({ left, top, right, bottom }, edge) =>
     `M${left - edge} ${top - edge}H${right + edge}V${bottom + edge}H${left - edge}z`;
+  // A frame around a box, at the edge of the viewport within it: what is walked around both ways is left out.
+  const framePath = (box) => {
+    const [x, y] = [Math.max(0, box.left - BORDER), Math.max(0, box.top - BORDER)];
+    const w = Math.min(innerWidth, box.right + BORDER) - x;
+    const h = Math.min(innerHeight, box.bottom + BORDER) - y;
+    const [innerW, innerH] = [Math.max(0, w - 2 * BORDER), Math.max(0, h - 2 * BORDER)];
+    return `M${x} ${y}h${w}v${h}h${-w}zm${BORDER} ${BORDER}v${innerH}h${innerW}v${-innerH}z`;
+  };
+
+  // In the units that the digits are given in.
+  const digitPath = ({ left, right, top, bottom, number, size: { advance, scale } }) => {
+    const digits = String(number);
+    const start = (left + right - advance * (digits.length - 1)) / 2 / scale - DIGIT[0] / 2;
+    const y = (top + bottom) / 2 / scale - DIGIT[1] / 2;
+    return [...digits].map((digit, index) => `M${start + (index * advance) / scale} ${y}${DIGITS[digit]}`).join('');
+  };
 
   const draw = (parent, name, attributes) => {
     const element = createElementNS(document, SVG, name);
@@ -108,16 +129,15 @@
   };
   // Labels that do not lie over each other.
   const drawLabels = (parent, labels) => {
-    draw(parent, 'path', { fill: '#fff', d: labels.map((label) => rectPath(label, 1)).join('') });
-    for (const [fill, d] of byColour(labels, (label) => rectPath(label, 0))) draw(parent, 'path', { fill, d });
-    for (const { font } of SIZES) {
-      const group = draw(parent, 'g', { class: `of${font}` });
-      for (const { left, right, top, bottom, number } of labels.filter((label) => label.font === font))
-        draw(group, 'text', { x: (left + right) / 2, y: (top + bottom) / 2 }).textContent = number;
+    draw(parent, 'path', { ...CRISP, fill: '#fff', d: labels.map((label) => rectPath(label, 1)).join('') });
+    for (const [fill, d] of byColour(labels, (label) => rectPath(label, 0))) draw(parent, 'path', { ...CRISP, fill, d });
+    for (const size of SIZES) {
+      const d = labels.filter((label) => label.size === size).map(digitPath).join('');
+      if (d) draw(parent, 'path', { ...ROUND, transform: `scale(${size.scale})`, d });
     }
   };
 
-  // Gives the labels, {number, colour, font, left, top, right, bottom}.
+  // Gives the labels, {number, colour, size, left, top, right, bottom}.
   webgym.mark = (elements) => {
     webgym.unmark();
     if (!elements.length) return [];
@@ -126,11 +146,12 @@
     const labels = elements.map(({ number }, index) => ({
       number, colour: COLOURS[number % COLOURS.length], box: boxes[index], ...labelFor(number, boxes[index], rects, boxes),
     }));
-    const { host, root } = webgym.overlay(documentElement(document), MARK_STYLE);
+    const { host, root } = webgym.overlay(documentElement(document));
     const [attributes, place] = placeOver([...rects, ...boxes]);
     const svg = draw(root, 'svg', attributes);
-    svg.style.cssText = place; // a style attribute may be forbidden by the page's policy
-    for (const [stroke, d] of byColour(labels, ({ box }) => boxPath(box))) draw(svg, 'path', { class: 'boxes', stroke, d });
+    // A style attribute may be forbidden by the page's policy.
+    svg.style.cssText = `position: fixed; will-change: transform; ${place}`;
+    for (const [fill, d] of byColour(labels, ({ box }) => framePath(box))) draw(svg, 'path', { ...CRISP, fill, d });
     let layer = []; // no frame is drawn over a label
     for (const label of labels) {
       if (label.hidden) drawLabels(svg, layer.splice(0));

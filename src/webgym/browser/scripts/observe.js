@@ -460,8 +460,10 @@
     return [...gathering.items, ...webgym.takeShortened().map((kind) => ['shortened', kind])];
   };
 
-  // {text, cuts, elements, marks}: what is wanted; marks are drawn over the elements until `unmark`.
+  // {text, cuts, elements, marks}: what is wanted. Marks are drawn over the elements, and stay until the page is looked at
+  // again: to remove them has it drawn once more, and the next action waits for that.
   webgym.observe = (wanted, frames) => {
+    webgym.unmark();
     webgym.attach();
     const page = scrollingElement(document) || documentElement(document);
     const seen = {

@@ -216,7 +216,7 @@
     webgym.attach();
     const { target, hasTyped: typed, changes } = state;
     Object.assign(state, { target: 0, hasTyped: false });
-    return { changes, ago: performance.now() - state.changedAt, timers: webgym.counters.timers.asked(), target, typed };
+    return { changes, ago: performance.now() - state.changedAt, timers: webgym.plans().timers, target, typed };
   };
 
   // --- the same picture for the same page ---------------------------------------------------------
@@ -247,10 +247,12 @@
       `border: 0; background: none; overflow: visible; display: block; pointer-events: none;` +
       `zoom: ${1 / (parent.currentCSSZoom || 1)};`;
     const root = host.attachShadow({ mode: 'closed' });
-    const { CSSStyleSheet } = defaultView(ownerDocument(parent));
-    const sheet = new CSSStyleSheet();
-    sheet.replaceSync(style);
-    root.adoptedStyleSheets = [sheet];
+    if (style) {
+      const { CSSStyleSheet } = defaultView(ownerDocument(parent));
+      const sheet = new CSSStyleSheet();
+      sheet.replaceSync(style);
+      root.adoptedStyleSheets = [sheet];
+    }
     state.ours.add(host);
     state.roots.set(host, root);
     parent.append(host);

@@ -3,11 +3,11 @@
   const webgym = globalThis.webgym;
   if (webgym.expect) return;
   const { isConnected, getBoundingClientRect, documentElement } = webgym.dom;
-  const { state, counters } = webgym;
+  const { state } = webgym;
   const { hit, begin, contains } = webgym.geometry;
 
   const LONGEST = 100; // ms: a page that is not drawn has no frames
-  const asked = () => Object.values(counters).reduce((sum, counter) => sum + counter.asked(), state.changes);
+  const asked = () => Object.values(webgym.plans()).reduce((sum, count) => sum + count, state.changes);
   const later = (delay) => scheduler.postTask(() => {}, { delay });
 
   // The next frame, after what the page itself had planned for it. Nothing is asked for by number, so that who

@@ -34,7 +34,17 @@
   const timers = counter('setTimeout', 'clearTimeout');
   const frames = counter('requestAnimationFrame', 'cancelAnimationFrame');
   const idles = counter('requestIdleCallback', 'cancelIdleCallback');
-  webgym.counters = { timers, frames, idles };
+
+  // To count frames asks for one, and from then on all that happens waits for the display. So they are counted once for an
+  // action, when the page seems quiet; and everywhere if the page has asked for any since the action before.
+  let [counted, isStill] = [0, false];
+  const countFrames = () => {
+    const now = frames.asked();
+    isStill &&= now === counted;
+    return (counted = now);
+  };
+  // How many of each the page has asked for.
+  webgym.plans = () => ({ timers: timers.asked(), frames: isStill ? counted : countFrames(), idles: idles.asked() });
 
   const A_FRAME = 50; // ms: the time of a frame, from which animations count, is that before its events
 
@@ -264,7 +274,7 @@
   // Whether the page asked for a frame or an idle moment since this was asked last.
   const hasPlanned = () => {
     const before = state.asked;
-    state.asked = frames.asked() + idles.asked();
+    state.asked = countFrames() + idles.asked();
     return state.asked !== before;
   };
 
@@ -281,6 +291,7 @@
   webgym.quiet = async ({ since, tick, reaction, quiet, busy, stir, linger, blank, timed }) => {
     isBlankKnown ||= blank;
     const { planned, target, hasTyped } = state;
+    isStill ||= planned !== null; // an action: from now on
     state.planned = null;
     state.target = 0;
     state.hasTyped = false;
@@ -301,7 +312,7 @@
         effect: timed ? timerEffect() : 'none', reacted: hasReacted,
       };
     };
-    // Still, and nothing that was planned for a frame or an idle moment is left. To count frames asks for one.
+    // Still, and nothing that was planned for a frame or an idle moment is left.
     const isDone = async () => {
       if (hasPlanned() && !state.isTireless) {
         await frame(); // comes after the page's own, which may be late

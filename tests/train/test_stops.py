@@ -237,6 +237,15 @@ def test_what_cannot_be_trained_is_refused_before_browsers_start(
     assert "unknown objective 'ppo'" in refused(learn={"model": str(model), "objective": {"name": "ppo"}})
     alone = refused(learn={"model": str(model), "objective": {"name": "group_is"}})
     assert "rollout.samples is 1" in alone
+    groups = {"model": str(model), "objective": {"name": "group_is"}}
+    held = yaml.safe_load(settings_file(tmp_path, model).read_text())["rollout"] | {"samples": 2}
+    local = {"path": str(model), "sampling": {"top_p": 0.99, "extra_body": {"top_k": 2}}}
+    assert "the sampling sets top_p, top_k" in refused(learn=groups, rollout=held, local=local)
+    local["sampling"] = {"top_p": 1.0, "temperature": 0.0}
+    assert "the sampling sets temperature" in refused(learn=groups, rollout=held, local=local)
+    local["sampling"] = {"top_p": 1.0}
+    late = refused(learn=groups, rollout=held, local=local, loop={"staleness": 3})
+    assert "loop.staleness is 3, and group_is leaves out steps that are more than 2 updates old" in late
     (tmp_path / "none").mkdir()
     assert "tasks.jsonl" in refused(rollout={"tasks": {"file": str(tmp_path / "none" / "tasks.jsonl")}})
 

@@ -27,7 +27,7 @@ from webgym.train.folder import TrainingFolder
 from webgym.train.learner import Learner
 from webgym.train.logprobs import ReplyLogProbs, collate
 from webgym.train.loop import TrainConfig
-from webgym.train.objectives import FilteredBC
+from webgym.train.objectives import FilteredBC, GroupIS
 from webgym.train.replay import Replay
 from webgym.train.samples import SampleMaker
 from webgym.train.update import learning_rate
@@ -263,6 +263,19 @@ def test_steps_of_attempts_that_were_set_aside_after_the_draw_are_counted(
     Made(attempts[:1]).write(folder.run(1))
     told = Learner(config, BC).learn(1, replay.draw(), folder)
     assert (told["samples"], told["dropped"]) == (3, {"gone": 3})
+
+
+def test_why_every_step_was_dropped_is_said(model: Path, tmp_path: Path) -> None:
+    config, folder, objective = learning(model), TrainingFolder(tmp_path), GroupIS()
+    cut = stored(tiny_renderer(), "click", sampling={"top_k": 2})
+    outcomes = (Outcome.SUCCESS, Outcome.FAILURE)
+    attempts = [trajectory(number, reply=cut, outcome=each) for number, each in enumerate(outcomes)]
+    replay = Replay(config.replay, objective)
+    folder.iteration(1).mkdir(parents=True)
+    replay.add(1, Made(attempts).write(folder.run(1)))
+    with pytest.raises(TrainingError, match=r"all 6 steps were dropped: .*'altered_sampling': 6") as error:
+        Learner(config, objective).learn(1, replay.draw(), folder)
+    assert "without top-p and top-k" in error.value.hint
 
 
 def test_what_does_not_fit_is_one_line(model: Path, tmp_path: Path) -> None:

@@ -85,6 +85,31 @@ def test_log_probabilities_are_of_the_reply_tokens_whatever_the_padding_and_the_
             torch.testing.assert_close(got, whole[len(each.prompt_ids) - 1 :], atol=1e-4, rtol=0)
 
 
+def test_a_process_with_fewer_chunks_calls_the_head_as_often_as_the_others(
+    model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Under ZeRO's stage 3 every call is one of all processes, forward and backward."""
+    loaded = load_model(model)
+    batch = collate(samples(BC)[:1], loaded.renderer, off_policy=False)
+    calls: list[int] = []
+    loaded.model.lm_head.register_forward_hook(lambda *_: calls.append(len(calls)))
+
+    def gradient() -> tuple[torch.Tensor, torch.Tensor]:
+        calls.clear()
+        loaded.model.zero_grad()
+        found = ReplyLogProbs(loaded.model, 4)(batch)
+        found.sum().backward()
+        return found.detach(), loaded.model.lm_head.weight.grad
+
+    alone = gradient()
+    assert len(calls) == 2 * 2
+    monkeypatch.setattr(torch.distributed, "is_initialized", lambda: True)
+    monkeypatch.setattr(torch.distributed, "all_reduce", lambda most, _: most.fill_(5))
+    together = gradient()
+    assert len(calls) == 2 * 5
+    torch.testing.assert_close(together, alone)
+
+
 def test_log_probabilities_for_importance_weights_are_at_the_temperature_of_sampling(model: Path) -> None:
     loaded = load_model(model)
     renderer = loaded.renderer

@@ -20,8 +20,8 @@ from webgym.train.update import Updater
 
 _TOKENS: Final = "the stored tokens are not this model's; see docs/training.md on the token contract"
 _HINTS: Final = {
-    "altered_sampling": "the objective needs replies of the full distribution: configs/train/group-is.yaml has "
-    "sampling without top-p and top-k",
+    "altered_sampling": "the objective needs replies of the full distribution: configs/train/group-is.yaml "
+    "has sampling without top-p and top-k",
     "no_logprobs": "the objective needs log-probabilities, and the endpoint gives none",
     "too_long": "raise learn.update.cutoff_tokens in config.yaml, then resume with --resume",
     "gone": "their attempts were set aside after the draw",

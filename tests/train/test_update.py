@@ -145,6 +145,16 @@ def test_micro_batches_give_the_update_of_the_whole_batch(model: Path, tmp_path:
     assert one.extra == pytest.approx(whole.extra, abs=1e-4)
 
 
+@pytest.mark.parametrize("lora", [None, {"rank": 4, "alpha": 8}])
+def test_recomputing_activations_gives_the_same_update(model: Path, lora: dict[str, int] | None) -> None:
+    found = []
+    for recomputes in (False, True):
+        made = updater(model, lora=lora, gradient_checkpointing=recomputes)
+        report = made.update(samples(BC)[:2])
+        found.append((report.loss, report.grad_norm))
+    assert found[0] == pytest.approx(found[1])
+
+
 def test_two_processes_give_the_update_of_one(model: Path, tmp_path: Path) -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))

@@ -31,7 +31,7 @@ from accelerate import Accelerator
 from accelerate.utils import DistributedType, gather_object, reduce, set_seed
 
 from webgym.core.errors import TrainingError
-from webgym.inference.model import Loaded
+from webgym.inference.model import Loaded, fast_backward_attention
 from webgym.train import zero
 from webgym.train.config import UpdateConfig
 from webgym.train.logprobs import Batch, ReplyLogProbs, collate
@@ -155,7 +155,8 @@ class Updater:
                 with nullcontext() if is_last else self.accelerator.no_sync(self.model):
                     loss, sums = self._loss(samples, micro, proximal)
                     # Gradients are averaged over processes; multiplying by their number gives the sum.
-                    self.accelerator.backward(loss * self.accelerator.num_processes / tokens)
+                    with fast_backward_attention(self.accelerator.device):  # also what is recomputed in it
+                        self.accelerator.backward(loss * self.accelerator.num_processes / tokens)
                 total += loss.detach() / tokens
                 objective_sums.update(sums)
             loss_now = float(reduce(total, "sum"))

@@ -68,7 +68,9 @@ def load_trainable(config: UpdateConfig, source: str | Path | Loaded, resume: Pa
     loaded = source if isinstance(source, Loaded) else load_model(source, dtype=config.weights)
     model = loaded.model
     if config.gradient_checkpointing:
-        model.gradient_checkpointing_enable()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", FutureWarning)  # of its other name in later versions of transformers
+            model.gradient_checkpointing_enable({"use_reentrant": False})
     if config.freeze_vision:
         model.model.visual.requires_grad_(requires_grad=False)
     if config.lora is None:

@@ -24,17 +24,18 @@ from tests.train.making import task
 from tests.train.test_loop import World
 
 from webgym.agent.random_policy import RandomPolicy
-from webgym.core.errors import StoreError, StoreFull, StoreLocked, TrainingError, WebGymError
+from webgym.core.errors import ConfigError, StoreError, StoreFull, StoreLocked, TrainingError, WebGymError
 from webgym.rollout import files
 from webgym.run_config import Secrets, ServerChoice, resolved
 from webgym.tasks.formats import write_tasks
+from webgym.train.estimate import Gpus
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.learner import Learner
 from webgym.train.loop import TrainConfig, Training
 from webgym.train.objectives import make_objective
 from webgym.train.replay import Replay
 from webgym.train.serving import LocalServing
-from webgym.train.start import open_training, read_config
+from webgym.train.start import load_train_config, open_training, read_config
 from webgym.train.weights import read_state
 
 
@@ -257,6 +258,24 @@ def test_what_cannot_be_trained_is_refused_before_browsers_start(
 
     # A rubric's facts cannot be judged by the offline judge: found before anything is attempted.
     assert "offline" in refused()
+
+
+@pytest.mark.usefixtures("no_browsers")
+def test_an_update_that_does_not_fit_the_gpus_is_told_at_the_start(
+    tmp_path: Path, model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("webgym.train.start.present_gpus", lambda: Gpus(memory_gib=0.01))
+    told: list[str] = []
+
+    async def start() -> None:
+        given = load_train_config([settings_file(tmp_path, model)])
+        async with open_training(given, tmp_path / "out", tell=told.append):
+            pass
+
+    with pytest.raises(ConfigError, match="offline"):
+        asyncio.run(start())
+    (line,) = told
+    assert re.match(r"an update may run out of GPU memory: memory [\d.]+ GiB per GPU, DOES NOT FIT", line)
 
 
 def test_a_training_goes_on_with_what_it_was_started_with(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import warnings
 from collections.abc import AsyncIterator, Sequence
-from contextlib import ExitStack, asynccontextmanager
+from contextlib import ExitStack, asynccontextmanager, suppress
 from pathlib import Path
 
 import yaml
@@ -22,6 +22,7 @@ from webgym.run_config import Secrets, resolved
 from webgym.run_services import services
 from webgym.settings import load_settings, validated
 from webgym.task_choice import all_tasks
+from webgym.train.estimate import estimate, present_gpus
 from webgym.train.folder import TrainingFolder
 from webgym.train.learner import Learner
 from webgym.train.loop import Show, Tell, TrainConfig, Training
@@ -82,12 +83,17 @@ async def open_training(
         tell=tell,
     )
     await asyncio.to_thread(load_renderer, config.learn.model)
+    failed = tell or (lambda line: warnings.warn(line, stacklevel=1))
+    if (gpus := present_gpus()) is not None:
+        with suppress(ConfigError, AttributeError):  # of a model whose memory cannot be estimated
+            expected = await asyncio.to_thread(estimate, config.learn, gpus, local=config.local)
+            if not expected.fits:
+                failed(f"an update may run out of GPU memory: {' '.join(expected.lines()[1].split())}")
     refuse_unjudgeable(config.rollout.judge, tasks)
     if config.rollout.policy.check:
         await check_judge(
             config.rollout.judge
         )  # only once: iterations tolerate a judge that is temporarily unavailable
-    failed = tell or (lambda line: warnings.warn(line, stacklevel=1))
     with ExitStack() as lock:
         if resume:  # before a server is touched that another process may be training with
             lock.enter_context(folder.locked())

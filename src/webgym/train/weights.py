@@ -69,7 +69,9 @@ def load_trainable(config: UpdateConfig, source: str | Path | Loaded, resume: Pa
     model = loaded.model
     if config.gradient_checkpointing:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", FutureWarning)  # of its other name in later versions of transformers
+            warnings.simplefilter(
+                "ignore", FutureWarning
+            )  # of its other name in later versions of transformers
             model.gradient_checkpointing_enable({"use_reentrant": False})
     if config.freeze_vision:
         model.model.visual.requires_grad_(requires_grad=False)

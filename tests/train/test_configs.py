@@ -101,10 +101,25 @@ def test_launch_settings_are_ones_that_accelerate_reads(name: str) -> None:
         ({"replay": {"recensy": 1}}, "recensy"),
         ({"replay": {"passes": 3, "max_uses": 2}}, "max_uses"),
         ({"update": {"schedule": "cosine"}}, "total_steps"),
+        ({"update": {"schedule": "cosine", "total_steps": 30, "warmup_steps": 30}}, "total_steps"),
         ({"update": {"learning_rate": 0}}, "learning_rate"),
+        ({"update": {"learning_rate": float("inf")}}, "learning_rate"),
+        ({"update": {"weight_decay": float("inf")}}, "weight_decay"),
+        ({"update": {"max_grad_norm": float("inf")}}, "max_grad_norm"),
+        ({"update": {"lora": {"alpha": float("inf")}}}, "alpha"),
+        ({"update": {"lora": {"targets": "("}}}, "is no regular expression"),
+        ({"update": {"betas": [0.9, 1.0]}}, "betas"),
+        ({"update": {"betas": [-0.1, 0.9]}}, "betas"),
+        ({"update": {"seed": -1}}, "seed"),
+        ({"update": {"seed": 2**32}}, "seed"),
         ({"frontier": {"prior": [0, 1]}}, "prior"),
     ],
 )
 def test_what_makes_no_sense_is_refused(settings: dict[str, Any], said: str) -> None:
     with pytest.raises(ValidationError, match=said):
         LearnConfig.model_validate({"model": "m"} | settings)
+
+
+def test_a_seed_that_no_draw_takes_is_refused() -> None:
+    with pytest.raises(ValidationError, match="seed"):
+        TrainConfig.model_validate({"learn": {"model": "m"}, "seed": -1})

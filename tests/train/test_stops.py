@@ -247,6 +247,9 @@ def test_what_cannot_be_trained_is_refused_before_browsers_start(
     local["sampling"] = {"top_p": 1.0}
     late = refused(learn=groups, rollout=held, local=local, loop={"staleness": 3})
     assert "loop.staleness is 3, and group_is leaves out steps that are more than 2 updates old" in late
+    for targets in ("nothing", ""):
+        adapters = {"model": str(model), "update": {"lora": {"targets": targets}}}
+        assert "lora.targets matches no module" in refused(learn=adapters)
     (tmp_path / "none").mkdir()
     assert "tasks.jsonl" in refused(rollout={"tasks": {"file": str(tmp_path / "none" / "tasks.jsonl")}})
 

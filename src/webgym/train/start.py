@@ -30,6 +30,7 @@ from webgym.train.objectives import GroupIS, Objective, make_objective
 from webgym.train.replay import Replay
 from webgym.train.serving import LocalServing, Serving
 from webgym.train.vllm_serving import VllmServing
+from webgym.train.weights import check_targets
 
 
 @asynccontextmanager
@@ -83,6 +84,8 @@ async def open_training(
         tell=tell,
     )
     await asyncio.to_thread(load_renderer, config.learn.model)
+    if config.learn.update.lora is not None:
+        await asyncio.to_thread(check_targets, config.learn.update.lora, config.learn.model)
     failed = tell or (lambda line: warnings.warn(line, stacklevel=1))
     if (gpus := present_gpus()) is not None:
         with suppress(ConfigError, AttributeError):  # of a model whose memory cannot be estimated

@@ -23,7 +23,7 @@ import torch
 from huggingface_hub import try_to_load_from_cache
 
 from webgym.core.errors import ConfigError, TrainingError
-from webgym.inference.model import Loaded, load_model
+from webgym.inference.model import Loaded, load_model, loading
 from webgym.rollout.files import TORN, disk_errors, sync_folder
 from webgym.train.config import LoraConfig, UpdateConfig
 from webgym.train.selftest import SELFTEST, SelfTest
@@ -69,9 +69,7 @@ def load_trainable(config: UpdateConfig, source: str | Path | Loaded, resume: Pa
     model = loaded.model
     if config.gradient_checkpointing:
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", FutureWarning
-            )  # of its other name in later versions of transformers
+            warnings.simplefilter("ignore", FutureWarning)  # about the name that versions to come have for it
             model.gradient_checkpointing_enable({"use_reentrant": False})
     if config.freeze_vision:
         model.model.visual.requires_grad_(requires_grad=False)
@@ -80,6 +78,23 @@ def load_trainable(config: UpdateConfig, source: str | Path | Loaded, resume: Pa
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FutureWarning)  # of transformers, about what peft calls
         return Loaded(_adapted(model, config.lora, resume), loaded.renderer)
+
+
+def check_targets(config: LoraConfig, source: str) -> None:
+    """Check that there are modules to adapt, on the model without its weights.
+
+    Raises:
+        ConfigError: ``lora.targets`` matches no module.
+    """
+    from transformers import AutoConfig, AutoModelForImageTextToText
+
+    if (Path(source) / "adapter_config.json").is_file():
+        return  # the shapes are those of another model
+    with loading(source) as where, torch.device("meta"):
+        empty = AutoModelForImageTextToText.from_config(AutoConfig.from_pretrained(where))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)  # as above
+        _adapted(empty, config, None)
 
 
 def _adapted(model: Any, config: LoraConfig, resume: Path | None) -> Any:

@@ -233,6 +233,16 @@ def test_a_loss_that_is_no_number_stops_and_leaves_what_was_saved(model: Path, t
     assert sorted(each.name for each in tmp_path.iterdir()) == ["good"]
 
 
+@pytest.mark.parametrize("poison", [float("nan"), float("inf")])
+def test_weights_that_are_no_numbers_are_not_saved(model: Path, tmp_path: Path, poison: float) -> None:
+    made = updater(model)
+    with torch.no_grad():
+        made.loaded.model.model.visual.patch_embed.proj.weight[0] = poison
+    with pytest.raises(TrainingError, match="the weights after optimizer step 0 are not finite"):
+        made.save(tmp_path / "bad")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_save_that_fails_leaves_what_was_there(
     model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

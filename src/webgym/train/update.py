@@ -41,6 +41,7 @@ from webgym.train.selftest import NEAR_TIE, REPLY_TOKENS, Greedy, SelfTest, know
 from webgym.train.weights import UpdateState, load_trainable, read_optimizer, read_state, save
 
 WHOLE = {"full_state_dict": True, "cpu_offload": True}
+_LOWER_RATE = "nothing of this update was saved: lower learn.update.learning_rate in config.yaml, then resume with --resume"
 
 
 class UpdateReport(msgspec.Struct, frozen=True):
@@ -164,8 +165,7 @@ class Updater:
             if not (math.isfinite(loss_now) and math.isfinite(norm)):
                 raise TrainingError(
                     f"the loss of optimizer step {self.step} is {loss_now}, its gradient {norm}",
-                    hint="nothing of this update was saved: lower learn.update.learning_rate in config.yaml, "
-                    "then resume with --resume",
+                    hint=_LOWER_RATE,
                 )
             self.optimizer.step()
             self.optimizer.zero_grad()
@@ -240,6 +240,7 @@ class Updater:
         """Write weights, optimizer and schedule atomically; see :mod:`webgym.train.weights`.
 
         Raises:
+            TrainingError: a weight is not finite. Nothing was saved.
             StoreError: they cannot be written; an earlier folder is intact.
         """
         prefix = "policy."
@@ -249,6 +250,12 @@ class Updater:
         after = self._greedy()
         before, self._greedy_reply = self._greedy_reply or after, after
         if self.accelerator.is_main_process:
+            if not all(map(math.isfinite, after.logprobs)) or not all(
+                bool(value.isfinite().all()) for value in weights.values()
+            ):
+                raise TrainingError(
+                    f"the weights after optimizer step {self.step} are not finite", hint=_LOWER_RATE
+                )
             state = UpdateState(self.step, self.source, self.config.lora is not None)
             save(folder, self.loaded, weights, optimizer, state, self._selftest(before, after))
         self.accelerator.wait_for_everyone()

@@ -261,6 +261,34 @@ def test_a_save_that_fails_leaves_what_was_there(
     assert all(torch.equal(value, before[name]) for name, value in weights(tmp_path / "kept").items())
 
 
+def test_an_update_that_failed_leaves_no_gradients_to_the_next(model: Path) -> None:
+    made, fresh = updater(model), updater(model)
+    poisoned = [replace(each, advantage=float("nan")) for each in samples(BC)[:1]]
+    with pytest.raises(TrainingError):
+        made.update(poisoned)
+    assert made.update(samples(BC)[:1]).grad_norm == pytest.approx(fresh.update(samples(BC)[:1]).grad_norm)
+
+
+def test_a_learner_whose_save_failed_begins_from_what_was_saved(
+    model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config, folder = learning(model), TrainingFolder(tmp_path)
+    replay = Replay(config.replay, BC)
+    folder.iteration(1).mkdir(parents=True)
+    replay.add(1, Made([trajectory(0)]).write(folder.run(1)))
+    draw, learner = replay.draw(), Learner(config, BC)
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(torch, "save", full)
+        with pytest.raises(StoreError):
+            learner.learn(1, draw, folder)
+    learner.learn(1, draw, folder)
+    assert read_state(folder.weights(1)).step == 1
+
+
 def test_what_a_dead_process_left_is_swept(model: Path, tmp_path: Path) -> None:
     made = updater(model)
     (tmp_path / ".kept.new.tmp").mkdir()

@@ -49,6 +49,13 @@ class Learner:
         Raises:
             TrainingError: every step was dropped, or the loss is not finite.
         """
+        try:
+            return self._learn(number, draw, folder)
+        except BaseException:
+            self._updater = None  # its weights may be past those that were saved
+            raise
+
+    def _learn(self, number: int, draw: ReplaySample, folder: TrainingFolder) -> Mapping[str, Any]:
         updater = self._ready(folder)
         objective, config = self._objective, self._config.update
         maker = SampleMaker(

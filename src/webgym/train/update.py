@@ -141,6 +141,7 @@ class Updater:
         if not samples:
             raise ValueError("there is nothing to train on")
         config, started, objective_sums = self.config, time.perf_counter(), Counter[str]()
+        self.optimizer.zero_grad()  # those of an update that failed
         self._greedy_reply = self._greedy_reply or self._greedy()
         proximal = self._logprobs(samples) if self.objective.off_policy else None
         losses, norms, rate = [], [], 0.0

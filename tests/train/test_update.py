@@ -176,9 +176,9 @@ def test_two_processes_give_the_update_of_one(model: Path, tmp_path: Path) -> No
     assert_same(model, alone, together)
 
 
-@pytest.mark.parametrize("lora", [None, {"rank": 4, "alpha": 8}])
+@pytest.mark.parametrize("lora", [None, {"rank": 4, "alpha": 8, "dropout": 0.3}])
 def test_an_update_goes_on_from_disk_as_if_it_had_not_stopped(
-    model: Path, tmp_path: Path, lora: dict[str, int] | None
+    model: Path, tmp_path: Path, lora: dict[str, float] | None
 ) -> None:
     made = samples(BC)
     straight = updater(model, lora=lora)

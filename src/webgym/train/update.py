@@ -147,6 +147,9 @@ class Updater:
         losses, norms, rate = [], [], 0.0
         self.model.train()
         for batch in self._batches(len(samples), passes):
+            # Dropout depends on the step alone, also after it was resumed from.
+            rank = self.accelerator.process_index
+            torch.manual_seed(random.Random(f"{config.seed}/{self.step}/{rank}").getrandbits(63))
             tokens = sum(len(samples[index].reply_ids) for index in batch)
             rate = learning_rate(config, self.step)
             for group in self.optimizer.param_groups:

@@ -30,7 +30,7 @@ from webgym.train.loop import TrainConfig
 from webgym.train.objectives import FilteredBC, GroupIS
 from webgym.train.replay import Replay
 from webgym.train.samples import SampleMaker
-from webgym.train.update import learning_rate
+from webgym.train.update import SAVE_LIMIT, learning_rate
 from webgym.train.weights import read_optimizer, read_state
 
 BC = FilteredBC()
@@ -153,6 +153,17 @@ def test_recomputing_activations_gives_the_same_update(model: Path, lora: dict[s
         report = made.update(samples(BC)[:2])
         found.append((report.loss, report.grad_norm))
     assert found[0] == pytest.approx(found[1])
+
+
+def test_the_launchers_accumulation_does_not_divide_the_loss(
+    model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The update does it, whatever the environment says; and processes wait while the first one saves."""
+    plain = updater(model).update(samples(BC)[:1])
+    monkeypatch.setenv("ACCELERATE_GRADIENT_ACCUMULATION_STEPS", "4")
+    made = updater(model)
+    assert made.update(samples(BC)[:1]).grad_norm == pytest.approx(plain.grad_norm)
+    assert made.accelerator.init_handler.timeout == SAVE_LIMIT
 
 
 def test_two_processes_give_the_update_of_one(model: Path, tmp_path: Path) -> None:

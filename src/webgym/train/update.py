@@ -22,13 +22,14 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import torch
 from accelerate import Accelerator
-from accelerate.utils import DistributedType, gather_object, reduce, set_seed
+from accelerate.utils import DistributedType, InitProcessGroupKwargs, gather_object, reduce, set_seed
 
 from webgym.core.errors import TrainingError
 from webgym.inference.model import Loaded, fast_backward_attention
@@ -40,6 +41,9 @@ from webgym.train.samples import Sample
 from webgym.train.selftest import NEAR_TIE, REPLY_TOKENS, Greedy, SelfTest, known_messages, known_picture
 from webgym.train.weights import UpdateState, load_trainable, read_optimizer, read_state, save
 
+SAVE_LIMIT = timedelta(hours=2)
+"""How long processes wait for each other: the others for the first, which writes weights and optimizer. NCCL's
+own limit is 10 minutes."""
 WHOLE = {"full_state_dict": True, "cpu_offload": True}
 _LOWER_RATE = "nothing of this update was saved: lower learn.update.learning_rate in config.yaml, then resume with --resume"
 
@@ -107,7 +111,9 @@ class Updater:
         self.config = config
         self.objective = objective
         self.source = source.model.name_or_path if isinstance(source, Loaded) else str(source)
-        self.accelerator = Accelerator()  # processes and sharding as accelerate launch says
+        # Processes and sharding as accelerate launch says.
+        self.accelerator = Accelerator(kwargs_handlers=[InitProcessGroupKwargs(timeout=SAVE_LIMIT)])
+        self.accelerator.gradient_accumulation_steps = 1  # the update marks the last micro-batch itself
         self._is_zero = self.accelerator.distributed_type == DistributedType.DEEPSPEED
         if self._is_zero:
             zero.configure(self.accelerator, config)

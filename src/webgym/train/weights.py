@@ -195,5 +195,5 @@ def read_state(folder: Path) -> UpdateState:
 
 def read_optimizer(folder: Path) -> dict[str, Any]:
     """Read the optimizer state of a saved folder."""
-    found: dict[str, Any] = torch.load(folder / OPTIMIZER, map_location="cpu", weights_only=True)
+    found: dict[str, Any] = torch.load(folder / OPTIMIZER, map_location="cpu", weights_only=True, mmap=True)
     return found

@@ -207,6 +207,22 @@ def test_an_update_goes_on_from_disk_as_if_it_had_not_stopped(
     assert read_optimizer(tmp_path / "half")["state"]
 
 
+def test_settings_that_were_edited_before_a_resume_apply_or_are_refused(model: Path, tmp_path: Path) -> None:
+    lora = {"rank": 4, "alpha": 8}
+    made = updater(model, lora=lora)
+    made.update(samples(BC)[:1])
+    made.save(tmp_path / "half")
+    edited: dict[str, Any] = {"weight_decay": 0.5, "betas": (0.5, 0.6), "resume": tmp_path / "half"}
+    again = updater(model, lora=lora | {"dropout": 0.5}, **edited)
+    groups = [(group["weight_decay"], group["betas"]) for group in again.optimizer.param_groups]
+    assert groups == [(0.5, (0.5, 0.6)), (0.0, (0.5, 0.6))]
+    adapters = again.loaded.model.peft_config["default"]
+    assert (adapters.lora_dropout, adapters.base_model_name_or_path) == (0.5, str(model))
+    for name, value in (("rank", 8), ("alpha", 16), ("targets", ".*q_proj")):
+        with pytest.raises(TrainingError, match=rf"was trained with update\.lora\.{name} .*, not "):
+            updater(model, lora=lora | {name: value}, **edited)
+
+
 def test_adapters_leave_the_weights_alone_and_load_as_a_model(model: Path, tmp_path: Path) -> None:
     run_case("adapters", model, tmp_path / "new")
 

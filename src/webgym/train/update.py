@@ -42,10 +42,13 @@ from webgym.train.selftest import NEAR_TIE, REPLY_TOKENS, Greedy, SelfTest, know
 from webgym.train.weights import UpdateState, load_trainable, read_optimizer, read_state, save
 
 SAVE_LIMIT = timedelta(hours=2)
-"""How long processes wait for each other: the others for the first, which writes weights and optimizer. NCCL's
-own limit is 10 minutes."""
+"""How long processes wait for each other, as for the first, which writes weights and optimizer; NCCL's own
+limit is 10 minutes."""
 WHOLE = {"full_state_dict": True, "cpu_offload": True}
-_LOWER_RATE = "nothing of this update was saved: lower learn.update.learning_rate in config.yaml, then resume with --resume"
+_LOWER_RATE = (
+    "nothing of this update was saved: lower learn.update.learning_rate in config.yaml, "
+    "then resume with --resume"
+)
 
 
 class UpdateReport(msgspec.Struct, frozen=True):
@@ -318,6 +321,10 @@ class Updater:
 
             options = state_dict.StateDictOptions(**WHOLE)
             state_dict.set_optimizer_state_dict(self.model, self.optimizer.optimizer, saved, options=options)
+            # It brings the settings that it was made with; those of the config apply.
+            decays = (self.config.weight_decay, 0.0)
+            for group, decay in zip(self.optimizer.param_groups, decays, strict=True):
+                group.update(betas=self.config.betas, weight_decay=decay)
 
     def _report(
         self,

@@ -56,7 +56,7 @@ def load_trainable(config: UpdateConfig, source: str | Path | Loaded, resume: Pa
 
     Raises:
         ConfigError: there is no such model, or ``lora.targets`` matches no module.
-        TrainingError: the folder to resume from holds the other kind.
+        TrainingError: the folder to resume from holds the other kind, or other adapters.
     """
     if resume is not None and read_state(resume).lora != (config.lora is not None):
         raise TrainingError(
@@ -101,7 +101,15 @@ def _adapted(model: Any, config: LoraConfig, resume: Path | None) -> Any:
     import peft  # only where there are adapters
 
     if resume is not None:
-        return peft.PeftModel.from_pretrained(model, str(resume), is_trainable=True)
+        saved = peft.PeftConfig.from_pretrained(str(resume))
+        for name, field in (("rank", "r"), ("alpha", "lora_alpha"), ("targets", "target_modules")):
+            if (before := getattr(saved, field)) != (now := getattr(config, name)):
+                raise TrainingError(
+                    f"{resume} was trained with update.lora.{name} {before}, not {now}",
+                    hint="continue with the same value, or start a new training",
+                )
+        saved.lora_dropout = config.dropout
+        return peft.PeftModel.from_pretrained(model, str(resume), is_trainable=True, config=saved)
     settings = peft.LoraConfig(
         r=config.rank, lora_alpha=config.alpha, lora_dropout=config.dropout, target_modules=config.targets
     )

@@ -20,7 +20,7 @@ from webgym.core.task import FactGroup, Rubric, Task  # noqa: E402
 from webgym.core.trajectory import ImageRef, Message, TextPart  # noqa: E402
 from webgym.inference.generate import SamplingParameters, generate  # noqa: E402
 from webgym.inference.local import LocalConfig, LocalPolicy  # noqa: E402
-from webgym.inference.model import Loaded  # noqa: E402
+from webgym.inference.model import Loaded, load_model  # noqa: E402
 from webgym.inference.sampling import draw, processed_logprobs  # noqa: E402
 from webgym.llm.config import Sampling  # noqa: E402
 from webgym.tiny.model import TinyConfig, make_model, save_model  # noqa: E402
@@ -163,6 +163,14 @@ async def test_published_weights_reply_from_then_on(folder: Path, tmp_path: Path
         with pytest.raises(ConfigError, match="cannot publish"):
             await policy.publish(tmp_path / "none", "2")
         assert (await policy.reply(asked, 1)).weight_version == "1", "a failed publish changes nothing"
+
+
+def test_published_weights_are_not_on_the_models_device_a_second_time(folder: Path) -> None:
+    """They are float32 for training; 8B of them have no place beside the model on a GPU that it shares."""
+    policy = LocalPolicy(LocalConfig(path=str(folder), device="cuda"))
+    policy._loaded = load_model(folder)  # as if that were the device: there is none here
+    policy._load_weights(folder, "1")
+    assert policy.weight_version == "1"
 
 
 async def test_a_request_that_cannot_be_rendered_fails_alone(folder: Path) -> None:

@@ -9,14 +9,16 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
+from webgym.agent.profiles import choose_profile
 from webgym.inference.vllm import VllmConfig
+from webgym.llm.config import altering
 from webgym.settings import merged
 from webgym.train.config import LearnConfig
 from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig
 from webgym.train.objectives import GroupIS, make_objective
 from webgym.train.serving import LocalServing
-from webgym.train.start import make_serving
+from webgym.train.start import load_train_config, make_serving
 from webgym.train.vllm_serving import VllmServing
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -38,12 +40,23 @@ def test_defaults_are_the_papers() -> None:
 
 
 def test_the_preset_of_groups_is_asyncwebrls() -> None:
-    whole = TrainConfig.model_validate(merged({"learn": {"model": "m"}}, read("train/group-is.yaml")))
+    whole = load_train_config([CONFIGS / "train/qwen3-vl-8b.yaml", CONFIGS / "train/group-is.yaml"])
     config = whole.learn
     assert whole.rollout.samples == 8
     assert make_objective(config.objective) == GroupIS()
     assert config.update.learning_rate == 5e-6
     assert config.replay.iterations == GroupIS().staleness + 1
+
+
+@pytest.mark.parametrize("server", [["group-is"], ["group-is", "vllm", "group-is-vllm"]])
+def test_the_presets_of_groups_sample_from_the_full_distribution(server: list[str]) -> None:
+    whole = load_train_config([CONFIGS / f"train/{name}.yaml" for name in ["qwen3-vl-8b", *server]])
+    served = whole.vllm or whole.local
+    assert served is not None
+    assert (whole.vllm is None) is (server == ["group-is"])
+    sampling = choose_profile(None, "Qwen3-VL-8B-Instruct").sampling_of(served.sampling).body()
+    assert altering(sampling) == []
+    assert (sampling["temperature"], sampling["max_tokens"]) == (1.0, 3072)
 
 
 def test_a_vllm_server_is_laid_over_a_preset_and_replies_in_place_of_the_model_in_this_process() -> None:
@@ -88,10 +101,25 @@ def test_launch_settings_are_ones_that_accelerate_reads(name: str) -> None:
         ({"replay": {"recensy": 1}}, "recensy"),
         ({"replay": {"passes": 3, "max_uses": 2}}, "max_uses"),
         ({"update": {"schedule": "cosine"}}, "total_steps"),
+        ({"update": {"schedule": "cosine", "total_steps": 30, "warmup_steps": 30}}, "total_steps"),
         ({"update": {"learning_rate": 0}}, "learning_rate"),
+        ({"update": {"learning_rate": float("inf")}}, "learning_rate"),
+        ({"update": {"weight_decay": float("inf")}}, "weight_decay"),
+        ({"update": {"max_grad_norm": float("inf")}}, "max_grad_norm"),
+        ({"update": {"lora": {"alpha": float("inf")}}}, "alpha"),
+        ({"update": {"lora": {"targets": "("}}}, "is no regular expression"),
+        ({"update": {"betas": [0.9, 1.0]}}, "betas"),
+        ({"update": {"betas": [-0.1, 0.9]}}, "betas"),
+        ({"update": {"seed": -1}}, "seed"),
+        ({"update": {"seed": 2**32}}, "seed"),
         ({"frontier": {"prior": [0, 1]}}, "prior"),
     ],
 )
 def test_what_makes_no_sense_is_refused(settings: dict[str, Any], said: str) -> None:
     with pytest.raises(ValidationError, match=said):
         LearnConfig.model_validate({"model": "m"} | settings)
+
+
+def test_a_seed_that_no_draw_takes_is_refused() -> None:
+    with pytest.raises(ValidationError, match="seed"):
+        TrainConfig.model_validate({"learn": {"model": "m"}, "seed": -1})

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+import torch
 from tests.inference.tiny import tiny_model, write_tiny_model
 
 from webgym.core.errors import ConfigError
 from webgym.train.config import LearnConfig
-from webgym.train.estimate import GIB, KNOWN_GPUS, Gpus, Workload, estimate, shapes_of
+from webgym.train.estimate import GIB, KNOWN_GPUS, Gpus, Workload, estimate, present_gpus, shapes_of
+from webgym.train.start import load_train_config
 from webgym.train.weights import load_trainable
 
 H100 = KNOWN_GPUS["h100"]
@@ -50,6 +53,24 @@ def test_memory_and_time_follow_from_settings() -> None:
 
     short = Workload(pictures=1, text_tokens=500)
     assert estimate(settings(), H100, short).seconds < full.seconds / 3
+
+
+def test_the_8b_preset_fits_eight_h100_beside_the_model_that_replies() -> None:
+    preset = load_train_config([Path(__file__).parents[2] / "configs/train/qwen3-vl-8b.yaml"])
+    found = estimate(preset.learn, H100.model_copy(update={"count": 8}), local=preset.local)
+    assert found.memory["local model"] == 2 * found.parameters
+    assert found.fits
+
+
+def test_gpus_that_are_present_are_those_of_the_launch(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert present_gpus() is None
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "get_device_properties", lambda _: SimpleNamespace(total_memory=80 * GIB))
+    assert present_gpus() == Gpus(count=1, memory_gib=80, sharded=False)
+    monkeypatch.setenv("WORLD_SIZE", "8")
+    monkeypatch.setenv("ACCELERATE_USE_FSDP", "true")
+    assert present_gpus() == Gpus(count=8, memory_gib=80, sharded=True)
 
 
 def test_what_costs_more_is_estimated_as_more() -> None:

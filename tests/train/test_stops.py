@@ -24,17 +24,18 @@ from tests.train.making import task
 from tests.train.test_loop import World
 
 from webgym.agent.random_policy import RandomPolicy
-from webgym.core.errors import StoreError, StoreFull, StoreLocked, TrainingError, WebGymError
+from webgym.core.errors import ConfigError, StoreError, StoreFull, StoreLocked, TrainingError, WebGymError
 from webgym.rollout import files
 from webgym.run_config import Secrets, ServerChoice, resolved
 from webgym.tasks.formats import write_tasks
+from webgym.train.estimate import Gpus
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.learner import Learner
 from webgym.train.loop import TrainConfig, Training
 from webgym.train.objectives import make_objective
 from webgym.train.replay import Replay
 from webgym.train.serving import LocalServing
-from webgym.train.start import open_training, read_config
+from webgym.train.start import load_train_config, open_training, read_config
 from webgym.train.weights import read_state
 
 
@@ -237,6 +238,18 @@ def test_what_cannot_be_trained_is_refused_before_browsers_start(
     assert "unknown objective 'ppo'" in refused(learn={"model": str(model), "objective": {"name": "ppo"}})
     alone = refused(learn={"model": str(model), "objective": {"name": "group_is"}})
     assert "rollout.samples is 1" in alone
+    groups = {"model": str(model), "objective": {"name": "group_is"}}
+    held = yaml.safe_load(settings_file(tmp_path, model).read_text())["rollout"] | {"samples": 2}
+    local = {"path": str(model), "sampling": {"top_p": 0.99, "extra_body": {"top_k": 2}}}
+    assert "the sampling sets top_p, top_k" in refused(learn=groups, rollout=held, local=local)
+    local["sampling"] = {"top_p": 1.0, "temperature": 0.0}
+    assert "the sampling sets temperature" in refused(learn=groups, rollout=held, local=local)
+    local["sampling"] = {"top_p": 1.0}
+    late = refused(learn=groups, rollout=held, local=local, loop={"staleness": 3})
+    assert "loop.staleness is 3, and group_is leaves out steps that are more than 2 updates old" in late
+    for targets in ("nothing", ""):
+        adapters = {"model": str(model), "update": {"lora": {"targets": targets}}}
+        assert "lora.targets matches no module" in refused(learn=adapters)
     (tmp_path / "none").mkdir()
     assert "tasks.jsonl" in refused(rollout={"tasks": {"file": str(tmp_path / "none" / "tasks.jsonl")}})
 
@@ -248,6 +261,24 @@ def test_what_cannot_be_trained_is_refused_before_browsers_start(
 
     # A rubric's facts cannot be judged by the offline judge: found before anything is attempted.
     assert "offline" in refused()
+
+
+@pytest.mark.usefixtures("no_browsers")
+def test_an_update_that_does_not_fit_the_gpus_is_told_at_the_start(
+    tmp_path: Path, model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("webgym.train.start.present_gpus", lambda: Gpus(memory_gib=0.01))
+    told: list[str] = []
+
+    async def start() -> None:
+        given = load_train_config([settings_file(tmp_path, model)])
+        async with open_training(given, tmp_path / "out", tell=told.append):
+            pass
+
+    with pytest.raises(ConfigError, match="offline"):
+        asyncio.run(start())
+    (line,) = told
+    assert re.match(r"an update may run out of GPU memory: memory [\d.]+ GiB per GPU, DOES NOT FIT", line)
 
 
 def test_a_training_goes_on_with_what_it_was_started_with(

@@ -27,10 +27,10 @@ from webgym.train.folder import TrainingFolder
 from webgym.train.learner import Learner
 from webgym.train.logprobs import ReplyLogProbs, collate
 from webgym.train.loop import TrainConfig
-from webgym.train.objectives import FilteredBC
+from webgym.train.objectives import FilteredBC, GroupIS
 from webgym.train.replay import Replay
 from webgym.train.samples import SampleMaker
-from webgym.train.update import learning_rate
+from webgym.train.update import SAVE_LIMIT, learning_rate
 from webgym.train.weights import read_optimizer, read_state
 
 BC = FilteredBC()
@@ -85,6 +85,31 @@ def test_log_probabilities_are_of_the_reply_tokens_whatever_the_padding_and_the_
             torch.testing.assert_close(got, whole[len(each.prompt_ids) - 1 :], atol=1e-4, rtol=0)
 
 
+def test_a_process_with_fewer_chunks_calls_the_head_as_often_as_the_others(
+    model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Under ZeRO's stage 3 every call is one of all processes, forward and backward."""
+    loaded = load_model(model)
+    batch = collate(samples(BC)[:1], loaded.renderer, off_policy=False)
+    calls: list[int] = []
+    loaded.model.lm_head.register_forward_hook(lambda *_: calls.append(len(calls)))
+
+    def gradient() -> tuple[torch.Tensor, torch.Tensor]:
+        calls.clear()
+        loaded.model.zero_grad()
+        found = ReplyLogProbs(loaded.model, 4)(batch)
+        found.sum().backward()
+        return found.detach(), loaded.model.lm_head.weight.grad
+
+    alone = gradient()
+    assert len(calls) == 2 * 2
+    monkeypatch.setattr(torch.distributed, "is_initialized", lambda: True)
+    monkeypatch.setattr(torch.distributed, "all_reduce", lambda most, _: most.fill_(5))
+    together = gradient()
+    assert len(calls) == 2 * 5
+    torch.testing.assert_close(together, alone)
+
+
 def test_log_probabilities_for_importance_weights_are_at_the_temperature_of_sampling(model: Path) -> None:
     loaded = load_model(model)
     renderer = loaded.renderer
@@ -120,6 +145,27 @@ def test_micro_batches_give_the_update_of_the_whole_batch(model: Path, tmp_path:
     assert one.extra == pytest.approx(whole.extra, abs=1e-4)
 
 
+@pytest.mark.parametrize("lora", [None, {"rank": 4, "alpha": 8}])
+def test_recomputing_activations_gives_the_same_update(model: Path, lora: dict[str, int] | None) -> None:
+    found = []
+    for recomputes in (False, True):
+        made = updater(model, lora=lora, gradient_checkpointing=recomputes)
+        report = made.update(samples(BC)[:2])
+        found.append((report.loss, report.grad_norm))
+    assert found[0] == pytest.approx(found[1])
+
+
+def test_the_launchers_accumulation_does_not_divide_the_loss(
+    model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The update does it, whatever the environment says; and processes wait while the first one saves."""
+    plain = updater(model).update(samples(BC)[:1])
+    monkeypatch.setenv("ACCELERATE_GRADIENT_ACCUMULATION_STEPS", "4")
+    made = updater(model)
+    assert made.update(samples(BC)[:1]).grad_norm == pytest.approx(plain.grad_norm)
+    assert made.accelerator.init_handler.timeout == SAVE_LIMIT
+
+
 def test_two_processes_give_the_update_of_one(model: Path, tmp_path: Path) -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -141,9 +187,9 @@ def test_two_processes_give_the_update_of_one(model: Path, tmp_path: Path) -> No
     assert_same(model, alone, together)
 
 
-@pytest.mark.parametrize("lora", [None, {"rank": 4, "alpha": 8}])
+@pytest.mark.parametrize("lora", [None, {"rank": 4, "alpha": 8, "dropout": 0.3}])
 def test_an_update_goes_on_from_disk_as_if_it_had_not_stopped(
-    model: Path, tmp_path: Path, lora: dict[str, int] | None
+    model: Path, tmp_path: Path, lora: dict[str, float] | None
 ) -> None:
     made = samples(BC)
     straight = updater(model, lora=lora)
@@ -159,6 +205,22 @@ def test_an_update_goes_on_from_disk_as_if_it_had_not_stopped(
     assert_same(model, tmp_path / "straight", tmp_path / "again", tolerance=1e-6)
     assert read_state(tmp_path / "again").step == read_state(tmp_path / "straight").step == 2
     assert read_optimizer(tmp_path / "half")["state"]
+
+
+def test_settings_that_were_edited_before_a_resume_apply_or_are_refused(model: Path, tmp_path: Path) -> None:
+    lora = {"rank": 4, "alpha": 8}
+    made = updater(model, lora=lora)
+    made.update(samples(BC)[:1])
+    made.save(tmp_path / "half")
+    edited: dict[str, Any] = {"weight_decay": 0.5, "betas": (0.5, 0.6), "resume": tmp_path / "half"}
+    again = updater(model, lora=lora | {"dropout": 0.5}, **edited)
+    groups = [(group["weight_decay"], group["betas"]) for group in again.optimizer.param_groups]
+    assert groups == [(0.5, (0.5, 0.6)), (0.0, (0.5, 0.6))]
+    adapters = again.loaded.model.peft_config["default"]
+    assert (adapters.lora_dropout, adapters.base_model_name_or_path) == (0.5, str(model))
+    for name, value in (("rank", 8), ("alpha", 16), ("targets", ".*q_proj")):
+        with pytest.raises(TrainingError, match=rf"was trained with update\.lora\.{name} .*, not "):
+            updater(model, lora=lora | {name: value}, **edited)
 
 
 def test_adapters_leave_the_weights_alone_and_load_as_a_model(model: Path, tmp_path: Path) -> None:
@@ -198,6 +260,16 @@ def test_a_loss_that_is_no_number_stops_and_leaves_what_was_saved(model: Path, t
     assert sorted(each.name for each in tmp_path.iterdir()) == ["good"]
 
 
+@pytest.mark.parametrize("poison", [float("nan"), float("inf")])
+def test_weights_that_are_no_numbers_are_not_saved(model: Path, tmp_path: Path, poison: float) -> None:
+    made = updater(model)
+    with torch.no_grad():
+        made.loaded.model.model.visual.patch_embed.proj.weight[0] = poison
+    with pytest.raises(TrainingError, match="the weights after optimizer step 0 are not finite"):
+        made.save(tmp_path / "bad")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_save_that_fails_leaves_what_was_there(
     model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -214,6 +286,34 @@ def test_a_save_that_fails_leaves_what_was_there(
         made.save(tmp_path / "kept")
     assert sorted(each.name for each in tmp_path.iterdir()) == ["kept"]
     assert all(torch.equal(value, before[name]) for name, value in weights(tmp_path / "kept").items())
+
+
+def test_an_update_that_failed_leaves_no_gradients_to_the_next(model: Path) -> None:
+    made, fresh = updater(model), updater(model)
+    poisoned = [replace(each, advantage=float("nan")) for each in samples(BC)[:1]]
+    with pytest.raises(TrainingError):
+        made.update(poisoned)
+    assert made.update(samples(BC)[:1]).grad_norm == pytest.approx(fresh.update(samples(BC)[:1]).grad_norm)
+
+
+def test_a_learner_whose_save_failed_begins_from_what_was_saved(
+    model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config, folder = learning(model), TrainingFolder(tmp_path)
+    replay = Replay(config.replay, BC)
+    folder.iteration(1).mkdir(parents=True)
+    replay.add(1, Made([trajectory(0)]).write(folder.run(1)))
+    draw, learner = replay.draw(), Learner(config, BC)
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(torch, "save", full)
+        with pytest.raises(StoreError):
+            learner.learn(1, draw, folder)
+    learner.learn(1, draw, folder)
+    assert read_state(folder.weights(1)).step == 1
 
 
 def test_what_a_dead_process_left_is_swept(model: Path, tmp_path: Path) -> None:
@@ -263,6 +363,19 @@ def test_steps_of_attempts_that_were_set_aside_after_the_draw_are_counted(
     Made(attempts[:1]).write(folder.run(1))
     told = Learner(config, BC).learn(1, replay.draw(), folder)
     assert (told["samples"], told["dropped"]) == (3, {"gone": 3})
+
+
+def test_why_every_step_was_dropped_is_said(model: Path, tmp_path: Path) -> None:
+    config, folder, objective = learning(model), TrainingFolder(tmp_path), GroupIS()
+    cut = stored(tiny_renderer(), "click", sampling={"top_k": 2})
+    outcomes = (Outcome.SUCCESS, Outcome.FAILURE)
+    attempts = [trajectory(number, reply=cut, outcome=each) for number, each in enumerate(outcomes)]
+    replay = Replay(config.replay, objective)
+    folder.iteration(1).mkdir(parents=True)
+    replay.add(1, Made(attempts).write(folder.run(1)))
+    with pytest.raises(TrainingError, match=r"all 6 steps were dropped: .*'altered_sampling': 6") as error:
+        Learner(config, objective).learn(1, replay.draw(), folder)
+    assert "without top-p and top-k" in error.value.hint
 
 
 def test_what_does_not_fit_is_one_line(model: Path, tmp_path: Path) -> None:

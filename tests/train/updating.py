@@ -27,6 +27,7 @@ CASES: dict[str, tuple[dict[str, Any], Objective]] = {
     "one_odd_batch": ({"batch": 7}, FilteredBC()),  # two processes: one has a sample too few
     "adapters": ({"batch": 7, "lora": {"rank": 4, "alpha": 8}}, FilteredBC()),
     "groups": ({"batch": 4}, GroupIS()),
+    "chunks": ({"batch": 4, "micro_batch": 1, "logit_tokens": 3}, FilteredBC()),
 }
 
 

@@ -257,7 +257,7 @@ class LocalPolicy:
 
         model = self._loaded.model
         try:
-            weights = load_file(path, device=self.config.device)
+            weights = load_file(path)  # into the model tensor by tensor: a device may not hold them twice
             current = model.state_dict()
             missing = sorted(set(current) - set(weights) - set(model.all_tied_weights_keys or ()))
             if missing:

@@ -94,8 +94,8 @@ def keep_freed_memory() -> None:
 
 
 def fast_backward_attention(device: torch.device | str) -> AbstractContextManager[None]:
-    """Context for a forward pass in training: on the CPU, selects the attention with the faster backward
-    pass.
+    """Context for a forward pass in training, and for its backward pass if that recomputes activations: on
+    the CPU, selects the attention with the faster backward pass.
 
     torch's flash attention on the CPU is fast forward, but its backward pass took a third of a tiny model's
     update.

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any, Literal, TypeAlias
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from webgym.settings import Settings
 
@@ -56,7 +57,7 @@ class LoraConfig(Settings):
     rank: int = Field(default=32, ge=1)
     """Rank of each adapter."""
 
-    alpha: float = Field(default=64, gt=0)
+    alpha: float = Field(default=64, gt=0, allow_inf_nan=False)
     """The adapters' output is scaled by alpha / rank."""
 
     dropout: float = Field(default=0.0, ge=0, lt=1)
@@ -65,11 +66,20 @@ class LoraConfig(Settings):
     targets: str = r".*language_model.*\.(q_proj|k_proj|v_proj|o_proj|gate_proj|up_proj|down_proj)"
     """Regular expression for the names of the modules that get an adapter."""
 
+    @field_validator("targets")
+    @classmethod
+    def _is_regular(cls, value: str) -> str:
+        try:
+            re.compile(value)
+        except re.error as error:
+            raise ValueError(f"{value!r} is no regular expression: {error}") from error
+        return value
+
 
 class UpdateConfig(Settings):
     """Settings of the weight update."""
 
-    learning_rate: float = Field(default=1e-6, gt=0)
+    learning_rate: float = Field(default=1e-6, gt=0, allow_inf_nan=False)
     """Peak learning rate of the schedule."""
 
     schedule: Literal["constant", "cosine"] = "constant"
@@ -90,10 +100,10 @@ class UpdateConfig(Settings):
     betas: tuple[float, float] = (0.9, 0.999)
     """Coefficients of AdamW's moments."""
 
-    weight_decay: float = Field(default=0.01, ge=0)
+    weight_decay: float = Field(default=0.01, ge=0, allow_inf_nan=False)
     """AdamW's weight decay of matrices; biases and norms have none."""
 
-    max_grad_norm: float = Field(default=1.0, gt=0)
+    max_grad_norm: float = Field(default=1.0, gt=0, allow_inf_nan=False)
     """Gradients are clipped to this norm."""
 
     precision: Precision = "bf16"
@@ -119,13 +129,17 @@ class UpdateConfig(Settings):
     logit_tokens: int = Field(default=1024, ge=1)
     """Reply tokens whose logits are in memory at once, per process."""
 
-    seed: int = 0
+    seed: int = Field(default=0, ge=0, lt=2**32)
     """Seed of the order of steps and of dropout."""
 
     @model_validator(mode="after")
     def _check_schedule(self) -> UpdateConfig:
         if self.schedule == "cosine" and self.total_steps is None:
             raise ValueError("a cosine schedule needs total_steps")
+        if self.schedule == "cosine" and (self.total_steps or 0) <= self.warmup_steps:
+            raise ValueError("total_steps must be above warmup_steps")
+        if not all(0 <= beta < 1 for beta in self.betas):
+            raise ValueError("betas must be at least 0 and below 1")
         return self
 
 

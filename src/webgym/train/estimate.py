@@ -9,6 +9,7 @@ them trained, G GPUs, b bytes a weight, and t tokens in a micro-batch of the lon
     activations  t L (2 bytes) (4 h + 2 q + 2 kv + 4 i), and the vision tower's likewise;
                  with gradient checkpointing t L 2 h and one layer whole
     logits       3 c V (4 bytes)        c reply tokens at once, vocabulary V: logits, their softmax, gradient
+    local model  N b                    if one replies in this process, with its own b
 
     (L layers of width h; q and kv the widths of queries and of keys and values; i of the MLP)
 
@@ -23,6 +24,7 @@ reply tokens only. Activations are a rule of thumb for fused attention in bf16 a
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -32,6 +34,7 @@ import torch
 from pydantic import Field
 
 from webgym.core.errors import ConfigError
+from webgym.inference.local import LocalConfig
 from webgym.inference.model import loading
 from webgym.settings import Settings
 from webgym.train.config import LearnConfig
@@ -89,6 +92,18 @@ KNOWN_GPUS: Final = {
     "b200": Gpus(memory_gib=180, peak_tflops=2250),
 }
 """Peaks from NVIDIA's data sheets, for dense bf16."""
+
+
+def present_gpus() -> Gpus | None:
+    """The GPUs that this process was launched to train on; ``None`` if there is none."""
+    if not torch.cuda.is_available():
+        return None
+    shards = (os.environ.get(f"ACCELERATE_USE_{name}") == "true" for name in ("FSDP", "DEEPSPEED"))
+    return Gpus(
+        count=int(os.environ.get("WORLD_SIZE") or 1),
+        memory_gib=torch.cuda.get_device_properties(0).total_memory / GIB,
+        sharded=any(shards),
+    )
 
 
 class Workload(Settings):
@@ -244,7 +259,12 @@ def shapes_from(config: Any) -> Shapes:
 
 
 def estimate(
-    config: LearnConfig, gpus: Gpus, workload: Workload | None = None, shapes: Shapes | None = None
+    config: LearnConfig,
+    gpus: Gpus,
+    workload: Workload | None = None,
+    shapes: Shapes | None = None,
+    *,
+    local: LocalConfig | None = None,
 ) -> Estimate:
     """Estimate an update with these settings on these GPUs; see the module for the formulas.
 
@@ -253,6 +273,7 @@ def estimate(
         gpus: to compute with.
         workload: size of steps; by default the paper's at 1280 x 768.
         shapes: of the model; by default read from its folder or the hub.
+        local: the model that replies in this process, if there is one.
 
     Raises:
         ConfigError: the model is not supported, or there is no such objective.
@@ -284,6 +305,8 @@ def estimate(
         + size.text.activation_bytes(micro * longest, checkpointing=update.gradient_checkpointing),
         "logits": 3 * 4.0 * update.logit_tokens * size.vocabulary,
     }
+    if local is not None and local.device != "cpu":
+        memory["local model"] = size.parameters * (4.0 if local.dtype == "float32" else 2.0)
     samples = replay.steps * replay.passes
     forward = size.text.forward_flops(tokens, tokens, causal=True)
     forward += 2.0 * work.reply_tokens * size.embeddings / 2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 
@@ -17,6 +17,16 @@ from webgym.train.objectives import Objective
 from webgym.train.replay import ReplaySample, StepRef
 from webgym.train.samples import Sample, SampleMaker
 from webgym.train.update import Updater
+
+_TOKENS: Final = "the stored tokens are not this model's; see docs/training.md on the token contract"
+_HINTS: Final = {
+    "altered_sampling": "the objective needs replies of the full distribution: configs/train/group-is.yaml "
+    "has sampling without top-p and top-k",
+    "no_logprobs": "the objective needs log-probabilities, and the endpoint gives none",
+    "too_long": "raise learn.update.cutoff_tokens in config.yaml, then resume with --resume",
+    "gone": "their attempts were set aside after the draw",
+}
+"""What to do about the most frequent reason; otherwise :data:`_TOKENS`."""
 
 
 class Learner:
@@ -39,6 +49,13 @@ class Learner:
         Raises:
             TrainingError: every step was dropped, or the loss is not finite.
         """
+        try:
+            return self._learn(number, draw, folder)
+        except BaseException:
+            self._updater = None  # its weights may be past those that were saved
+            raise
+
+    def _learn(self, number: int, draw: ReplaySample, folder: TrainingFolder) -> Mapping[str, Any]:
         updater = self._ready(folder)
         objective, config = self._objective, self._config.update
         maker = SampleMaker(
@@ -52,7 +69,7 @@ class Learner:
         if not samples:
             raise TrainingError(
                 f"all {len(draw.steps)} steps were dropped: {dict(dropped)}",
-                hint="the stored tokens are not this model's; see docs/training.md on the token contract",
+                hint=_HINTS.get(dropped.most_common(1)[0][0], _TOKENS),
             )
         report = updater.update(samples, passes=self._config.replay.passes)
         updater.save(folder.weights(number))

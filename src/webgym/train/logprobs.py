@@ -143,10 +143,21 @@ class ReplyLogProbs(nn.Module):
         if ranked:
             best = head(hidden).float().log_softmax(-1).topk(2)
             return torch.stack([best.values, best.indices.float()], dim=1)
-        pieces = zip(
-            *(tensor.split(self._chunk) for tensor in (hidden, batch.targets, batch.temperature)), strict=True
-        )
-        return torch.cat([checkpoint(_logprobs, head, *piece, use_reentrant=False) for piece in pieces])
+        tokens = (hidden, batch.targets, batch.temperature)
+        pieces = list(zip(*(tensor.split(self._chunk) for tensor in tokens), strict=True))
+        # ZeRO's stage 3 gathers the head's weights in every call: all processes call it equally often.
+        more = _most_of_any_process(len(pieces), hidden.device) - len(pieces)
+        pieces += [tuple(tensor[:1] for tensor in tokens)] * more
+        found = torch.cat([checkpoint(_logprobs, head, *piece, use_reentrant=False) for piece in pieces])
+        return found[: len(hidden)]
+
+
+def _most_of_any_process(count: int, device: torch.device) -> int:
+    if not torch.distributed.is_initialized():
+        return count
+    most = torch.tensor(count, device=device)
+    torch.distributed.all_reduce(most, torch.distributed.ReduceOp.MAX)
+    return int(most)
 
 
 def _logprobs(

@@ -95,7 +95,7 @@ class EvaluationConfig(Section):
 class TrainConfig(Section):
     """The config of a training, stored in resolved form as ``config.yaml`` in its folder. No secrets."""
 
-    seed: int = 0
+    seed: int = Field(default=0, ge=0)
     """Seed of the draws of tasks and steps, and of the attempts."""
 
     learn: LearnConfig

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import warnings
 from collections.abc import AsyncIterator, Sequence
-from contextlib import ExitStack, asynccontextmanager
+from contextlib import ExitStack, asynccontextmanager, suppress
 from pathlib import Path
 
 import yaml
@@ -15,19 +15,22 @@ from webgym.core.errors import ConfigError, RunFolderError
 from webgym.inference.local import LocalConfig
 from webgym.inference.model import load_renderer
 from webgym.judge.factory import check_judge, refuse_unjudgeable
+from webgym.llm.config import altering
 from webgym.rollout.files import CONFIG
 from webgym.rollout.trackers import tracking
 from webgym.run_config import Secrets, resolved
 from webgym.run_services import services
 from webgym.settings import load_settings, validated
 from webgym.task_choice import all_tasks
+from webgym.train.estimate import estimate, present_gpus
 from webgym.train.folder import TrainingFolder
 from webgym.train.learner import Learner
 from webgym.train.loop import Show, Tell, TrainConfig, Training
-from webgym.train.objectives import GroupIS, make_objective
+from webgym.train.objectives import GroupIS, Objective, make_objective
 from webgym.train.replay import Replay
 from webgym.train.serving import LocalServing, Serving
 from webgym.train.vllm_serving import VllmServing
+from webgym.train.weights import check_targets
 
 
 @asynccontextmanager
@@ -63,6 +66,7 @@ async def open_training(
             "group_is compares attempts at the same task, and rollout.samples is 1",
             hint="set rollout.samples to 2 or more; configs/train/group-is.yaml has 8",
         )
+    _refuse_unusable_replies(config, objective)
     serving = make_serving(config, folder)
     # Stored in resolved form, so that defaults of unset settings cannot change when it is resumed.
     config = config.model_copy(update={"rollout": resolved(config.rollout, serving.policy, tell)})
@@ -80,12 +84,19 @@ async def open_training(
         tell=tell,
     )
     await asyncio.to_thread(load_renderer, config.learn.model)
+    if config.learn.update.lora is not None:
+        await asyncio.to_thread(check_targets, config.learn.update.lora, config.learn.model)
+    failed = tell or (lambda line: warnings.warn(line, stacklevel=1))
+    if (gpus := present_gpus()) is not None:
+        with suppress(ConfigError, AttributeError):  # of a model whose memory cannot be estimated
+            expected = await asyncio.to_thread(estimate, config.learn, gpus, local=config.local)
+            if not expected.fits:
+                failed(f"an update may run out of GPU memory: {' '.join(expected.lines()[1].split())}")
     refuse_unjudgeable(config.rollout.judge, tasks)
     if config.rollout.policy.check:
         await check_judge(
             config.rollout.judge
         )  # only once: iterations tolerate a judge that is temporarily unavailable
-    failed = tell or (lambda line: warnings.warn(line, stacklevel=1))
     with ExitStack() as lock:
         if resume:  # before a server is touched that another process may be training with
             lock.enter_context(folder.locked())
@@ -98,6 +109,31 @@ async def open_training(
             ) as track:
                 training.use(where, tokens, track)
                 yield training
+
+
+def _refuse_unusable_replies(config: TrainConfig, objective: Objective) -> None:
+    """Refuse settings with which every step would be collected, and then left out.
+
+    Raises:
+        ConfigError: replies do not come from the full distribution, or are too old.
+    """
+    served = config.vllm or config.local or LocalConfig(path=config.learn.model)
+    name = Path(served.path if isinstance(served, LocalConfig) else config.learn.model).name
+    profile = choose_profile(config.rollout.agent.profile, name)
+    sampling = profile.sampling_of(served.sampling).body()
+    altered = altering(sampling) or ["temperature"] * (sampling.get("temperature") == 0)
+    if objective.off_policy and altered:
+        raise ConfigError(
+            f"{config.learn.objective.name} needs replies of the full distribution, and the sampling sets "
+            f"{', '.join(altered)}",
+            hint="set top_p to 1 and extra_body.top_k to -1, as configs/train/group-is.yaml does",
+        )
+    if objective.max_age is not None and config.loop.staleness > objective.max_age:
+        raise ConfigError(
+            f"loop.staleness is {config.loop.staleness}, and {config.learn.objective.name} leaves out steps "
+            f"that are more than {objective.max_age} updates old",
+            hint="lower loop.staleness, or raise staleness in learn.objective.options",
+        )
 
 
 def make_serving(config: TrainConfig, folder: TrainingFolder) -> Serving:

@@ -22,16 +22,17 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import torch
 from accelerate import Accelerator
-from accelerate.utils import DistributedType, gather_object, reduce, set_seed
+from accelerate.utils import DistributedType, InitProcessGroupKwargs, gather_object, reduce, set_seed
 
 from webgym.core.errors import TrainingError
-from webgym.inference.model import Loaded
+from webgym.inference.model import Loaded, fast_backward_attention
 from webgym.train import zero
 from webgym.train.config import UpdateConfig
 from webgym.train.logprobs import Batch, ReplyLogProbs, collate
@@ -40,7 +41,14 @@ from webgym.train.samples import Sample
 from webgym.train.selftest import NEAR_TIE, REPLY_TOKENS, Greedy, SelfTest, known_messages, known_picture
 from webgym.train.weights import UpdateState, load_trainable, read_optimizer, read_state, save
 
+SAVE_LIMIT = timedelta(hours=2)
+"""How long processes wait for each other, as for the first, which writes weights and optimizer; NCCL's own
+limit is 10 minutes."""
 WHOLE = {"full_state_dict": True, "cpu_offload": True}
+_LOWER_RATE = (
+    "nothing of this update was saved: lower learn.update.learning_rate in config.yaml, "
+    "then resume with --resume"
+)
 
 
 class UpdateReport(msgspec.Struct, frozen=True):
@@ -106,7 +114,9 @@ class Updater:
         self.config = config
         self.objective = objective
         self.source = source.model.name_or_path if isinstance(source, Loaded) else str(source)
-        self.accelerator = Accelerator()  # processes and sharding as accelerate launch says
+        # Processes and sharding as accelerate launch says.
+        self.accelerator = Accelerator(kwargs_handlers=[InitProcessGroupKwargs(timeout=SAVE_LIMIT)])
+        self.accelerator.gradient_accumulation_steps = 1  # the update marks the last micro-batch itself
         self._is_zero = self.accelerator.distributed_type == DistributedType.DEEPSPEED
         if self._is_zero:
             zero.configure(self.accelerator, config)
@@ -140,11 +150,15 @@ class Updater:
         if not samples:
             raise ValueError("there is nothing to train on")
         config, started, objective_sums = self.config, time.perf_counter(), Counter[str]()
+        self.optimizer.zero_grad()  # those of an update that failed
         self._greedy_reply = self._greedy_reply or self._greedy()
         proximal = self._logprobs(samples) if self.objective.off_policy else None
         losses, norms, rate = [], [], 0.0
         self.model.train()
         for batch in self._batches(len(samples), passes):
+            # Dropout depends on the step alone, also after it was resumed from.
+            rank = self.accelerator.process_index
+            torch.manual_seed(random.Random(f"{config.seed}/{self.step}/{rank}").getrandbits(63))
             tokens = sum(len(samples[index].reply_ids) for index in batch)
             rate = learning_rate(config, self.step)
             for group in self.optimizer.param_groups:
@@ -155,7 +169,8 @@ class Updater:
                 with nullcontext() if is_last else self.accelerator.no_sync(self.model):
                     loss, sums = self._loss(samples, micro, proximal)
                     # Gradients are averaged over processes; multiplying by their number gives the sum.
-                    self.accelerator.backward(loss * self.accelerator.num_processes / tokens)
+                    with fast_backward_attention(self.accelerator.device):  # also what is recomputed in it
+                        self.accelerator.backward(loss * self.accelerator.num_processes / tokens)
                 total += loss.detach() / tokens
                 objective_sums.update(sums)
             loss_now = float(reduce(total, "sum"))
@@ -163,8 +178,7 @@ class Updater:
             if not (math.isfinite(loss_now) and math.isfinite(norm)):
                 raise TrainingError(
                     f"the loss of optimizer step {self.step} is {loss_now}, its gradient {norm}",
-                    hint="nothing of this update was saved: lower learn.update.learning_rate in config.yaml, "
-                    "then resume with --resume",
+                    hint=_LOWER_RATE,
                 )
             self.optimizer.step()
             self.optimizer.zero_grad()
@@ -239,6 +253,7 @@ class Updater:
         """Write weights, optimizer and schedule atomically; see :mod:`webgym.train.weights`.
 
         Raises:
+            TrainingError: a weight is not finite. Nothing was saved.
             StoreError: they cannot be written; an earlier folder is intact.
         """
         prefix = "policy."
@@ -248,6 +263,12 @@ class Updater:
         after = self._greedy()
         before, self._greedy_reply = self._greedy_reply or after, after
         if self.accelerator.is_main_process:
+            if not all(map(math.isfinite, after.logprobs)) or not all(
+                bool(value.isfinite().all()) for value in weights.values()
+            ):
+                raise TrainingError(
+                    f"the weights after optimizer step {self.step} are not finite", hint=_LOWER_RATE
+                )
             state = UpdateState(self.step, self.source, self.config.lora is not None)
             save(folder, self.loaded, weights, optimizer, state, self._selftest(before, after))
         self.accelerator.wait_for_everyone()
@@ -300,6 +321,10 @@ class Updater:
 
             options = state_dict.StateDictOptions(**WHOLE)
             state_dict.set_optimizer_state_dict(self.model, self.optimizer.optimizer, saved, options=options)
+            # It brings the settings that it was made with; those of the config apply.
+            decays = (self.config.weight_decay, 0.0)
+            for group, decay in zip(self.optimizer.param_groups, decays, strict=True):
+                group.update(betas=self.config.betas, weight_decay=decay)
 
     def _report(
         self,

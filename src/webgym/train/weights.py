@@ -23,7 +23,7 @@ import torch
 from huggingface_hub import try_to_load_from_cache
 
 from webgym.core.errors import ConfigError, TrainingError
-from webgym.inference.model import Loaded, load_model
+from webgym.inference.model import Loaded, load_model, loading
 from webgym.rollout.files import TORN, disk_errors, sync_folder
 from webgym.train.config import LoraConfig, UpdateConfig
 from webgym.train.selftest import SELFTEST, SelfTest
@@ -56,7 +56,7 @@ def load_trainable(config: UpdateConfig, source: str | Path | Loaded, resume: Pa
 
     Raises:
         ConfigError: there is no such model, or ``lora.targets`` matches no module.
-        TrainingError: the folder to resume from holds the other kind.
+        TrainingError: the folder to resume from holds the other kind, or other adapters.
     """
     if resume is not None and read_state(resume).lora != (config.lora is not None):
         raise TrainingError(
@@ -68,7 +68,9 @@ def load_trainable(config: UpdateConfig, source: str | Path | Loaded, resume: Pa
     loaded = source if isinstance(source, Loaded) else load_model(source, dtype=config.weights)
     model = loaded.model
     if config.gradient_checkpointing:
-        model.gradient_checkpointing_enable()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", FutureWarning)  # about the name that versions to come have for it
+            model.gradient_checkpointing_enable({"use_reentrant": False})
     if config.freeze_vision:
         model.model.visual.requires_grad_(requires_grad=False)
     if config.lora is None:
@@ -78,11 +80,36 @@ def load_trainable(config: UpdateConfig, source: str | Path | Loaded, resume: Pa
         return Loaded(_adapted(model, config.lora, resume), loaded.renderer)
 
 
+def check_targets(config: LoraConfig, source: str) -> None:
+    """Check that there are modules to adapt, on the model without its weights.
+
+    Raises:
+        ConfigError: ``lora.targets`` matches no module.
+    """
+    from transformers import AutoConfig, AutoModelForImageTextToText
+
+    if (Path(source) / "adapter_config.json").is_file():
+        return  # the shapes are those of another model
+    with loading(source) as where, torch.device("meta"):
+        empty = AutoModelForImageTextToText.from_config(AutoConfig.from_pretrained(where))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)  # as above
+        _adapted(empty, config, None)
+
+
 def _adapted(model: Any, config: LoraConfig, resume: Path | None) -> Any:
     import peft  # only where there are adapters
 
     if resume is not None:
-        return peft.PeftModel.from_pretrained(model, str(resume), is_trainable=True)
+        saved = peft.PeftConfig.from_pretrained(str(resume))
+        for name, field in (("rank", "r"), ("alpha", "lora_alpha"), ("targets", "target_modules")):
+            if (before := getattr(saved, field)) != (now := getattr(config, name)):
+                raise TrainingError(
+                    f"{resume} was trained with update.lora.{name} {before}, not {now}",
+                    hint="continue with the same value, or start a new training",
+                )
+        saved.lora_dropout = config.dropout
+        return peft.PeftModel.from_pretrained(model, str(resume), is_trainable=True, config=saved)
     settings = peft.LoraConfig(
         r=config.rank, lora_alpha=config.alpha, lora_dropout=config.dropout, target_modules=config.targets
     )
@@ -176,5 +203,5 @@ def read_state(folder: Path) -> UpdateState:
 
 def read_optimizer(folder: Path) -> dict[str, Any]:
     """Read the optimizer state of a saved folder."""
-    found: dict[str, Any] = torch.load(folder / OPTIMIZER, map_location="cpu", weights_only=True)
+    found: dict[str, Any] = torch.load(folder / OPTIMIZER, map_location="cpu", weights_only=True, mmap=True)
     return found

@@ -38,7 +38,6 @@ def configure(accelerator: Accelerator, config: UpdateConfig) -> None:
     # Load full models, which the engine then shards: models that transformers loads into stage 3 directly are
     # saved under other names.
     unset_hf_deepspeed_config()
-    accelerator.gradient_accumulation_steps = 1  # the update marks the last micro-batch itself
     plugin.deepspeed_config.update(
         train_micro_batch_size_per_gpu=config.micro_batch,
         gradient_accumulation_steps=1,

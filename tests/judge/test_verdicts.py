@@ -123,7 +123,7 @@ def test_unclear_replies(text: str) -> None:
     assert criterion(text) is None
 
 
-@pytest.mark.parametrize("reason", ["length", "LENGTH", "max_tokens", "content_filter: X", "abort", "failed"])
+@pytest.mark.parametrize("reason", ["length", "LENGTH", "max_tokens", "max_output_tokens", "content_filter: X", "abort", "failed"])
 def test_a_reply_that_was_cut_off_holds_no_verdict(reason: str) -> None:
     assert criterion("All there.\nSUCCESS", finish_reason=reason) is None
     assert criterion("All there.\nSUCCESS", finish_reason="stop") is True

@@ -67,6 +67,7 @@ async def test_a_value_of_the_type(endpoint: Endpoint) -> None:
         (says(""), "empty"),
         (says(None), "empty"),
         (says(GOOD, "length"), "cut off"),
+        (says(GOOD, "MAX_TOKENS"), "cut off"),
         (says(GOOD, "content_filter"), "refusal"),
         (says(None, refusal="I'd rather not."), "refusal"),
         (says("<think>hm, " + GOOD), "all thinking"),

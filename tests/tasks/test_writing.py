@@ -192,6 +192,7 @@ REFUSED: list[tuple[str | Completion, str]] = [
     (rubric(["The tent costs under $150"]), "150"),
     (rubric(["Click on the tent"]), "step"),
     (completion(GOOD, finish_reason="length"), "cut off"),
+    (completion(GOOD, finish_reason="max_tokens"), "cut off"),
     (completion("", refusal="No."), "refusal"),
     (completion("", finish_reason="content_filter"), "refusal"),
 ]
@@ -259,6 +260,7 @@ async def test_a_rewritten_task_is_taken() -> None:
         ("", "empty"),
         (" \n", "empty"),
         (completion(FINE, finish_reason="length"), "cut off"),
+        (completion(FINE, finish_reason="max_tokens"), "cut off"),
         (completion("", refusal="No."), "refusal"),
         ("I'm sorry, but I can't help with that.", "refusal"),
         (f"Here is the rewritten task: {FINE}", "introduction"),

@@ -92,6 +92,8 @@ def test_a_reply_ends_as_its_finish_reason_says(instruct: Renderer) -> None:
     assert dropped(instruct, stored(instruct, "click", finish_reason="length")) == "reply_end"
     cut = made(instruct, stored(instruct, "click", reply_ids=bare, finish_reason="length"))
     assert cut.reply_ids.tolist() == bare
+    assert made(instruct, stored(instruct, "click", reply_ids=bare, finish_reason="max_tokens"))
+    assert rebuild_reply(instruct, Reply("click", "p", "max_tokens"), []) == bare
     # A server may end a reply at a string of one's own, which is no token of the reply.
     assert made(instruct, stored(instruct, "click", reply_ids=bare, sampling={"stop": ["\n"]}))
 

@@ -13,7 +13,7 @@ import msgspec
 
 from webgym.core.errors import LLMUnusable
 from webgym.core.task import FactGroup, Rubric, Task
-from webgym.core.trajectory import ended_by
+from webgym.core.trajectory import ended_by, was_cut_off
 from webgym.core.websites import host_of
 from webgym.llm.completion import Completes, Completion
 from webgym.llm.structured import ask_for
@@ -214,6 +214,6 @@ def _without_thinking(text: str) -> str:
 def _no_text(completion: Completion, text: str) -> str | None:
     if completion.refusal or ended_by(completion.finish_reason) == "filter":
         return "it is a refusal, not the text of a task."
-    if completion.finish_reason == "length":
+    if was_cut_off(completion.finish_reason):
         return "it was cut off before its end. Be briefer."
     return None if text else "it is empty."

@@ -114,14 +114,20 @@ async def test_memory_is_carried_and_mended() -> None:
     assert "left out 'price'" in third
 
 
-@pytest.mark.parametrize("finish_reason", ["length", "LENGTH", "max_tokens", "max_output_tokens", "model_length"])
+@pytest.mark.parametrize(
+    "finish_reason", ["length", "LENGTH", "max_tokens", "max_output_tokens", "model_length"]
+)
 async def test_what_was_cut_off_is_not_an_action(finish_reason: str) -> None:
     """A compact action does not show where it ends: cut off, it could be another one."""
 
     def cut(text: str) -> Parrot:
         return Parrot(Reply(text, "parrot", finish_reason))
 
-    for text in ("left_click 375 43", "answer The price is 1", "memory 1 = 7 ; progress ; intention ; wait 1"):
+    for text in (
+        "left_click 375 43",
+        "answer The price is 1",
+        "memory 1 = 7 ; progress ; intention ; wait 1",
+    ):
         for prompt_format in ("compact", "compact_official"):
             (step,) = await talk(cut(text), 0, prompt_format=prompt_format)
             assert step.action is None

@@ -193,7 +193,7 @@ def _shown_reply(reply: Reply, profile: Profile) -> Message:
 def thinking_of(reply: Reply, profile: Profile) -> Thinking:
     """How this reply marks its thinking. If the endpoint separated the thinking, none is open at the
     start."""
-    return "tagged" if reply.reasoning else profile.thinking
+    return "tagged" if reply.reasoning or reply.separated else profile.thinking
 
 
 def picture_names(messages: Sequence[Message]) -> set[str]:

@@ -90,6 +90,7 @@ class Reply(msgspec.Struct, frozen=True, omit_defaults=True):
         tokens: the tokens that were read and sampled, which training uses unchanged; ``None`` if the endpoint
             does not return them.
         weight_version: version of the weights that replied; empty if the endpoint does not return it.
+        separated: whether the endpoint separates thinking, even if it found none in this reply.
     """
 
     text: str
@@ -102,6 +103,7 @@ class Reply(msgspec.Struct, frozen=True, omit_defaults=True):
     reasoning: str = ""
     tokens: ReplyTokens | None = None
     weight_version: str = ""
+    separated: bool = False
 
     @property
     def whole(self) -> str:

@@ -29,6 +29,7 @@ class Completion(msgspec.Struct, frozen=True):
         cached: whether it was paid for before: it comes from the cache, or is the reply to an identical
             request that was in flight.
         reasoning: thinking, if the endpoint reports it separately from the text.
+        separated: whether it does, even if there was no thinking.
         tokens: the tokens read and sampled; ``None`` if the endpoint does not return them (vLLM:
             ``return_token_ids``, and ``logprobs``, whose meaning depends on its ``--logprobs-mode``).
         weight_versions: version labels of the weights that sampled the reply, in order; empty if the endpoint
@@ -47,6 +48,7 @@ class Completion(msgspec.Struct, frozen=True):
     reasoning: str = ""
     tokens: ReplyTokens | None = None
     weight_versions: tuple[str, ...] = ()
+    separated: bool = False
 
 
 class Completes(Protocol):
@@ -95,6 +97,8 @@ def read_completion(data: bytes, *, model: str, seconds: float, cached: bool = F
     details = usage.get("prompt_tokens_details")
     prompt_tokens = _count(usage.get("prompt_tokens"))
     cached_tokens = _count(details.get("cached_tokens")) if isinstance(details, dict) else 0
+    fields = (choice.message.reasoning, choice.message.reasoning_content)
+    reasoning = [field for field in fields if isinstance(field, str)]
     return Completion(
         text=_text(choice.message),
         finish_reason=choice.finish_reason or "",
@@ -105,9 +109,10 @@ def read_completion(data: bytes, *, model: str, seconds: float, cached: bool = F
         prompt_tokens_cached=min(cached_tokens, prompt_tokens),
         refusal=choice.message.refusal if isinstance(choice.message.refusal, str) else "",
         cached=cached,
-        reasoning=_reasoning(choice.message),
+        reasoning=next(filter(None, reasoning), ""),
         tokens=_tokens(body.prompt_token_ids, choice),
         weight_versions=_versions(choice.weight_versions),
+        separated=bool(reasoning),
     )
 
 
@@ -144,11 +149,6 @@ def _block(function: _Function) -> str:
     arguments = raw if isinstance(raw, str) else msgspec.json.encode(raw).decode()
     name = msgspec.json.encode(function.name).decode()
     return f'<tool_call>\n{{"name": {name}, "arguments": {arguments or "{}"}}}\n</tool_call>'
-
-
-def _reasoning(message: _Message) -> str:
-    fields = (message.reasoning, message.reasoning_content)
-    return next((field for field in fields if isinstance(field, str)), "")
 
 
 class _Choice(msgspec.Struct):

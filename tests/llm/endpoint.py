@@ -196,6 +196,9 @@ class Endpoint:
     async def do_number(self, request: Request) -> Response:
         return JSONResponse(self.completion(message={"content": 5}))
 
+    async def do_broken_off(self, request: Request) -> Response:
+        return JSONResponse(self.completion(finish_reason="error"))
+
     async def do_surrogate(self, request: Request) -> Response:
         body = '{"choices": [{"message": {"content": "\\ud800"}}]}'
         return Response(body, 200, media_type="application/json")

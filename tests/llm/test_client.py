@@ -13,6 +13,7 @@ from tests.llm.endpoint import Endpoint, serve_raw
 from webgym.core.errors import ConfigError, LLMBadReply, LLMError, LLMTimeout, LLMUnreachable
 from webgym.llm.client import ChatClient
 from webgym.llm.config import ChatConfig, Retry, Sampling
+from webgym.llm.ledger import Ledger
 
 MESSAGES = [{"role": "user", "content": "Hello?"}]
 QUICK = Retry(tries=3, first_seconds=0.01, longest_seconds=0.02)
@@ -146,6 +147,18 @@ async def test_an_endpoint_that_worked_is_waited_for_while_it_is_away(
         assert "2 of 2 requests are sent again: " in client.problem
         endpoint.behaviour = "fine"
         assert [reply.text for reply in await asyncio.gather(*asking)] == ["Hello."] * 2
+
+
+@pytest.mark.parametrize("behaviour", ["broken_off", "number", "surrogate"])
+async def test_a_reply_that_is_paid_for_and_cannot_be_used_counts(endpoint: Endpoint, behaviour: str) -> None:
+    """Also of an endpoint that has worked before."""
+    ledger = Ledger()
+    async with ChatClient(config(endpoint.url("changing")), ledger=ledger) as client:
+        await client.complete(MESSAGES)
+        endpoint.behaviour = behaviour
+        with pytest.raises(LLMBadReply):
+            await client.complete(MESSAGES)
+    assert len(endpoint.requests) == ledger.totals.all.calls == 1 + QUICK.tries
 
 
 async def test_an_endpoint_is_waited_for_no_longer_than_agreed(endpoint: Endpoint) -> None:

@@ -411,3 +411,15 @@ def test_a_compact_reply_has_the_papers_actions_only() -> None:
     with pytest.raises(ValueError, match="compact"):
         AgentConfig(actions="extended", prompt_format="compact")
     assert AgentConfig().actions == "paper"
+
+
+@pytest.mark.parametrize(("before", "after"), [('{"a": ', "}"), ("[", "]")])
+@pytest.mark.parametrize(("depth", "is_read"), [(15, True), (300, False), (900, False), (100_000, False)])
+def test_memory_that_is_nested_too_deeply_is_not_read(
+    before: str, after: str, depth: int, *, is_read: bool
+) -> None:
+    deep = f'{{"a": {before * depth}1{after * depth}}}'
+    parsed = parse_reply(f"Memory: {deep}\nProgress: {deep}\n{call(CLICK)}", "coordinates", "memory")
+    assert isinstance(parsed, ParsedReply)
+    assert parsed.action == CLICKED
+    assert (parsed.memory is not None, parsed.progress is not None) == (is_read, is_read)

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import json
 import re
-from typing import Any, NoReturn
+from typing import Any, Final, NoReturn
 
 import msgspec
 
@@ -39,6 +39,8 @@ _HEADING = re.compile(
 )
 _TAG = re.compile("|".join((_THINK, _END_THINK, _CALL)))
 _FENCE = re.compile(r"```[a-zA-Z]{0,16}\s*\n?")
+_MOST_DEPTH: Final = 20
+"""Most levels of memory and progress: what is deeper cannot be compared, written or stored."""
 
 
 class ParsedReply(msgspec.Struct, frozen=True):
@@ -46,7 +48,7 @@ class ParsedReply(msgspec.Struct, frozen=True):
 
     Attributes:
         action: the action.
-        memory: the Memory object; ``None`` if it was missing or not a JSON object.
+        memory: the Memory object; ``None`` if it was missing, not a JSON object, or too deep.
         progress: the Progress object; ``None`` likewise.
         intention: the current subtask; empty if none was named.
         description: the Action sentence; empty if there was none.
@@ -222,7 +224,14 @@ def _object_or_none(text: str) -> dict[str, Any] | None:
         value = _read_json(_without_fence(text))
     except Refused:
         return None
-    return value if isinstance(value, dict) else None
+    return value if isinstance(value, dict) and not _is_deep(value, _MOST_DEPTH) else None
+
+
+def _is_deep(value: Any, levels: int) -> bool:
+    if not isinstance(value, dict | list):
+        return False
+    inner = value.values() if isinstance(value, dict) else value
+    return levels == 0 or any(_is_deep(each, levels - 1) for each in inner)
 
 
 def _line(text: str) -> str:

@@ -248,8 +248,9 @@ async def test_an_inferred_website_changes_nothing_about_the_rubric() -> None:
 FINE = "Find a tent under $200 for 4 people and give its weight."
 
 
-async def test_a_rewritten_task_is_taken() -> None:
-    model = Says(f"\n{FINE}\n")
+@pytest.mark.parametrize("thought", ["", "<think>Hm.</think>", "The template opened this.</think>\n"])
+async def test_a_rewritten_task_is_taken(thought: str) -> None:
+    model = Says(f"{thought}\n{FINE}\n")
     assert await rewrite(model, TASK, GROUPS[:1]) == FINE
     assert len(model.asked) == 1
 

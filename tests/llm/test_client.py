@@ -210,6 +210,12 @@ async def test_a_retry_after_beyond_the_deadline_fails_at_once(endpoint: Endpoin
     assert len(endpoint.requests) == 1
 
 
+@pytest.mark.parametrize("value", ["Fri, 31 Dec 9999 23:59:59 +99999999999999", "1.5", "soon"])
+async def test_a_retry_after_that_is_no_time_is_none(endpoint: Endpoint, value: str) -> None:
+    endpoint.fails_left, endpoint.retry_after = 1, value
+    assert await ask(endpoint.url("flaky")) == "Hello."
+
+
 async def test_pauses_grow_and_are_spread(endpoint: Endpoint, monkeypatch: pytest.MonkeyPatch) -> None:
     pauses: list[float] = []
     sleep: Callable[[float], Any] = asyncio.sleep
@@ -291,6 +297,19 @@ async def test_the_key_is_sent_and_never_told(endpoint: Endpoint, monkeypatch: p
         await client.complete(MESSAGES)
         assert "secret" not in f"{client.config!r} {client.__dict__!r} {settings.model_dump_json()}"
     assert endpoint.headers[1]["authorization"] == "Bearer sk-other-secret"
+
+
+@pytest.mark.parametrize("behaviour", ["echo", "echo_page"])
+async def test_a_key_that_the_endpoint_repeats_is_not_told(
+    endpoint: Endpoint, monkeypatch: pytest.MonkeyPatch, behaviour: str
+) -> None:
+    monkeypatch.setenv("WEBGYM_API_KEY", "sk-very-secret")
+    with pytest.raises(LLMBadReply, match=r"\*\*\*") as caught:
+        await ask(endpoint.url(behaviour))
+    assert "secret" not in str(caught.value)
+    monkeypatch.setenv("WEBGYM_API_KEY", "key")  # no secret
+    with pytest.raises(LLMBadReply, match="key"):
+        await ask(endpoint.url(behaviour))
 
 
 def test_a_key_that_is_no_header(monkeypatch: pytest.MonkeyPatch) -> None:

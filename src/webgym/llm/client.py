@@ -45,6 +45,8 @@ _RETRIED_STATUSES: Final = frozenset({408, 429, 500, 502, 503, 504, 529})
 _OVERLOADED_STATUSES: Final = frozenset({429, 503, 529})
 _QUOTA: Final = "insufficient_quota"
 """Error code of a 429 that waiting does not resolve."""
+_SHORTEST_KEY: Final = 8
+"""Shorter keys (``EMPTY``) are not looked for in messages."""
 _SLOW_SECONDS: Final = 30.0
 """A request in flight for longer is reported as a problem."""
 _MOST_DOUBLINGS: Final = 60
@@ -182,7 +184,8 @@ class ChatClient:
             return read_completion(reply.body, model=self.config.model, seconds=reply.seconds, cached=cached)
         except NoCompletion as error:
             hint = f"does the endpoint speak the OpenAI chat API at {self._url}?"
-            raise LLMBadReply(f"{self._where()} sent {error}", hint=hint) from error
+            what = self._without_key(str(error).encode(errors="replace")).decode()
+            raise LLMBadReply(f"{self._where()} sent {what}", hint=hint) from error
 
     # --- sending and accounting -------------------------------------------------------------------------
 
@@ -388,6 +391,7 @@ class ChatClient:
 
     def _refusal(self, response: httpx.Response, data: bytes) -> LLMError | _TemporaryFailure:
         status = response.status_code
+        data = self._without_key(data)
         reason = error_message(data) or quote(data)
         error = EndpointRefused(
             f"{self._where()} answered {status} {response.reason_phrase}".rstrip()
@@ -401,6 +405,11 @@ class ChatClient:
             return self._temporary(error) if status == 404 or status >= 502 else error
         pause = _retry_after(response.headers.get("retry-after", ""))
         return _TemporaryFailure(error, pause, is_refusal=status in _OVERLOADED_STATUSES)
+
+    def _without_key(self, data: bytes) -> bytes:
+        """A body that is to be quoted, without the key. A short one is no secret but stands for none."""
+        key = self._key.get_secret_value().encode()
+        return data.replace(key, b"***") if len(key) >= _SHORTEST_KEY else data
 
     def _advice(self, status: int) -> str:
         if status in (401, 403):
@@ -494,7 +503,7 @@ def _retry_after(value: str) -> float:
     if value.isascii() and value.isdecimal():
         return float(value[:9])
     try:
-        at = email.utils.parsedate_to_datetime(value)
-    except ValueError:
+        at = email.utils.parsedate_to_datetime(value).timestamp()
+    except (ValueError, OverflowError):
         return 0.0
-    return max(0.0, at.timestamp() - time.time())
+    return max(0.0, at - time.time())

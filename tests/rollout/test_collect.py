@@ -296,6 +296,16 @@ async def test_a_run_that_cannot_start_says_so_before_it_makes_attempts(tmp_path
         await resume(tmp_path / "nowhere")
 
 
+async def test_several_samples_with_one_seed_are_refused(tmp_path: Path) -> None:
+    fixed = Sampling(extra_body={"seed": 7})
+    chat = ChatConfig(base_url="http://127.0.0.1:9/v1", model="tiny", sampling=fixed)
+    asked = RunConfig(samples=4, policy=PolicyChoice(chat=chat))
+    with pytest.raises(ConfigError, match="fixed seed") as caught:
+        await collect(asked, tmp_path / "run")
+    assert "\n" not in str(caught.value)
+    assert resolved(asked.model_copy(update={"samples": 1}), None, None).policy.chat is not None
+
+
 async def test_every_attempt_may_be_late_at_any_moment(tmp_path: Path, served: Served) -> None:
     """The grace period is over at once, whatever the attempts are doing: opening, acting, closing."""
     file = task_file(tmp_path, 6)

@@ -24,6 +24,7 @@ from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply, Trajectory
 from webgym.core.websites import host_of
+from webgym.llm.config import ChatConfig, Sampling
 from webgym.offline.app import serving
 from webgym.offline.config import SitesConfig
 from webgym.offline.web import OfflineWeb
@@ -32,7 +33,15 @@ from webgym.rollout.config import AttemptConfig, CollectorConfig
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import Summary
-from webgym.run_config import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice, read_config
+from webgym.run_config import (
+    PolicyChoice,
+    RunConfig,
+    Secrets,
+    ServerChoice,
+    TaskChoice,
+    read_config,
+    resolved,
+)
 from webgym.run_services import services
 from webgym.runs import Show, collect, resume
 from webgym.tasks.formats import write_tasks

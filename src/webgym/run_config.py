@@ -207,8 +207,8 @@ def resolved(config: RunConfig, policy: Policy | None, tell: Tell | None) -> Run
         extra = chat.sampling.extra_body
         if seeds := [name for name in ("seed", "sampling_seed") if extra.get(name) is not None]:
             raise ConfigError(
-                f"with a fixed {seeds[0]} in policy.chat.sampling.extra_body, the {config.samples} samples of a"
-                " task would be one sample",
+                f"with a fixed {seeds[0]} in policy.chat.sampling.extra_body, the {config.samples} samples of"
+                " a task would be one sample",
                 hint="leave it out, or set samples to 1",
             )
     if policy is None and chat is not None:

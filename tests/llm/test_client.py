@@ -152,8 +152,8 @@ async def test_an_endpoint_that_worked_is_waited_for_while_it_is_away(
 @pytest.mark.parametrize("behaviour", ["broken_off", "number", "surrogate"])
 async def test_a_reply_that_is_paid_for_and_cannot_be_used_counts(endpoint: Endpoint, behaviour: str) -> None:
     """Also of an endpoint that has worked before."""
-    ledger = Ledger()
-    async with ChatClient(config(endpoint.url("changing")), ledger=ledger) as client:
+    ledger, retry = Ledger(), QUICK.model_copy(update={"patience_seconds": 0.5})
+    async with ChatClient(config(endpoint.url("changing"), retry=retry), ledger=ledger) as client:
         await client.complete(MESSAGES)
         endpoint.behaviour = behaviour
         with pytest.raises(LLMBadReply):

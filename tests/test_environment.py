@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import pytest
 
 import webgym
-from webgym import Environment, SyncEnvironment
+from webgym import Environment, SyncEnvironment, conformance
 from webgym.agent.config import AgentConfig
 from webgym.agent.solver import Solver
 from webgym.core.action import Answer, Hover, Scroll, Target
@@ -185,6 +185,27 @@ async def test_an_episode_without_a_reward_may_be_an_error() -> None:
         with pytest.raises(EpisodeLost, match="policy_error: none of 4 replies holds an action"):
             await env.step("no")
         await env.reset()
+
+
+async def test_a_second_step_at_the_same_time_is_refused_and_the_episode_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    step = conformance._Session.step
+
+    async def waits(*given: Any) -> Any:
+        await asyncio.sleep(0)
+        return await step(*given)
+
+    monkeypatch.setattr(conformance._Session, "step", waits)
+    async with stand_in_environment() as env:
+        await env.reset()
+        calls = (env.step(Scroll("down")), env.step(Scroll("up")), env.finish())
+        first, *others = await asyncio.gather(*calls, return_exceptions=True)
+        assert [type(each) for each in others] == [UsageError] * 2
+        assert not isinstance(first, BaseException)
+        assert (first[4]["step"], first[4]["is_over"]) == (1, False)
+        *_, info = await env.step(Scroll("up"))
+        assert info["step"] == 2
 
 
 async def test_an_episode_that_its_policy_leaves_is_judged_as_a_spent_budget() -> None:

@@ -279,7 +279,8 @@ class Environment:
             info: :data:`Info`.
 
         Raises:
-            UsageError: there is no episode, or it is over; or this is no action, and the episode continues.
+            UsageError: there is no episode, or it is over; or another step is running, or this is no action,
+                and the episode continues.
             EpisodeLost: there is no reward, and ``on_fault`` is ``raise``.
         """
         return await self._advance(self._as_reply(action))
@@ -297,8 +298,12 @@ class Environment:
         episode = self._episode
         if episode is None or episode.is_over:
             raise UsageError("there is no episode to step", hint="call reset first")
+        if episode.is_stepping:
+            raise UsageError("a step of this episode is still running", hint="await it first")
+        episode.is_stepping = True
         try:
             is_over = await episode.step(reply)
+            episode.is_stepping = False
         except BaseException:  # cancelled: the episode cannot continue
             await self.abandon()
             raise
@@ -395,6 +400,7 @@ class _Episode:
         self._session: BrowserSession | None = None
         self._finalizer: weakref.finalize[Any, _Episode] | None = None
         self._seen_at = 0.0
+        self.is_stepping = False
         self._parse_error = ""
         self._trajectory: Trajectory | None = None
         self.view: View

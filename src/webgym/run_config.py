@@ -13,7 +13,7 @@ from webgym.agent.policy import Policy
 from webgym.agent.profile import Profile
 from webgym.agent.profiles import choose_profile, profile_of
 from webgym.browser.config import BrowserConfig
-from webgym.core.errors import RunFolderError
+from webgym.core.errors import ConfigError, RunFolderError
 from webgym.judge.config import JudgeChoice
 from webgym.llm.config import ChatConfig
 from webgym.offline.config import SitesConfig
@@ -191,7 +191,7 @@ def resolved(config: RunConfig, policy: Policy | None, tell: Tell | None) -> Run
         tell: called with a warning if no profile matches the model.
 
     Raises:
-        ConfigError: the config names an unknown profile.
+        ConfigError: the config names an unknown profile, or asks for several samples with one seed.
     """
     from webgym.offline.web import COLLECTIONS  # costs what all families do; `--help` needs none of them
 
@@ -203,6 +203,14 @@ def resolved(config: RunConfig, policy: Policy | None, tell: Tell | None) -> Run
         viewport = COLLECTIONS[config.sites.collection].viewport
         update["attempt"] = config.attempt.model_copy(update={"viewport": viewport})
     chat = config.policy.chat
+    if chat is not None and config.samples > 1:
+        extra = chat.sampling.extra_body
+        if seeds := [name for name in ("seed", "sampling_seed") if extra.get(name) is not None]:
+            raise ConfigError(
+                f"with a fixed {seeds[0]} in policy.chat.sampling.extra_body, the {config.samples} samples of"
+                " a task would be one sample",
+                hint="leave it out, or set samples to 1",
+            )
     if policy is None and chat is not None:
         if config.agent.profile is None and profile_of(chat.model) is None:
             warning = f"no profile knows the model {chat.model}: the profile {profile.name} is used"

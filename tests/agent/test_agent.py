@@ -34,7 +34,7 @@ class Parrot:
     name = "parrot"
     wants_elements = False
 
-    def __init__(self, *replies: str | BaseException) -> None:
+    def __init__(self, *replies: str | Reply | BaseException) -> None:
         self.replies = list(replies)
         self.turns: list[PolicyInput] = []
         self.entered = 0
@@ -47,7 +47,7 @@ class Parrot:
         said = self.replies.pop(0)
         if isinstance(said, BaseException):
             raise said
-        return Reply(said, self.name)
+        return said if isinstance(said, Reply) else Reply(said, self.name)
 
     async def __aenter__(self) -> Self:
         self.entered += 1
@@ -112,6 +112,37 @@ async def test_memory_is_carried_and_mended() -> None:
     third = str(policy.turns[2].messages)
     assert '"price": 5, "size": 7' in third
     assert "left out 'price'" in third
+
+
+@pytest.mark.parametrize(
+    "finish_reason", ["length", "LENGTH", "max_tokens", "max_output_tokens", "model_length"]
+)
+async def test_what_was_cut_off_is_not_an_action(finish_reason: str) -> None:
+    """A compact action does not show where it ends: cut off, it could be another one."""
+
+    def cut(text: str) -> Parrot:
+        return Parrot(Reply(text, "parrot", finish_reason))
+
+    for text in (
+        "left_click 375 43",
+        "answer The price is 1",
+        "memory 1 = 7 ; progress ; intention ; wait 1",
+    ):
+        for prompt_format in ("compact", "compact_official"):
+            (step,) = await talk(cut(text), 0, prompt_format=prompt_format)
+            assert step.action is None
+            assert "was too long and was cut off" in step.parse_error
+    (step,) = await talk(cut(SCROLL), 0)
+    assert step.action == Scroll("down"), "its end is marked"
+    (step,) = await talk(cut(SCROLL[:-1]), 0)
+    assert step.parse_error.endswith("; it was too long and was cut off")
+
+
+async def test_a_compact_reply_under_an_unknown_reason_is_the_endpoints_fault() -> None:
+    policy = Parrot(*[Reply("wait 1", "parrot", "paused")] * 2)
+    with pytest.raises(PolicyBadReply, match="paused"):
+        await talk(policy, 0, prompt_format="compact")
+    assert not policy.replies
 
 
 async def test_a_policys_own_errors_pass_and_others_are_wrapped() -> None:

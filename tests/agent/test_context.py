@@ -90,8 +90,16 @@ def test_thoughts_are_left_out_of_the_history() -> None:
     replies = [said(message) for message in messages if message.role == "assistant"]
     assert replies[0].startswith("Memory: {}")
     assert replies[0].endswith("</tool_call>")
-    assert replies[1:] == ["", "Hm."]
+    assert replies[1:] == ["(no reply)", "Hm."]
     assert "Secret" not in str(messages)
+
+
+@pytest.mark.parametrize("prompt_format", ["memory", "official", "compact", "compact_official"])
+def test_no_message_of_a_request_is_empty(prompt_format: str) -> None:
+    """Some endpoints answer it with 400."""
+    rounds = [past(0, text=" "), past(1, text="<think>Hm"), past(2, text="<think>Hm</think>\n")]
+    messages = build(rounds, prompt_format=prompt_format)
+    assert [said(message) for message in messages if message.role == "assistant"] == ["(no reply)"] * 3
 
 
 def test_nothing_hidden_is_told() -> None:

@@ -163,6 +163,8 @@ THOUGHT_CALL = render_reply(CLICK, "memory", description="Perhaps")
         ({"content": f"I could {THOUGHT_CALL}"}, "stop", "unfinished_thinking"),
         ({"content": THOUGHT_CALL, "reasoning_content": "Hm."}, "stop", CLICK),
         ({"content": THOUGHT_CALL, "reasoning": "Hm.", "reasoning_content": None}, "stop", CLICK),
+        ({"content": THOUGHT_CALL, "reasoning_content": ""}, "stop", CLICK),
+        ({"content": THOUGHT_CALL, "reasoning": "", "reasoning_content": "Hm."}, "stop", CLICK),
         ({"content": None, "reasoning_content": f"I could {THOUGHT_CALL} but"}, "length", "no_tool_call"),
     ],
 )

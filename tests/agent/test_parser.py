@@ -13,7 +13,7 @@ from tests.agent.strategies import JSON_OBJECTS, LINES, actions
 
 from webgym.agent.computer_use import keys_of
 from webgym.agent.config import AgentConfig, PromptFormat
-from webgym.agent.parser import ParsedReply, ParseError, parse_reply
+from webgym.agent.parser import ParsedReply, ParseError, parse_reply, without_thinking
 from webgym.agent.prompts import render_reply, tool_declaration
 from webgym.core.action import (
     Action,
@@ -411,3 +411,38 @@ def test_a_compact_reply_has_the_papers_actions_only() -> None:
     with pytest.raises(ValueError, match="compact"):
         AgentConfig(actions="extended", prompt_format="compact")
     assert AgentConfig().actions == "paper"
+
+
+@pytest.mark.parametrize(("before", "after"), [('{"a": ', "}"), ("[", "]")])
+@pytest.mark.parametrize(("depth", "is_read"), [(15, True), (300, False), (900, False), (100_000, False)])
+def test_memory_that_is_nested_too_deeply_is_not_read(
+    before: str, after: str, depth: int, *, is_read: bool
+) -> None:
+    deep = f'{{"a": {before * depth}1{after * depth}}}'
+    parsed = parse_reply(f"Memory: {deep}\nProgress: {deep}\n{call(CLICK)}", "coordinates", "memory")
+    assert isinstance(parsed, ParsedReply)
+    assert parsed.action == CLICKED
+    assert (parsed.memory is not None, parsed.progress is not None) == (is_read, is_read)
+
+
+@pytest.mark.parametrize(
+    ("start", "end"),
+    [
+        ("<thinking>", "</thinking>"),
+        ("<THINK>", "</THINK>"),
+        ("<thought>", "</thought>"),
+        ("[THINK]", "[/THINK]"),
+        ("◁think▷", "◁/think▷"),
+    ],
+)
+def test_thinking_has_the_tags_of_many_families(start: str, end: str) -> None:
+    perhaps, meant = call({"action": "go_back"}), call(CLICK)
+    assert problem_of(f"{start}Perhaps {perhaps} but no.{end}\nI am not sure.") == "no_tool_call"
+    assert problem_of(f"{start}Perhaps {perhaps}") == "unfinished_thinking"
+    assert problem_of(f"{meant}{start}") == "late_thinking"
+    assert action_of(f"{start}Perhaps {perhaps} but no.{end}\n{meant}") == CLICKED
+    other = "</thought>" if "thought" not in start else "</think>"
+    assert problem_of(f"{start}A tag {other} and {perhaps}{end}") == "no_tool_call"
+    assert without_thinking(f"{start}Hm.{end}Yes.") == "Yes."
+    for text in (f"{start}answer 1", f"{start}wait 1{end}"):
+        assert isinstance(parse_reply(text, "coordinates", "compact"), ParseError)

@@ -60,7 +60,9 @@ def screenshot(number: int, size: tuple[int, int]) -> tuple[str, bytes]:
     return hashlib.sha256(out.getvalue()).hexdigest(), out.getvalue()
 
 
-async def play(endpoint: Copies, store: RunWriter, chat: ChatConfig, **config: Any) -> None:
+async def play(
+    endpoint: Copies, store: RunWriter, chat: ChatConfig, *, empty: int = -1, **config: Any
+) -> None:
     viewport = (690, 388)
     async with Agent(OpenAIPolicy(chat), AgentConfig(**config)) as agent:
         conversation = agent.begin(task(), 0, 15)
@@ -70,6 +72,7 @@ async def play(endpoint: Copies, store: RunWriter, chat: ChatConfig, **config: A
             await store.put_image(name, png)
             thought = "Let me see.</think>\n\n" if agent.profile.thinking == "opened" else ""
             endpoint.text = thought + SAID.replace("12 €", f"{number} €")
+            endpoint.text = "" if number == empty else endpoint.text
             seen = Observation(name, "http://mugs.webgym.test/", "Mugs “ü”", viewport)
             steps.append(await conversation.turn(seen, png, 0))
     named = ("t#0.0", "t", 0, 0, 7, agent.policy.name, 0.0, 1.0)
@@ -93,7 +96,7 @@ async def test_every_request_is_rebuilt_from_the_store(
 ) -> None:
     chat = ChatConfig(base_url=endpoint.url("copies"), model=model)
     async with await RunWriter.create(tmp_path / "run", {}, [replace(task(), id="t")]) as store:
-        await play(endpoint, store, chat, **config)
+        await play(endpoint, store, chat, empty=2, **config)
     reader = RunReader(tmp_path / "run")
     (trajectory,) = reader.trajectories()
     episode = trajectory.episode
@@ -101,6 +104,7 @@ async def test_every_request_is_rebuilt_from_the_store(
     for step, body in zip(episode.steps, endpoint.bodies, strict=True):
         assert msgspec.json.encode(request_of(step, episode.policy, reader.image)) == body
         assert "Let me see" not in str(step.messages)
+        assert all(message["content"] for message in msgspec.json.decode(body)["messages"])
 
 
 async def test_sampling_and_detail_are_the_profiles(endpoint: Copies, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import re
 from typing import Any
 
 import msgspec
@@ -186,12 +187,12 @@ def test_shortened_texts_are_short(text: str, limit: int) -> None:
     "token",
     """<|im_end|> </s> <s> <start_of_turn> <end_of_turn> <start_of_image> <image_soft_token> <image> <img>
     </img> <bos> <eos> <pad> <unk> [INST] [/INST] [IMG] [IMG_END] [SYSTEM_PROMPT] <<SYS>> <</SYS>> <｜User｜>
-    <tool_call> </tool_call> <IMG_CONTEXT> </think>""".split(),
+    <tool_call> </tool_call> <IMG_CONTEXT> </think> </thinking> </thought> [/THINK] ◁/think▷""".split(),
 )
 def test_no_models_control_token_passes_whole(token: str) -> None:
     shown = visible(f"a{token}b")
     assert token not in shown
-    assert shown.replace("< ", "<").replace("[ ", "[") == f"a{token}b"
+    assert re.sub("([<[◁]) ", r"\1", shown) == f"a{token}b"
 
 
 def test_ordinary_brackets_stay() -> None:

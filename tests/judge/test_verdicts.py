@@ -89,6 +89,7 @@ UNCLEAR = [
     f"VERDICT {CODE}: FAILURE",
     "<think>it is there\nSUCCESS",
     "Done.\nSUCCESS\n<think>",
+    "Done.\nSUCCESS\n[THINK]",
     "~~NOT~~ SUCCESS",
     "ЅUCCESS",  # a Cyrillic letter
     # A negation, a condition or a quotation that ends in a line of its own, or contradicts it.
@@ -123,7 +124,9 @@ def test_unclear_replies(text: str) -> None:
     assert criterion(text) is None
 
 
-@pytest.mark.parametrize("reason", ["length", "LENGTH", "max_tokens", "content_filter: X", "abort", "failed"])
+@pytest.mark.parametrize(
+    "reason", ["length", "LENGTH", "max_tokens", "max_output_tokens", "content_filter: X", "abort", "failed"]
+)
 def test_a_reply_that_was_cut_off_holds_no_verdict(reason: str) -> None:
     assert criterion("All there.\nSUCCESS", finish_reason=reason) is None
     assert criterion("All there.\nSUCCESS", finish_reason="stop") is True

@@ -168,6 +168,13 @@ class Endpoint:
     async def do_401(self, request: Request) -> Response:
         return JSONResponse({"error": {"message": "no key"}}, 401)
 
+    async def do_echo(self, request: Request) -> Response:
+        message = f"Invalid API key provided: {request.headers['authorization'].removeprefix('Bearer ')}"
+        return JSONResponse({"error": {"message": message}}, 401)
+
+    async def do_echo_page(self, request: Request) -> Response:
+        return HTMLResponse(f"<p>{request.headers['authorization']}")
+
     async def do_redirect(self, request: Request) -> Response:
         return Response(status_code=307, headers={"Location": self.url("fine")})
 
@@ -195,6 +202,9 @@ class Endpoint:
 
     async def do_number(self, request: Request) -> Response:
         return JSONResponse(self.completion(message={"content": 5}))
+
+    async def do_broken_off(self, request: Request) -> Response:
+        return JSONResponse(self.completion(finish_reason="error"))
 
     async def do_surrogate(self, request: Request) -> Response:
         body = '{"choices": [{"message": {"content": "\\ud800"}}]}'

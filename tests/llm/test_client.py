@@ -13,6 +13,7 @@ from tests.llm.endpoint import Endpoint, serve_raw
 from webgym.core.errors import ConfigError, LLMBadReply, LLMError, LLMTimeout, LLMUnreachable
 from webgym.llm.client import ChatClient
 from webgym.llm.config import ChatConfig, Retry, Sampling
+from webgym.llm.ledger import Ledger
 
 MESSAGES = [{"role": "user", "content": "Hello?"}]
 QUICK = Retry(tries=3, first_seconds=0.01, longest_seconds=0.02)
@@ -148,6 +149,18 @@ async def test_an_endpoint_that_worked_is_waited_for_while_it_is_away(
         assert [reply.text for reply in await asyncio.gather(*asking)] == ["Hello."] * 2
 
 
+@pytest.mark.parametrize("behaviour", ["broken_off", "number", "surrogate"])
+async def test_a_reply_that_is_paid_for_and_cannot_be_used_counts(endpoint: Endpoint, behaviour: str) -> None:
+    """Also of an endpoint that has worked before."""
+    ledger, retry = Ledger(), QUICK.model_copy(update={"patience_seconds": 0.5})
+    async with ChatClient(config(endpoint.url("changing"), retry=retry), ledger=ledger) as client:
+        await client.complete(MESSAGES)
+        endpoint.behaviour = behaviour
+        with pytest.raises(LLMBadReply):
+            await client.complete(MESSAGES)
+    assert len(endpoint.requests) == ledger.totals.all.calls == 1 + QUICK.tries
+
+
 async def test_an_endpoint_is_waited_for_no_longer_than_agreed(endpoint: Endpoint) -> None:
     """Also beyond the deadline of a reply."""
     retry = QUICK.model_copy(update={"patience_seconds": 1.0})
@@ -195,6 +208,12 @@ async def test_a_retry_after_beyond_the_deadline_fails_at_once(endpoint: Endpoin
     with pytest.raises(LLMBadReply, match="429 Too Many Requests: slow down"):
         await ask(endpoint.url("flaky"), total_seconds=5)
     assert len(endpoint.requests) == 1
+
+
+@pytest.mark.parametrize("value", ["Fri, 31 Dec 9999 23:59:59 +99999999999999", "1.5", "soon"])
+async def test_a_retry_after_that_is_no_time_is_none(endpoint: Endpoint, value: str) -> None:
+    endpoint.fails_left, endpoint.retry_after = 1, value
+    assert await ask(endpoint.url("flaky")) == "Hello."
 
 
 async def test_pauses_grow_and_are_spread(endpoint: Endpoint, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -278,6 +297,19 @@ async def test_the_key_is_sent_and_never_told(endpoint: Endpoint, monkeypatch: p
         await client.complete(MESSAGES)
         assert "secret" not in f"{client.config!r} {client.__dict__!r} {settings.model_dump_json()}"
     assert endpoint.headers[1]["authorization"] == "Bearer sk-other-secret"
+
+
+@pytest.mark.parametrize("behaviour", ["echo", "echo_page"])
+async def test_a_key_that_the_endpoint_repeats_is_not_told(
+    endpoint: Endpoint, monkeypatch: pytest.MonkeyPatch, behaviour: str
+) -> None:
+    monkeypatch.setenv("WEBGYM_API_KEY", "sk-very-secret")
+    with pytest.raises(LLMBadReply, match=r"\*\*\*") as caught:
+        await ask(endpoint.url(behaviour))
+    assert "secret" not in str(caught.value)
+    monkeypatch.setenv("WEBGYM_API_KEY", "key")  # no secret
+    with pytest.raises(LLMBadReply, match="key"):
+        await ask(endpoint.url(behaviour))
 
 
 def test_a_key_that_is_no_header(monkeypatch: pytest.MonkeyPatch) -> None:

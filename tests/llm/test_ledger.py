@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from tests.llm.endpoint import Endpoint
 
-from webgym.core.errors import BudgetSpent, ConfigError
+from webgym.core.errors import BudgetSpent, ConfigError, LLMBadReply
 from webgym.llm.cache import ReplyCache
 from webgym.llm.client import ChatClient
 from webgym.llm.config import ChatConfig, Retry, Sampling
@@ -55,6 +55,24 @@ async def test_another_process_is_seen(endpoint: Endpoint, path: Path) -> None:
             async with ChatClient(config(endpoint.url()), cache=cache) as client:
                 await client.complete(ask(number))
         assert two.totals.all.calls == 2
+
+
+@pytest.mark.parametrize("behaviour", ["broken_off", "number"])
+async def test_replies_that_cannot_be_used_are_paid_for(
+    endpoint: Endpoint, path: Path, behaviour: str
+) -> None:
+    settings = config(endpoint.url(behaviour), retry=Retry(tries=2, first_seconds=0.01))
+    async with ReplyCache(path) as cache:
+        ledger = Ledger(cache, prices=TINY)
+        async with ChatClient(settings, cache=cache, ledger=ledger) as client:
+            with pytest.raises(LLMBadReply):
+                await client.complete(ask(0), purpose="websites")
+        spent = ledger.rows["websites", "tiny"]
+        assert spent.calls == len(endpoint.requests)
+        assert spent.tokens == 15 * spent.calls
+        assert spent.dollars == pytest.approx(0.042 * spent.calls)
+        async with ChatClient(config(endpoint.url("fine")), cache=cache, ledger=ledger) as client:
+            assert not (await client.complete(ask(0))).cached
 
 
 async def test_without_a_price_there_are_only_tokens(endpoint: Endpoint) -> None:

@@ -67,6 +67,7 @@ async def test_a_value_of_the_type(endpoint: Endpoint) -> None:
         (says(""), "empty"),
         (says(None), "empty"),
         (says(GOOD, "length"), "cut off"),
+        (says(GOOD, "MAX_TOKENS"), "cut off"),
         (says(GOOD, "content_filter"), "refusal"),
         (says(None, refusal="I'd rather not."), "refusal"),
         (says("<think>hm, " + GOOD), "all thinking"),
@@ -107,7 +108,15 @@ async def test_asking_is_bounded_and_all_replies_are_told(endpoint: Endpoint) ->
 
 
 @pytest.mark.parametrize(
-    "text", [f"```json\n{GOOD}\n```", f"```\n{GOOD}\n```", f"<think>{{}}</think>\n\n{GOOD}", f"\n{GOOD} "]
+    "text",
+    [
+        f"```json\n{GOOD}\n```",
+        f"```\n{GOOD}\n```",
+        f"<think>{{}}</think>\n\n{GOOD}",
+        f"The template opened this.</think>\n\n{GOOD}",
+        f"<think>One </think> tag.</think>{GOOD}",
+        f"\n{GOOD} ",
+    ],
 )
 async def test_fences_and_thinking_are_no_part_of_the_value(endpoint: Endpoint, text: str) -> None:
     endpoint.replies = [says(text)]

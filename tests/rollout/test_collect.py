@@ -24,6 +24,7 @@ from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply, Trajectory
 from webgym.core.websites import host_of
+from webgym.llm.config import ChatConfig, Sampling
 from webgym.offline.app import serving
 from webgym.offline.config import SitesConfig
 from webgym.offline.web import OfflineWeb
@@ -32,7 +33,15 @@ from webgym.rollout.config import AttemptConfig, CollectorConfig
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import Summary
-from webgym.run_config import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice, read_config
+from webgym.run_config import (
+    PolicyChoice,
+    RunConfig,
+    Secrets,
+    ServerChoice,
+    TaskChoice,
+    read_config,
+    resolved,
+)
 from webgym.run_services import services
 from webgym.runs import Show, collect, resume
 from webgym.tasks.formats import write_tasks
@@ -294,6 +303,16 @@ async def test_a_run_that_cannot_start_says_so_before_it_makes_attempts(tmp_path
         await collect(config(file, server=ServerChoice(url="http://127.0.0.1:9")), tmp_path / "c")
     with pytest.raises(RunFolderError):
         await resume(tmp_path / "nowhere")
+
+
+async def test_several_samples_with_one_seed_are_refused(tmp_path: Path) -> None:
+    fixed = Sampling(extra_body={"seed": 7})
+    chat = ChatConfig(base_url="http://127.0.0.1:9/v1", model="tiny", sampling=fixed)
+    asked = RunConfig(samples=4, policy=PolicyChoice(chat=chat))
+    with pytest.raises(ConfigError, match="fixed seed") as caught:
+        await collect(asked, tmp_path / "run")
+    assert "\n" not in str(caught.value)
+    assert resolved(asked.model_copy(update={"samples": 1}), None, None).policy.chat is not None
 
 
 async def test_every_attempt_may_be_late_at_any_moment(tmp_path: Path, served: Served) -> None:

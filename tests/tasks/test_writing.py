@@ -192,6 +192,7 @@ REFUSED: list[tuple[str | Completion, str]] = [
     (rubric(["The tent costs under $150"]), "150"),
     (rubric(["Click on the tent"]), "step"),
     (completion(GOOD, finish_reason="length"), "cut off"),
+    (completion(GOOD, finish_reason="max_tokens"), "cut off"),
     (completion("", refusal="No."), "refusal"),
     (completion("", finish_reason="content_filter"), "refusal"),
 ]
@@ -247,8 +248,9 @@ async def test_an_inferred_website_changes_nothing_about_the_rubric() -> None:
 FINE = "Find a tent under $200 for 4 people and give its weight."
 
 
-async def test_a_rewritten_task_is_taken() -> None:
-    model = Says(f"\n{FINE}\n")
+@pytest.mark.parametrize("thought", ["", "<think>Hm.</think>", "The template opened this.</think>\n"])
+async def test_a_rewritten_task_is_taken(thought: str) -> None:
+    model = Says(f"{thought}\n{FINE}\n")
     assert await rewrite(model, TASK, GROUPS[:1]) == FINE
     assert len(model.asked) == 1
 
@@ -259,6 +261,7 @@ async def test_a_rewritten_task_is_taken() -> None:
         ("", "empty"),
         (" \n", "empty"),
         (completion(FINE, finish_reason="length"), "cut off"),
+        (completion(FINE, finish_reason="max_tokens"), "cut off"),
         (completion("", refusal="No."), "refusal"),
         ("I'm sorry, but I can't help with that.", "refusal"),
         (f"Here is the rewritten task: {FINE}", "introduction"),

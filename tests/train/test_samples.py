@@ -92,6 +92,8 @@ def test_a_reply_ends_as_its_finish_reason_says(instruct: Renderer) -> None:
     assert dropped(instruct, stored(instruct, "click", finish_reason="length")) == "reply_end"
     cut = made(instruct, stored(instruct, "click", reply_ids=bare, finish_reason="length"))
     assert cut.reply_ids.tolist() == bare
+    assert made(instruct, stored(instruct, "click", reply_ids=bare, finish_reason="max_tokens"))
+    assert rebuild_reply(instruct, Reply("click", "p", "max_tokens"), []) == bare
     # A server may end a reply at a string of one's own, which is no token of the reply.
     assert made(instruct, stored(instruct, "click", reply_ids=bare, sampling={"stop": ["\n"]}))
 
@@ -109,6 +111,13 @@ def test_reasoning_that_was_split_off_is_part_of_the_stored_reply(
     )
     assert dropped(thinking, stored(thinking, text, reply_ids=ids, reasoning="loot")) == "reply_text"
     assert dropped(thinking, stored(thinking, "clack", reply_ids=ids, reasoning="look")) == "reply_text"
+
+
+def test_empty_thinking_that_was_split_off_is_part_of_the_stored_reply(thinking: Renderer) -> None:
+    ids = [*thinking.tokenizer("\n</think>\n\nclick")["input_ids"], thinking.tokenizer.eos_token_id]
+    reply = stored(thinking, "click", reply_ids=ids, separated=True)
+    assert made(thinking, reply).reply_ids.tolist() == ids
+    assert dropped(thinking, stored(thinking, "clack", reply_ids=ids, separated=True)) == "reply_text"
 
 
 def test_a_reply_with_an_image_token_is_dropped(instruct: Renderer) -> None:
@@ -207,6 +216,7 @@ def test_the_whole_conversation_by_the_template_is_prompt_and_reply(thinking: Re
         Reply("click", "p", ""),
         Reply("click", "p", sampling={"stop": ["</tool_call>"]}),
         Reply("", "p", reasoning="thought, and maybe closed it"),
+        Reply("click", "p", separated=True),
         Reply("", "p", "length"),
         Reply("click", "p", sampling={"chat_template_kwargs": {"enable_thinking": False}}),
         Reply("click", "p", sampling={"tools": [{"type": "function"}]}),
@@ -218,6 +228,12 @@ def test_what_cannot_be_known_is_not_guessed(thinking: Renderer, reply: Reply) -
 
 def test_an_empty_reply_that_ended_by_itself_is_its_end_token(instruct: Renderer) -> None:
     assert rebuild_reply(instruct, Reply("", "p"), []) == [instruct.tokenizer.eos_token_id]
+
+
+def test_an_endpoint_that_separates_thinking_finds_none_in_an_instruct_reply(instruct: Renderer) -> None:
+    ids = [*instruct.tokenizer("click")["input_ids"], instruct.tokenizer.eos_token_id]
+    assert made(instruct, Reply("click", "p", separated=True)).reply_ids.tolist() == ids
+    assert made(instruct, stored(instruct, "click", separated=True)).reply_ids.tolist() == ids
 
 
 def test_a_request_that_holds_the_placeholder_is_dropped(instruct: Renderer) -> None:

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
 
+from webgym.agent.compact import COMPACT_FORMATS
 from webgym.agent.config import AgentConfig
 from webgym.agent.context import AttemptPosition, Round, build_request, picture_names, thinking_of
 from webgym.agent.image_codec import fit
@@ -20,7 +21,7 @@ from webgym.core.action import Mode, Space
 from webgym.core.errors import PolicyBadReply, PolicyError
 from webgym.core.observation import Observation
 from webgym.core.task import Task
-from webgym.core.trajectory import Reply, Revision, Step, ended_by
+from webgym.core.trajectory import Reply, Revision, Step, ended_by, was_cut_off
 
 
 class AgentTraits(NamedTuple):
@@ -219,8 +220,13 @@ class Dialogue:
             thinking=thinking_of(reply, self._profile),
             space=turn.space,
         )
-        if isinstance(parsed, ParseError) and reply.finish_reason == "length":
-            return ParseError(parsed.kind, f"{parsed.message}; it was too long and was cut off")
+        is_cut = was_cut_off(reply.finish_reason)
+        if isinstance(parsed, ParseError):
+            note = "; it was too long and was cut off" if is_cut else ""
+            return ParseError(parsed.kind, parsed.message + note)
+        # A compact action has no end of its own: what is left of one may be another action.
+        if turn.prompt_format in COMPACT_FORMATS and (is_cut or ended_by(reply.finish_reason) == "unknown"):
+            return ParseError("unclosed_tool_call", "the reply was too long and was cut off")
         return parsed
 
     def _remember(self, parsed: ParsedReply | ParseError, unseen: Sequence[str]) -> Revision:

@@ -11,7 +11,7 @@ A request that would be too long is trimmed as :mod:`webgym.agent.budget` descri
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 
@@ -77,6 +77,10 @@ _NOTICES: dict[NoticeKind, str] = {
 }
 
 
+_NO_REPLY: Final = "(no reply)"
+"""Stands for a reply of which nothing is shown: some endpoints refuse a request with an empty message."""
+
+
 class Request(msgspec.Struct, frozen=True):
     """A request to a policy.
 
@@ -134,8 +138,7 @@ def _render(
         text = opening + _observation_text(shown.step.observation, shown.step.index, now.budget, before)
         picture = None if number < blind else _picture(shown.step.observation, config, profile)
         messages.append(_user(text, picture))
-        reply = without_thinking(shown.step.reply.text, thinking_of(shown.step.reply, profile))
-        messages.append(Message("assistant", (TextPart(reply),)))
+        messages.append(_shown_reply(shown.step.reply, profile))
         opening, before = "", shown
     text = opening + _observation_text(seen, now.index, now.budget, before) + _revision_text(now.revision)
     messages.append(_user(text, _picture(seen, config, profile)))
@@ -153,8 +156,7 @@ def _render_compact(
     for number, shown in enumerate(past[len(past) - rounds :]):
         picture = () if number < blind else (_picture(shown.step.observation, config, profile),)
         messages.append(Message("user", (*picture, TextPart(f"step {shown.step.index + 1} of {now.budget}"))))
-        reply = without_thinking(shown.step.reply.text, thinking_of(shown.step.reply, profile))
-        messages.append(Message("assistant", (TextPart(reply),)))
+        messages.append(_shown_reply(shown.step.reply, profile))
     lines = [f"task {task.instruction}"]
     if config.prompt_format in WITH_MEMORY:
         lines.append(f"memory {memory_line(dict(list(now.memory.items())[cut.entries :]))}".rstrip())
@@ -183,10 +185,15 @@ def _compact_notices(observation: Observation) -> list[str]:
     return sorted(kinds)
 
 
+def _shown_reply(reply: Reply, profile: Profile) -> Message:
+    text = without_thinking(reply.text, thinking_of(reply, profile))
+    return Message("assistant", (TextPart(text or _NO_REPLY),))
+
+
 def thinking_of(reply: Reply, profile: Profile) -> Thinking:
     """How this reply marks its thinking. If the endpoint separated the thinking, none is open at the
     start."""
-    return "tagged" if reply.reasoning else profile.thinking
+    return "tagged" if reply.reasoning or reply.separated else profile.thinking
 
 
 def picture_names(messages: Sequence[Message]) -> set[str]:

@@ -109,6 +109,7 @@ class OpenAIPolicy:
             reasoning=completion.reasoning,
             tokens=self._with_valid_logprobs(completion.tokens, body),
             weight_version=", ".join(dict.fromkeys(completion.weight_versions)),
+            separated=completion.separated,
         )
 
     def _with_valid_logprobs(

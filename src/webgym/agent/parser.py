@@ -4,8 +4,9 @@ The parser is total: any text gives one or the other, never an exception, and ne
 does not state explicitly. It is linear in the length of the reply. Its rules:
 
 1. Thinking is ignored. It extends from ``<think>`` to the next ``</think>``, or from the beginning if the
-   chat template opens it. If the thinking does not end, there is no reply. If thinking begins or ends after
-   the tool call, it is unclear whether the call was part of it, so the call is rejected.
+   chat template opens it; also with the tags of other families (:data:`webgym.core.text.THOUGHT`). If the
+   thinking does not end, there is no reply. If thinking begins or ends after the tool call, it is unclear
+   whether the call was part of it, so the call is rejected.
 2. Outside of the thinking there is exactly one ``<tool_call>`` with its ``</tool_call>``. Text after it is
    ignored, unless it contains another call.
 3. The call is one JSON object, bare or in a code fence, with ``name`` ``"computer_use"`` and an object as
@@ -20,7 +21,7 @@ from __future__ import annotations
 
 import json
 import re
-from typing import Any, NoReturn
+from typing import Any, Final, NoReturn
 
 import msgspec
 
@@ -30,15 +31,17 @@ from webgym.agent.config import WITH_MEMORY, PromptFormat
 from webgym.agent.image_sizing import Size
 from webgym.agent.profile import Thinking
 from webgym.core.action import GRID, Action, Mode, Space
+from webgym.core.text import THOUGHT, THOUGHT_END
 
-_THINK, _END_THINK = "<think>", "</think>"
 _CALL, _END_CALL = "<tool_call>", "</tool_call>"
 _HEADING = re.compile(
     r"^[ \t>*#_]*(memory|progress|intention|action)[ \t*_]*[:：][*_]*",
     re.IGNORECASE | re.MULTILINE | re.ASCII,
 )
-_TAG = re.compile("|".join((_THINK, _END_THINK, _CALL)))
+_TAG = re.compile(f"(?P<start>{THOUGHT.pattern})|(?P<end>{THOUGHT_END.pattern})|(?-i:{_CALL})", re.IGNORECASE)
 _FENCE = re.compile(r"```[a-zA-Z]{0,16}\s*\n?")
+_MOST_DEPTH: Final = 20
+"""Most levels of memory and progress: what is deeper cannot be compared, written or stored."""
 
 
 class ParsedReply(msgspec.Struct, frozen=True):
@@ -46,7 +49,7 @@ class ParsedReply(msgspec.Struct, frozen=True):
 
     Attributes:
         action: the action.
-        memory: the Memory object; ``None`` if it was missing or not a JSON object.
+        memory: the Memory object; ``None`` if it was missing, not a JSON object, or too deep.
         progress: the Progress object; ``None`` likewise.
         intention: the current subtask; empty if none was named.
         description: the Action sentence; empty if there was none.
@@ -134,17 +137,22 @@ def without_thinking(text: str, thinking: Thinking = "tagged") -> str:
 def _reply_start(text: str, thinking: Thinking) -> tuple[int, int | None]:
     """Offsets of the end of the thinking, and of the start of thinking that does not end (or ``None``).
 
-    Stops at the tool call.
+    Stops at the tool call. Thinking that a tag begins ends at the tag of the same name.
     """
-    start, unfinished = 0, 0 if thinking == "opened" else None
+    start, unfinished, name = 0, 0 if thinking == "opened" else None, ""
     for tag in _TAG.finditer(text):
-        if tag[0] == _END_THINK:
-            start, unfinished = tag.end(), None
-        elif unfinished is None and tag[0] == _CALL:
-            break
+        if tag["end"]:
+            if unfinished is None or name in ("", _name(tag["end"])):
+                start, unfinished = tag.end(), None
+        elif unfinished is None and tag["start"]:
+            unfinished, name = tag.start(), _name(tag["start"])
         elif unfinished is None:
-            unfinished = tag.start()
+            break
     return start, unfinished
+
+
+def _name(tag: str) -> str:
+    return "".join(tag.replace("/", "").split()).casefold()
 
 
 def _split(text: str, thinking: Thinking) -> tuple[str, str]:
@@ -160,7 +168,7 @@ def _split(text: str, thinking: Thinking) -> tuple[str, str]:
     call, closed, after = rest.partition(_END_CALL)
     if not closed:
         raise Refused("unclosed_tool_call", f"the tool call does not end with {_END_CALL}")
-    if _THINK in after or _END_THINK in after:
+    if THOUGHT.search(after) or THOUGHT_END.search(after):
         raise Refused("late_thinking", "the thinking must end before the tool call")
     return before, call
 
@@ -222,7 +230,14 @@ def _object_or_none(text: str) -> dict[str, Any] | None:
         value = _read_json(_without_fence(text))
     except Refused:
         return None
-    return value if isinstance(value, dict) else None
+    return value if isinstance(value, dict) and not _is_deep(value, _MOST_DEPTH) else None
+
+
+def _is_deep(value: Any, levels: int) -> bool:
+    if not isinstance(value, dict | list):
+        return False
+    inner = value.values() if isinstance(value, dict) else value
+    return levels == 0 or any(_is_deep(each, levels - 1) for each in inner)
 
 
 def _line(text: str) -> str:

@@ -128,7 +128,7 @@ class Answer(_Action, frozen=True, tag="answer"):
     """End the attempt. Never sent to a browser.
 
     Attributes:
-        text: the answer, which the judge reads; empty where the task asks for none.
+        text: the answer, which the judge reads; an empty one is refused when it is played.
     """
 
     text: str

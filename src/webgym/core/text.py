@@ -10,6 +10,13 @@ import re
 import unicodedata
 from collections.abc import Iterable
 from functools import lru_cache
+from typing import Final
+
+THOUGHT: Final = re.compile(r"<(?:think|thinking|thought)\s*>|(?-i:\[THINK\])|◁think▷", re.IGNORECASE)
+"""Where thinking begins in a model's reply, by the tags of different families."""
+
+THOUGHT_END: Final = re.compile(r"</(?:think|thinking|thought)\s*>|(?-i:\[/THINK\])|◁/think▷", re.IGNORECASE)
+"""Where it ends."""
 
 _QUOTES = str.maketrans("’‘′“”–—−‐", "'''\"\"----")
 

@@ -42,10 +42,11 @@ class Message(msgspec.Struct, frozen=True):
 
 
 EndedBy: TypeAlias = Literal["model", "engine", "filter", "unknown"]
+_CUT_OFF: Final = ("length", "max_tokens", "max_output_tokens", "model_length")
 _ENDED_BY: Final[dict[EndedBy, tuple[str, ...]]] = {
     "model": (
         *("", "stop", "eos", "eos_token", "stop_sequence", "end_turn", "tool_calls", "function_call"),
-        *("length", "max_tokens", "max_output_tokens", "model_length"),
+        *_CUT_OFF,
     ),
     "engine": (
         *("abort", "aborted", "cancelled", "canceled", "error", "failed"),
@@ -62,8 +63,17 @@ def ended_by(finish_reason: str) -> EndedBy:
     filter ended is the endpoint's fault, and the engine's may pass. Under an unknown word, a reply that can
     be read is the model's, and any other is the endpoint's.
     """
-    word = finish_reason.partition(":")[0].strip().casefold()
+    word = _word(finish_reason)
     return next((ended for ended, words in _ENDED_BY.items() if word in words), "unknown")
+
+
+def was_cut_off(finish_reason: str) -> bool:
+    """Whether a reply ended at the token limit, read as by :func:`ended_by`."""
+    return _word(finish_reason) in _CUT_OFF
+
+
+def _word(finish_reason: str) -> str:
+    return finish_reason.partition(":")[0].strip().casefold()
 
 
 class Reply(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -80,6 +90,7 @@ class Reply(msgspec.Struct, frozen=True, omit_defaults=True):
         tokens: the tokens that were read and sampled, which training uses unchanged; ``None`` if the endpoint
             does not return them.
         weight_version: version of the weights that replied; empty if the endpoint does not return it.
+        separated: whether the endpoint separates thinking, even if it found none in this reply.
     """
 
     text: str
@@ -92,6 +103,7 @@ class Reply(msgspec.Struct, frozen=True, omit_defaults=True):
     reasoning: str = ""
     tokens: ReplyTokens | None = None
     weight_version: str = ""
+    separated: bool = False
 
     @property
     def whole(self) -> str:

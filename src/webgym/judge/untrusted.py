@@ -23,7 +23,9 @@ _KEPT: Final = frozenset("\t\u200c\u200d")
 
 _HIDDEN: Final = frozenset({"Cc", "Cf", "Co", "Cs", "Cn"})
 _CONTROL_TOKEN: Final = re.compile(
-    r"<(?=[|｜]|/?(?:s|think|image|img|video|audio|vision|bos|eos|pad|unk|mask|sys|[a-z]+_\w+)\b)"
+    r"<(?=[|｜]|/?(?:s|think|thinking|thought)\b)"
+    r"|<(?=/?(?:image|img|video|audio|vision|bos|eos|pad|unk|mask|sys|[a-z]+_\w+)\b)"
+    r"|◁(?=/?think▷)"
     r"|\[(?=/?(?-i:INST|IMG|THINK|[A-Z]+_[A-Z_]+)\])",
     re.IGNORECASE,
 )

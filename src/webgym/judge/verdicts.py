@@ -21,7 +21,8 @@ from typing import Final, Literal, TypeAlias
 
 import msgspec
 
-from webgym.core.trajectory import ended_by
+from webgym.core.text import THOUGHT, THOUGHT_END
+from webgym.core.trajectory import ended_by, was_cut_off
 
 Words: TypeAlias = Literal["criterion", "question"]
 
@@ -31,9 +32,6 @@ WORDS: Final[dict[Words, tuple[str, str]]] = {
 }
 """The words of a positive and a negative verdict, by kind of question."""
 
-_CUT_OFF: Final = frozenset({"length", "max_tokens", "model_length"})
-_THOUGHT_END: Final = re.compile(r"</think(?:ing)?\s*>", re.IGNORECASE)
-_THOUGHT: Final = re.compile(r"<think(?:ing)?\s*>", re.IGNORECASE)
 _MARKUP: Final = "*_`#\"'“”‘’«»[](){}"
 """Markup that is ignored. ``>`` and ``|`` are not: a line that begins with them is a quotation."""
 _CODE: Final = r"(?: (?P<code>[0-9a-z]{4,64}))?\s?[:=–—-]\s?"
@@ -203,10 +201,10 @@ def may_be_echoed(texts: Iterable[str | None], words: Words) -> bool:
 
 def _lines(text: str, finish_reason: str) -> list[str] | NoVerdict:
     """The non-empty lines of a reply after the model's thinking, or why it has no verdict."""
-    if finish_reason.casefold() in _CUT_OFF or ended_by(finish_reason) in ("engine", "filter"):
+    if was_cut_off(finish_reason) or ended_by(finish_reason) in ("engine", "filter"):
         return NoVerdict("the reply was cut off before its end")
-    after_thinking = _THOUGHT_END.split(text)[-1]
-    if _THOUGHT.search(after_thinking):
+    after_thinking = THOUGHT_END.split(text)[-1]
+    if THOUGHT.search(after_thinking):
         return NoVerdict("the reply ended before the thinking did")
     lines = [line.strip() for line in after_thinking.splitlines() if plain(line)]
     return lines or NoVerdict("the reply is empty")

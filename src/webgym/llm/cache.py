@@ -134,6 +134,14 @@ class ReplyCache:
         writing.add_done_callback(lambda _: self._written(key, writing))
         return await asyncio.shield(writing)
 
+    async def discarded(self, key: bytes, call: Call) -> None:
+        """Store the record of a call whose reply cannot be used.
+
+        Raises:
+            CacheError: the file cannot be written.
+        """
+        await asyncio.shield(self.write(lambda connection: insert_call(connection, key, call)))
+
     async def answer(
         self, key: bytes, ask: Callable[[], AbstractAsyncContextManager[NewReply]]
     ) -> tuple[CachedReply, bool]:
@@ -239,12 +247,16 @@ def _opened(worker: Worker | None) -> Worker:
 
 def insert(connection: sqlite3.Connection, key: bytes, reply: CachedReply, call: Call) -> CachedReply:
     """Store a reply and its call inside a transaction; returns the stored reply."""
-    now = time.time()
     added = connection.execute(
         "insert or ignore into replies values (?, ?, ?, ?, ?)",
-        [key, reply.body, zlib.crc32(reply.body), reply.seconds, now],
+        [key, reply.body, zlib.crc32(reply.body), reply.seconds, time.time()],
     ).rowcount
-    # A batch result that is imported twice was paid for once.
+    insert_call(connection, key, call)
+    return reply if added else (_select(connection, key) or reply)
+
+
+def insert_call(connection: sqlite3.Connection, key: bytes, call: Call) -> None:
+    """Store the record of a call. A batch result that is imported twice was paid for once."""
     connection.execute(
         "insert or ignore into calls values (null, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         [
@@ -257,10 +269,9 @@ def insert(connection: sqlite3.Connection, key: bytes, reply: CachedReply, call:
             call.dollars,
             call.is_estimate,
             call.batch or None,
-            now,
+            time.time(),
         ],
     )
-    return reply if added else (_select(connection, key) or reply)
 
 
 def _select(connection: sqlite3.Connection, key: bytes) -> CachedReply | None:

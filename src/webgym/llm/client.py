@@ -28,6 +28,7 @@ from webgym.llm.completion import (
     first_line,
     quote,
     read_completion,
+    read_unusable,
     size,
 )
 from webgym.llm.config import ChatConfig, Sampling
@@ -44,6 +45,8 @@ _RETRIED_STATUSES: Final = frozenset({408, 429, 500, 502, 503, 504, 529})
 _OVERLOADED_STATUSES: Final = frozenset({429, 503, 529})
 _QUOTA: Final = "insufficient_quota"
 """Error code of a 429 that waiting does not resolve."""
+_SHORTEST_KEY: Final = 8
+"""Shorter keys (``EMPTY``) are not looked for in messages."""
 _SLOW_SECONDS: Final = 30.0
 """A request in flight for longer is reported as a problem."""
 _MOST_DOUBLINGS: Final = 60
@@ -181,7 +184,8 @@ class ChatClient:
             return read_completion(reply.body, model=self.config.model, seconds=reply.seconds, cached=cached)
         except NoCompletion as error:
             hint = f"does the endpoint speak the OpenAI chat API at {self._url}?"
-            raise LLMBadReply(f"{self._where()} sent {error}", hint=hint) from error
+            what = self._without_key(str(error).encode(errors="replace")).decode()
+            raise LLMBadReply(f"{self._where()} sent {what}", hint=hint) from error
 
     # --- sending and accounting -------------------------------------------------------------------------
 
@@ -193,7 +197,7 @@ class ChatClient:
         for but not stored is limited by the concurrency, and the budget includes all of them.
         """
         async with AsyncExitStack() as resources:
-            reply = await self._until_answered(request, resources)
+            reply = await self._until_answered(request, purpose, resources)
             call = self._call(request, self._read(reply, cached=False), purpose)
             yield NewReply(reply, call)
             self._ledger.paid(call)
@@ -217,12 +221,20 @@ class ChatClient:
         async with ledger.reserved(request.model, most_tokens(request.content, request.messages), longest):
             yield
 
-    async def _until_answered(self, request: Request, resources: AsyncExitStack) -> CachedReply:
+    async def _discard(self, request: Request, completion: Completion, purpose: str) -> None:
+        """Count a reply that was paid for and cannot be used."""
+        call = self._call(request, completion, purpose)
+        if self._cache is not None:
+            await self._cache.discarded(request.key, call)
+        self._ledger.paid(call)
+
+    async def _until_answered(self, request: Request, purpose: str, resources: AsyncExitStack) -> CachedReply:
         """Send a request until it is answered or the retries are used up. Waiting for a permit does not
         count, nor does an outage of the endpoint that lasts no longer than its patience.
 
         Args:
             request: the request.
+            purpose: label of the call.
             resources: receives the permit and the reservation of the successful try.
         """
         progress = _Progress(self.config.total_seconds)
@@ -235,11 +247,11 @@ class ChatClient:
                     again = progress.last is not None
                     permit = await acquired.enter_async_context(self._gate.turn(again=again))
                     await acquired.enter_async_context(self._reserved(request))
-                    reply = await self._try(request.content, permit, progress)
+                    reply = await self._try(request, purpose, permit, progress)
                     await resources.enter_async_context(acquired.pop_all())
                     return reply
             except _TemporaryFailure as failure:
-                is_away = self._is_away(progress)
+                is_away = not failure.is_answer and self._is_away(progress)
                 progress.last, progress.failed_at = failure.error, time.monotonic()
                 pause = min(retry.longest_seconds, retry.first_seconds * 2**doublings)
                 pause = max(pause * random.uniform(0.5, 1), failure.not_before_seconds)
@@ -267,9 +279,9 @@ class ChatClient:
             return False
         return now - self._failing_since < self.config.retry.patience_seconds
 
-    def _temporary(self, error: LLMError) -> LLMError | _TemporaryFailure:
+    def _temporary(self, error: LLMError, *, is_answer: bool = False) -> LLMError | _TemporaryFailure:
         """A failure that passes if the endpoint has worked before; else it never will."""
-        return error if self._answered is None else _TemporaryFailure(error)
+        return error if self._answered is None else _TemporaryFailure(error, is_answer=is_answer)
 
     @contextmanager
     def _tracked(self, progress: _Progress) -> Iterator[None]:
@@ -295,7 +307,9 @@ class ChatClient:
         so_far = f"has sent {size(oldest.received)}" if oldest.received else "is silent"
         return f"{self._where()} {so_far} for {waited:.0f} s"
 
-    async def _try(self, content: bytes, permit: RequestPermit, progress: _Progress) -> CachedReply:
+    async def _try(
+        self, request: Request, purpose: str, permit: RequestPermit, progress: _Progress
+    ) -> CachedReply:
         """Send a request once, and report the result to the limiter.
 
         Raises:
@@ -305,7 +319,7 @@ class ChatClient:
         started = time.monotonic()
         try:
             async with asyncio.timeout(progress.remaining_seconds):
-                data = await self._once(content, progress)
+                data = await self._once(request.content, progress)
         except TimeoutError as error:
             permit.refused()
             raise self._overdue(progress) from error
@@ -324,10 +338,15 @@ class ChatClient:
         try:
             completion = self._read(reply, cached=False)
         except LLMBadReply as error:
-            raise self._temporary(error) from error.__cause__
+            unusable = read_unusable(data, model=self.config.model)
+            if unusable is not None:
+                await self._discard(request, unusable, purpose)
+            raise self._temporary(error, is_answer=unusable is not None) from error.__cause__
         if ended_by(completion.finish_reason) == "engine":
             problem = f"{self._where()} broke off its reply: finish_reason {completion.finish_reason!r}"
-            raise _TemporaryFailure(LLMBadReply(problem, hint="the endpoint's own log says more"))
+            await self._discard(request, completion, purpose)
+            broken_off = LLMBadReply(problem, hint="the endpoint's own log says more")
+            raise _TemporaryFailure(broken_off, is_answer=True)
         self._answered, self._failing_since = time.monotonic(), None
         permit.answered(reply.seconds / (_READING_TOKENS + completion.completion_tokens))
         return reply
@@ -372,6 +391,7 @@ class ChatClient:
 
     def _refusal(self, response: httpx.Response, data: bytes) -> LLMError | _TemporaryFailure:
         status = response.status_code
+        data = self._without_key(data)
         reason = error_message(data) or quote(data)
         error = EndpointRefused(
             f"{self._where()} answered {status} {response.reason_phrase}".rstrip()
@@ -385,6 +405,11 @@ class ChatClient:
             return self._temporary(error) if status == 404 or status >= 502 else error
         pause = _retry_after(response.headers.get("retry-after", ""))
         return _TemporaryFailure(error, pause, is_refusal=status in _OVERLOADED_STATUSES)
+
+    def _without_key(self, data: bytes) -> bytes:
+        """A body that is to be quoted, without the key. A short one is no secret but stands for none."""
+        key = self._key.get_secret_value().encode()
+        return data.replace(key, b"***") if len(key) >= _SHORTEST_KEY else data
 
     def _advice(self, status: int) -> str:
         if status in (401, 403):
@@ -445,13 +470,22 @@ class _TemporaryFailure(Exception):
         error: the error to raise if there are no further tries.
         not_before_seconds: the endpoint's ``Retry-After``; 0 if it sent none.
         is_refusal: whether the endpoint is overloaded.
+        is_answer: whether the endpoint sent a reply, which counts and costs, but cannot be used.
     """
 
-    def __init__(self, error: LLMError, not_before_seconds: float = 0.0, *, is_refusal: bool = False) -> None:
+    def __init__(
+        self,
+        error: LLMError,
+        not_before_seconds: float = 0.0,
+        *,
+        is_refusal: bool = False,
+        is_answer: bool = False,
+    ) -> None:
         super().__init__(str(error))
         self.error = error
         self.not_before_seconds = not_before_seconds
         self.is_refusal = is_refusal
+        self.is_answer = is_answer
 
 
 def is_loopback(base_url: str) -> bool:
@@ -469,7 +503,7 @@ def _retry_after(value: str) -> float:
     if value.isascii() and value.isdecimal():
         return float(value[:9])
     try:
-        at = email.utils.parsedate_to_datetime(value)
-    except ValueError:
+        at = email.utils.parsedate_to_datetime(value).timestamp()
+    except (ValueError, OverflowError):
         return 0.0
-    return max(0.0, at.timestamp() - time.time())
+    return max(0.0, at - time.time())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, Protocol
 
@@ -29,6 +30,7 @@ class Completion(msgspec.Struct, frozen=True):
         cached: whether it was paid for before: it comes from the cache, or is the reply to an identical
             request that was in flight.
         reasoning: thinking, if the endpoint reports it separately from the text.
+        separated: whether it does, even if there was no thinking.
         tokens: the tokens read and sampled; ``None`` if the endpoint does not return them (vLLM:
             ``return_token_ids``, and ``logprobs``, whose meaning depends on its ``--logprobs-mode``).
         weight_versions: version labels of the weights that sampled the reply, in order; empty if the endpoint
@@ -47,6 +49,7 @@ class Completion(msgspec.Struct, frozen=True):
     reasoning: str = ""
     tokens: ReplyTokens | None = None
     weight_versions: tuple[str, ...] = ()
+    separated: bool = False
 
 
 class Completes(Protocol):
@@ -91,24 +94,37 @@ def read_completion(data: bytes, *, model: str, seconds: float, cached: bool = F
     if not body.choices:
         raise NoCompletion(f"a reply without choices: {error_message(data) or quote(data)}")
     choice = body.choices[0]
-    usage = body.usage if isinstance(body.usage, dict) else {}
-    details = usage.get("prompt_tokens_details")
-    prompt_tokens = _count(usage.get("prompt_tokens"))
-    cached_tokens = _count(details.get("cached_tokens")) if isinstance(details, dict) else 0
+    prompt_tokens, completion_tokens, cached_tokens = _usage(body.usage)
+    fields = (choice.message.reasoning, choice.message.reasoning_content)
+    reasoning = [field for field in fields if isinstance(field, str)]
     return Completion(
         text=_text(choice.message),
         finish_reason=choice.finish_reason or "",
         prompt_tokens=prompt_tokens,
-        completion_tokens=_count(usage.get("completion_tokens")),
+        completion_tokens=completion_tokens,
         seconds=seconds,
         model=body.model or model,
-        prompt_tokens_cached=min(cached_tokens, prompt_tokens),
+        prompt_tokens_cached=cached_tokens,
         refusal=choice.message.refusal if isinstance(choice.message.refusal, str) else "",
         cached=cached,
-        reasoning=_reasoning(choice.message),
+        reasoning=next(filter(None, reasoning), ""),
         tokens=_tokens(body.prompt_token_ids, choice),
         weight_versions=_versions(choice.weight_versions),
+        separated=bool(reasoning),
     )
+
+
+def read_unusable(data: bytes, *, model: str) -> Completion | None:
+    """What can be known of a body that :func:`read_completion` refuses, for its cost: a completion without a
+    text. ``None`` if it holds no choices in JSON, so that nothing was generated."""
+    try:
+        body = json.loads(data)
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(body, dict) or not body.get("choices"):
+        return None
+    prompt_tokens, completion_tokens, cached_tokens = _usage(body.get("usage"))
+    return Completion("", "", prompt_tokens, completion_tokens, 0.0, model, cached_tokens)
 
 
 class _Message(msgspec.Struct):
@@ -144,11 +160,6 @@ def _block(function: _Function) -> str:
     arguments = raw if isinstance(raw, str) else msgspec.json.encode(raw).decode()
     name = msgspec.json.encode(function.name).decode()
     return f'<tool_call>\n{{"name": {name}, "arguments": {arguments or "{}"}}}\n</tool_call>'
-
-
-def _reasoning(message: _Message) -> str:
-    fields = (message.reasoning, message.reasoning_content)
-    return next((field for field in fields if isinstance(field, str)), "")
 
 
 class _Choice(msgspec.Struct):
@@ -202,6 +213,15 @@ def _versions(value: Any) -> tuple[str, ...]:
         return tuple(span.version for span in msgspec.convert(value, list[_Span]))
     except msgspec.ValidationError:
         return ()
+
+
+def _usage(usage: Any) -> tuple[int, int, int]:
+    """Tokens of the prompt, of the reply, and those of the prompt that the endpoint's own cache held."""
+    usage = usage if isinstance(usage, dict) else {}
+    details = usage.get("prompt_tokens_details")
+    prompt = _count(usage.get("prompt_tokens"))
+    cached = _count(details.get("cached_tokens")) if isinstance(details, dict) else 0
+    return prompt, _count(usage.get("completion_tokens")), min(cached, prompt)
 
 
 def _count(value: Any) -> int:

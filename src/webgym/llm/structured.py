@@ -9,7 +9,8 @@ from typing import Any, Final, TypeVar
 import msgspec
 
 from webgym.core.errors import LLMUnusable
-from webgym.core.trajectory import ended_by
+from webgym.core.text import THOUGHT, THOUGHT_END
+from webgym.core.trajectory import ended_by, was_cut_off
 from webgym.llm.client import EndpointRefused
 from webgym.llm.completion import Completes, Completion, first_line
 from webgym.llm.config import Sampling
@@ -96,7 +97,7 @@ def read_value(completion: Completion, type: type[T]) -> T:
     """
     if completion.refusal or ended_by(completion.finish_reason) == "filter":
         raise Refused("it is a refusal, not the JSON that was asked for.")
-    if completion.finish_reason == "length":
+    if was_cut_off(completion.finish_reason):
         raise Refused("it was cut off before its end. Be briefer.")
     text = _without_fence(_without_thinking(completion.text))
     if not text:
@@ -110,12 +111,10 @@ def read_value(completion: Completion, type: type[T]) -> T:
 
 
 def _without_thinking(text: str) -> str:
-    text = text.strip()
-    if text.startswith("<think>"):
-        _, ended, text = text.partition("</think>")
-        if not ended:
-            raise Refused("it is all thinking, and no answer.")
-    return text.strip()
+    text = THOUGHT_END.split(text)[-1].strip()  # the chat template may have begun the thinking
+    if THOUGHT.match(text):
+        raise Refused("it is all thinking, and no answer.")
+    return text
 
 
 def _without_fence(text: str) -> str:

@@ -13,7 +13,8 @@ import msgspec
 
 from webgym.core.errors import LLMUnusable
 from webgym.core.task import FactGroup, Rubric, Task
-from webgym.core.trajectory import ended_by
+from webgym.core.text import THOUGHT, THOUGHT_END
+from webgym.core.trajectory import ended_by, was_cut_off
 from webgym.core.websites import host_of
 from webgym.llm.completion import Completes, Completion
 from webgym.llm.structured import ask_for
@@ -205,15 +206,13 @@ async def _ask_for_text(
 
 
 def _without_thinking(text: str) -> str:
-    text = text.strip()
-    if text.startswith("<think>"):
-        text = text.partition("</think>")[2]
-    return text.strip()
+    text = THOUGHT_END.split(text)[-1].strip()  # the chat template may have begun the thinking
+    return "" if THOUGHT.match(text) else text
 
 
 def _no_text(completion: Completion, text: str) -> str | None:
     if completion.refusal or ended_by(completion.finish_reason) == "filter":
         return "it is a refusal, not the text of a task."
-    if completion.finish_reason == "length":
+    if was_cut_off(completion.finish_reason):
         return "it was cut off before its end. Be briefer."
     return None if text else "it is empty."

@@ -25,7 +25,7 @@ import torch
 from webgym.agent.image_codec import fit
 from webgym.core.errors import PolicyError
 from webgym.core.tokens import ReplyTokens
-from webgym.core.trajectory import Message, Reply, Step
+from webgym.core.trajectory import Message, Reply, Step, was_cut_off
 from webgym.inference.rendering import THINK_END, THINK_START, Pixels, Renderer, pictures_of
 from webgym.llm.config import altering
 
@@ -176,7 +176,7 @@ class SampleMaker:
         if not ids or not _reads_as(reply, self._renderer.decode(ids)):
             raise UntrainableStep("reply_text")
         ended = ids[-1] in self._renderer.end_ids
-        if ended == (reply.finish_reason == "length") and not _stop_strings(reply):
+        if ended == was_cut_off(reply.finish_reason) and not _stop_strings(reply):
             raise UntrainableStep("reply_end")
         return ids
 
@@ -192,13 +192,15 @@ def rebuild_reply(renderer: Renderer, reply: Reply, prompt_ids: Sequence[int]) -
     Raises:
         UntrainableStep: the ids cannot be determined from the text.
     """
-    if reply.finish_reason not in ("stop", "length") or _stop_strings(reply):
-        raise UntrainableStep("not_rebuilt")
     finished = reply.finish_reason == "stop"
+    opened = renderer.opens_thinking(prompt_ids) if reply.reasoning or reply.separated else False
+    if not (finished or was_cut_off(reply.finish_reason)) or _stop_strings(reply):
+        raise UntrainableStep("not_rebuilt")
     text = reply.text
     if reply.reasoning:
-        opened = renderer.opens_thinking(prompt_ids)
         text = _with_reasoning(reply, opened=opened, finished=finished)
+    elif opened:  # endpoints do not report how empty thinking was closed
+        raise UntrainableStep("not_rebuilt")
     ids: list[int] = renderer.tokenizer(text, add_special_tokens=False)["input_ids"]
     ids = [*ids, renderer.tokenizer.eos_token_id] if finished else ids
     if not ids:
@@ -217,7 +219,7 @@ def _with_reasoning(reply: Reply, *, opened: bool, finished: bool) -> str:
 
 def _reads_as(reply: Reply, decoded: str) -> bool:
     """Whether sampled text equals a stored reply; white space may differ if reasoning was split off."""
-    if not reply.reasoning:
+    if not reply.reasoning and (decoded == reply.text or not reply.separated):
         return decoded == reply.text
     reasoning, _, text = decoded.partition(THINK_END)
     return (

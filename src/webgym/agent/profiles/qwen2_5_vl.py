@@ -8,7 +8,7 @@ from webgym.agent.profile import PAPER_SAMPLING, Profile
 PROFILES = (
     Profile(
         name="qwen2.5-vl",
-        models=(r"qwen2[._]5[-_ ]?vl",),
+        models=(r"qwen2[._p-]?5[-_ ]?vl",),
         pictures=MultipleOf(factor=28, min_pixels=3136, max_pixels=12845056),
         grid="pixels",
         sampling=PAPER_SAMPLING,

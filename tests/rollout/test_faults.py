@@ -12,6 +12,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -25,12 +26,15 @@ from webgym.core.errors import (
     BrowserCrashed,
     BrowserLaunchFailed,
     NoCapacity,
+    PolicyError,
     StoreFull,
     WebGymError,
     WorkerLost,
 )
 from webgym.core.outcome import Outcome
 from webgym.llm.config import Retry
+from webgym.rollout.collector import Collector
+from webgym.rollout.config import CollectorConfig
 from webgym.rollout.feed import read_feed
 from webgym.rollout.store import RunReader
 
@@ -72,6 +76,17 @@ async def test_a_policy_that_is_away_for_longer_than_its_tries_costs_no_attempt(
     await world.start("model")
     await run.end()
     assert outcomes(tmp_path / "run") == {"success": 16}
+
+
+def test_attempts_that_fail_together_stop_the_run_with_one_error() -> None:
+    collector: Any = object.__new__(Collector)
+    collector._config, collector._failed_in_a_row = CollectorConfig(give_up_after=2), 0
+    failure = SimpleNamespace(code="policy_unreachable", message="no answer")
+    attempt: Any = SimpleNamespace(failure=failure, started=float("inf"))
+    collector._watch(attempt)
+    with pytest.raises(PolicyError, match="2 attempts in a row failed"):
+        collector._watch(attempt)
+    collector._watch(attempt)  # its task had gone on before it was cancelled
 
 
 async def test_what_a_judge_that_is_down_did_not_judge_is_judged_later_and_not_made_again(

@@ -273,7 +273,7 @@ class Collector:
         elif attempt.started < self._failing_since:
             return
         self._failed_in_a_row = failed
-        if failed >= self._config.give_up_after:
+        if failed == self._config.give_up_after:  # others that end now need not say so again
             raise error
 
     # --- the end of a run, and figures ------------------------------------------------------------------

@@ -1,7 +1,7 @@
 # Two commands on a fresh machine with Python >= 3.11, git and make: `make demo` and `make test`.
 SHELL := bash
 BIN := .venv/bin
-# A worker waits for its browsers most of the time: on two cores six take 7.5 minutes, four 9.5.
+# A worker waits for its browsers much of the time: on two cores four are slower than six, and eight no faster.
 WORKERS ?= 6
 # A worker takes neighbours, which share servers and browsers, and helps out when it is done with its own.
 PYTEST := $(BIN)/pytest -n $(WORKERS) --dist worksteal

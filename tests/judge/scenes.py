@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import io
 from collections.abc import Sequence
@@ -36,12 +37,13 @@ TASK = Task(
 PICTURES: dict[str, bytes] = {}
 
 
+@functools.cache
 def picture(text: str) -> str:
     """The name of a picture with this text on it."""
     image = Image.new("RGB", SIZE, "white")
     ImageDraw.Draw(image).text((10, 10), text, fill="black")
     out = io.BytesIO()
-    image.save(out, "PNG")
+    image.save(out, "PNG", compress_level=1)
     name = hashlib.sha256(out.getvalue()).hexdigest()
     PICTURES[name] = out.getvalue()
     return name

@@ -79,6 +79,13 @@ def test_a_whole_memory_reply() -> None:
     )
 
 
+def test_line_breaks_within_strings_may_stand_as_they_are() -> None:
+    escaped = call({"action": "answer", "text": "12 €\n\tthe mug"})
+    raw = escaped.replace("\\n\\t", "\n\t")
+    assert raw != escaped
+    assert read(raw).action == Answer("12 €\n\tthe mug")
+
+
 @given(st.data(), st.sampled_from(MODES), st.sampled_from(FORMATS), st.sampled_from(SPACES))
 def test_what_is_rendered_is_read(
     data: st.DataObject, mode: Mode, prompt_format: PromptFormat, space: Space

@@ -193,9 +193,12 @@ def _without_fence(text: str) -> str:
 
 
 def _read_json(text: str) -> Any:
-    """Parse JSON more strictly than :mod:`json`: no NaN, no duplicate key, no lone surrogate."""
+    """Parse JSON more strictly than :mod:`json`: no NaN, no duplicate key, no lone surrogate.
+
+    A line break within a string may stand as it is: many models do not escape it, and it means nothing else.
+    """
     try:
-        value = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_object)
+        value = json.loads(text, strict=False, parse_constant=_refuse_constant, object_pairs_hook=_object)
         text.encode()
         json.dumps(value, ensure_ascii=False).encode()
     except (ValueError, RecursionError) as error:

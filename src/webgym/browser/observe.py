@@ -212,7 +212,7 @@ async def with_retries(page: Page, question: Callable[[], Awaitable[T]]) -> T:
                     if has_waited:
                         raise
                     has_waited = True
-                    page.unblock()
+                    await page.unblock()
     except TimeoutError:
         raise BrowserTimeout(f"the page could not be looked at within {seconds:g} s") from None
 

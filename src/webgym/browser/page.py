@@ -356,21 +356,24 @@ class Page:
         """Call ``webgym.<function>()`` in the main frame, before any later call; do not wait."""
         self.worlds.post(function)
 
-    async def end_script(self) -> None:
+    async def end_script(self) -> bool:
         """Terminate the running script, which keeps the page from answering.
 
         Nothing terminates one that waits for a synchronous request: all connections of the session are cut.
         One that ends only to be called again, such as a callback of a mutation observer that changes what it
         observes, is ended by switching scripts off until the page answers.
+
+        Returns:
+            Whether it did; else Chromium itself is busy, such as with the layout of a huge document.
         """
-        seconds = self.config.terminate_seconds
+        self.session.send("Runtime.terminateExecution")
         if waited_for := self.traffic.synchronous:
             self._listener.cut(lambda: bool(waited_for & self.traffic.synchronous))
-        with contextlib.suppress(BrowserTimeout, CommandFailed):
-            return await self.session.do("Runtime.terminateExecution", seconds=seconds)
+        if await self._answers():
+            return True
         self._switch_scripts(on=False)
         try:
-            await self._answers(seconds)
+            return await self._answers()
         finally:
             self._switch_scripts(on=True)
 
@@ -379,34 +382,37 @@ class Page:
         self.has_scripts = on
         self.session.send("Emulation.setScriptExecutionDisabled", {"value": not on})
 
-    async def _answers(self, seconds: float) -> bool:
-        """Whether the page is not blocked."""
+    async def _answers(self) -> bool:
+        """Whether the page answers a command within ``terminate_seconds``."""
         try:
-            await self.session.do("Page.enable", seconds=seconds)  # has no effect
+            await self.session.do("Page.enable", seconds=self.config.terminate_seconds)  # has no effect
         except (BrowserTimeout, CommandFailed):
             return False
         return True
 
     async def unblock(self) -> None:
-        """Free a page that does not answer, with a notice. The scripts of one that is blocked again at once are
-        switched off until the next document.
+        """Free a page that does not answer, with a notice. The scripts of one that is blocked again at once
+        are switched off until the next document.
 
         Chromium itself asks a page nothing while it is being replaced, which takes as long as a service
         worker needs for its answer.
         """
-        await self.end_script()
-        if self._leaving_for in ("", self.loader):
-            self.note("still_loading", "the page did not react; the script that ran was ended")
-            await self.rest(self.config.terminate_seconds)
-            if not await self._answers(self.config.terminate_seconds):
-                self._switch_scripts(on=False)
-                self.session.send("Runtime.terminateExecution")
-                self.note("still_loading", "it was blocked again at once; its scripts are switched off")
-        else:
+        is_freed = await self.end_script()
+        if self._leaving_for not in ("", self.loader):
             self.session.send("Page.stopLoading")
             self.note(
                 "still_loading", "the page did not react; the next one, which did not come, was given up"
             )
+        elif not is_freed:
+            self.session.send("Page.stopLoading")
+            self.note("still_loading", "the page did not react; what it had not loaded yet was given up")
+        else:
+            self.note("still_loading", "the page did not react; the script that ran was ended")
+            await self.rest(self.config.terminate_seconds)
+            if not await self._answers():
+                self._switch_scripts(on=False)
+                self.session.send("Runtime.terminateExecution")
+                self.note("still_loading", "it was blocked again at once; its scripts are switched off")
 
     @property
     def has_broken_off(self) -> bool:

@@ -30,7 +30,6 @@ async def told(session: Session, url: str) -> set[str]:
         ("/loop/load", "still_loading"),
         pytest.param("/loop/click", "still_loading", marks=slow),
         pytest.param("/loop/frame", "still_loading", marks=slow),
-        pytest.param("/loop/microtask", "still_loading", marks=slow),
         pytest.param("/loop/observer", "still_loading", marks=slow),
         ("/loop/observer/click", "still_loading"),
         pytest.param("/loop/observer/timer", "still_loading", marks=slow),
@@ -68,6 +67,7 @@ async def test_the_agent_is_told_and_can_leave(fault: Around, path: str, kind: s
         pytest.param("/dom/endless", marks=slow),
         pytest.param("/loop/unload", marks=slow),
         pytest.param("/loop/reload", marks=slow),
+        pytest.param("/loop/microtask", marks=slow),
     ],
 )
 async def test_the_agent_can_leave_or_the_session_ends_in_a_typed_way(fault: Around, path: str) -> None:

@@ -171,3 +171,43 @@ async def test_boxes_out_of_view_leave_room_for_what_is_in_view(site: Site, open
         site.page(f"<div style='margin-top:-5000px;height:5000px'>{boxes}</div><button>Seen</button>")
     )
     assert tab.find("Seen").role == "button"
+
+
+MEASURING = """
+globalThis.measured = 0;
+for (const [owner, name] of [[Range.prototype, 'getClientRects'], [Document.prototype, 'elementFromPoint']]) {
+  const own = owner[name];
+  owner[name] = function (...given) { measured += 1; return own.apply(this, given); };
+}
+"""
+"""Counts how often our scripts have the browser go through all of a text."""
+
+
+@pytest.mark.parametrize("style", ["", "white-space: pre-wrap"])
+async def test_a_very_long_text_is_measured_a_few_times(
+    site: Site, open_tab: Open, monkeypatch: pytest.MonkeyPatch, style: str
+) -> None:
+    monkeypatch.setattr(isolated_worlds, "_SCRIPT", MEASURING + isolated_worlds._SCRIPT)
+    tab = await open_tab(viewport=(800, 600), text=True)
+    await tab.goto(site.page(f"<body style='{style}'>{'words and more ' * 30_000}"))
+    page = tab.slot.page
+    world = {"contextId": page.worlds._worlds[page.target_id], "expression": "measured"}
+    before = await page.session.call("Runtime.evaluate", world, reply=Evaluated, seconds=5)
+    look = await tab.slot.observe()
+    after = await page.session.call("Runtime.evaluate", world, reply=Evaluated, seconds=5)
+    assert int(bytes(after.result.value)) - int(bytes(before.result.value)) < 300
+    words = (look.observation.text or "").split()
+    assert len(words) > 500
+    assert set(words) <= {"words", "and", "more", "…"}
+
+
+async def test_a_line_that_is_too_long_to_be_measured_is_told(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page(f"<p>before</p><pre>{'x' * 2_500_000}</pre><p>after</p>"))
+    assert tab.text == ["before", "after"]
+    assert ("shortened", "the text") in tab.notices
+
+
+async def test_a_screenshot_that_is_late_counts(site: Site, open_tab: Open) -> None:
+    tab = await open_tab(config=BrowserConfig(screenshot_try_seconds=0.001, screenshot_seconds=3))
+    await tab.goto(site.page("<p>here"))
+    assert tab.text == ["here"]

@@ -78,6 +78,45 @@ async def test_a_loop_that_starts_between_two_looks_is_ended(site: Site, open_ta
     assert [kind for kind, _ in tab.notices] == ["still_loading"]
 
 
+OBSERVER = """
+new MutationObserver(() => document.body.setAttribute('data-n', Math.random()))
+  .observe(document.body, { attributes: true });
+document.body.setAttribute('data-n', 0);
+"""
+
+
+async def test_an_observer_that_calls_itself_for_ever_is_ended(site: Site, open_tab: Open) -> None:
+    tab = await open_tab(config=BrowserConfig(execute_seconds=1, terminate_seconds=0.5))
+    script = f"loop.onclick = () => {{ {OBSERVER} }}; more.onclick = () => {{ more.textContent += '!'; }}"
+    body = "<button id=loop>Loop</button><br><button id=more>More</button>"
+    await tab.goto(site.page(f"{body}<script>{script}</script>"))
+    await tab.step(LeftClick(tab.at("Loop")))
+    assert tab.text == ["Loop", "More"]
+    assert [kind for kind, _ in tab.notices] == ["still_loading"]
+    await tab.step(LeftClick(tab.at("More")))
+    assert tab.text == ["Loop", "More!"], "its scripts go on"
+    assert tab.notices == []
+    await tab.step(LeftClick(tab.at("Loop")))
+    await tab.goto(site.page("<p>calm"))
+    assert tab.text == ["calm"]
+    assert tab.notices == []
+
+
+async def test_a_page_that_is_blocked_again_and_again_loses_its_scripts(site: Site, open_tab: Open) -> None:
+    tab = await open_tab(config=BrowserConfig(execute_seconds=1, settle_seconds=2, terminate_seconds=0.5))
+    link = site.page("<p>before</p><script>document.querySelector('p').textContent = 'runs'</script>")
+    loop = "<script>setInterval(() => { while (true); }, 100)</script>"
+    blocked = site.page(f"<p>here</p><a href='{link}'>Next</a>{loop}")
+    await tab.goto(blocked)
+    assert tab.text == ["here", "Next"]
+    assert tab.notices[-1] == ("still_loading", "it was blocked again at once; its scripts are switched off")
+    await tab.step(LeftClick(tab.at("Next")))
+    assert tab.text == ["runs"]
+    await tab.step(GoBack())
+    await tab.goto(link)
+    assert tab.text == ["runs"]
+
+
 POPUPS = {
     "a link": "<a href=/second target=_blank>Go</a>",
     "a named link": "<a href=/second target=other>Go</a>",

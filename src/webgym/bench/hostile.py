@@ -59,6 +59,10 @@ _NOISE = (
     " for (let i = 0; i < image.data.length; i++) image.data[i] = i % 4 == 3 ? 255 : Math.random() * 256;"
     " paint.putImageData(image, 0, 0);"
 )
+_OBSERVER = (
+    "new MutationObserver(() => document.body.setAttribute('data-n', Math.random()))"
+    ".observe(document.body, { attributes: true }); document.body.setAttribute('data-n', 0);"
+)
 _WORKER = "new Worker(URL.createObjectURL(new Blob(['for(;;);'])));"
 
 PAGES: dict[str, str] = {
@@ -70,6 +74,10 @@ PAGES: dict[str, str] = {
     "/loop/beforeunload": _at_load("onbeforeunload = () => { for (;;); }"),
     "/loop/unload": _at_load("onpagehide = onunload = () => { for (;;); }"),
     "/loop/microtask": _at_load("const again = () => Promise.resolve().then(again); again();"),
+    "/loop/observer": _at_load(_OBSERVER),
+    "/loop/observer/click": _when_clicked(_OBSERVER),
+    "/loop/observer/timer": _at_load(f"setTimeout(() => {{ {_OBSERVER} }}, 300);"),
+    "/loop/interval": _at_load("setInterval(() => { for (;;); }, 200);"),
     "/loop/reload": _at_load("location.reload();"),
     "/loop/history": _at_load("for (let i = 0; ; i++) history.pushState(i, '', '?' + i);"),
     # endless dialogs

@@ -139,6 +139,10 @@ class BrowserConfig(Settings):
     """Until the page has handled one input event or script. A script of the page that blocks it for longer is
     terminated."""
 
+    terminate_seconds: float = Field(default=1.0, gt=0)
+    """Until a script that is terminated has ended. A chain of callbacks outlives the end of one of them; then
+    the page's scripts are switched off until it answers, as long again at most."""
+
     screenshot_seconds: float = Field(default=15.0, gt=0)
     """One screenshot, retries included."""
 

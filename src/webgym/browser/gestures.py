@@ -129,7 +129,7 @@ async def attempt(page: Page, action: AnyAction) -> None:
     except CommandFailed as error:  # a page that is being replaced accepts no input
         page.note("action_failed", f"the browser did not take it ({error.message})")
     except BrowserTimeout as error:
-        page.end_script()
+        await page.end_script()
         page.note("still_loading", f"the page did not react, its script was ended ({error.message})")
 
 

@@ -197,24 +197,26 @@ async def with_retries(page: Page, question: Callable[[], Awaitable[T]]) -> T:
     """Query the document; if it navigates in the meantime, query the next one once it is quiet.
 
     Raises:
-        BrowserTimeout: no answer within ``screenshot_seconds``.
+        BrowserTimeout: no answer within ``screenshot_seconds``, nor after what blocks the page was ended.
     """
-    seconds = page.config.screenshot_seconds
-    has_waited = False
     try:
-        async with asyncio.timeout(seconds):
-            while True:
-                try:
-                    return await question()
-                except DocumentGone:
-                    await settle(page)
-                except BrowserTimeout:
-                    if has_waited:
-                        raise
-                    has_waited = True
-                    page.unblock()
+        return await _ask(page, question)
+    except (TimeoutError, BrowserTimeout):
+        await page.unblock()
+    try:
+        return await _ask(page, question)
     except TimeoutError:
+        seconds = page.config.screenshot_seconds
         raise BrowserTimeout(f"the page could not be looked at within {seconds:g} s") from None
+
+
+async def _ask(page: Page, question: Callable[[], Awaitable[T]]) -> T:
+    async with asyncio.timeout(page.config.screenshot_seconds):
+        while True:
+            try:
+                return await question()
+            except DocumentGone:
+                await settle(page)
 
 
 async def _read_content(page: Page, wanted: dict[str, bool]) -> PageContent:
@@ -257,35 +259,42 @@ async def capture(page: Page) -> bytes:
     Raises:
         BrowserTimeout: no screenshot within the deadline, retries included.
     """
+    return await with_retries(page, lambda: _capture(page))
+
+
+async def _capture(page: Page) -> bytes:
     config = page.config
     quality = page.options.jpeg_quality
     params: dict[str, object] = {"format": "png", "optimizeForSpeed": True}
     if quality is not None:
         params = {"format": "jpeg", "quality": quality}
     picture_type = f"image/{params['format']}"
+    requests: set[asyncio.Task[Screenshot]] = set()
     try:
-        async with asyncio.timeout(config.screenshot_seconds):
-            while True:
-                try:
-                    shot = await page.session.call(
-                        "Page.captureScreenshot",
-                        params,
-                        reply=Screenshot,
-                        seconds=config.screenshot_try_seconds,
-                    )
-                except BrowserTimeout:  # the request was lost with a replaced frame, or nothing is drawn yet
-                    undrawn = await _have_drawn(page, picture_type, quality and quality / 100)
-                    if undrawn is not None:
-                        return undrawn
-                    continue
-                except CommandFailed as error:
-                    if not any(words in error.message for words in _NO_FRAME_YET):
-                        raise
-                    await asyncio.sleep(config.screenshot_retry_seconds)
-                    continue
-                return shot.data
-    except TimeoutError:
-        raise BrowserTimeout(f"no screenshot within {config.screenshot_seconds:g} s") from None
+        while True:
+            request = page.session.call(
+                "Page.captureScreenshot", params, reply=Screenshot, seconds=config.screenshot_seconds
+            )
+            requests.add(asyncio.create_task(request))
+            # Earlier ones may still be answered: a huge page is drawn for longer than one may take.
+            done, requests = await asyncio.wait(
+                requests, timeout=config.screenshot_try_seconds, return_when=asyncio.FIRST_COMPLETED
+            )
+            try:
+                for shot in done:
+                    return shot.result().data
+            except CommandFailed as error:
+                if not any(words in error.message for words in _NO_FRAME_YET):
+                    raise
+                await asyncio.sleep(config.screenshot_retry_seconds)
+                continue
+            # The request was lost with a replaced frame, or nothing is drawn yet.
+            undrawn = await _have_drawn(page, picture_type, quality and quality / 100)
+            if undrawn is not None:
+                return undrawn
+    finally:
+        for one in requests:
+            one.cancel()
 
 
 async def _have_drawn(page: Page, picture_type: str, quality: float | None) -> bytes | None:

@@ -126,6 +126,8 @@ class Page:
         self.is_gone = False
         """Whether the page closed itself, and the tab with it."""
         self.is_closed = False
+        self.has_scripts = True
+        """Whether scripts of the page may run."""
         self.is_substitute = True
         """Whether the document is the initial blank page or an error page."""
         self.traffic = Traffic(session, target_id, config)
@@ -354,29 +356,63 @@ class Page:
         """Call ``webgym.<function>()`` in the main frame, before any later call; do not wait."""
         self.worlds.post(function)
 
-    def end_script(self) -> None:
+    async def end_script(self) -> bool:
         """Terminate the running script, which keeps the page from answering.
 
         Nothing terminates one that waits for a synchronous request: all connections of the session are cut.
+        One that ends only to be called again, such as a callback of a mutation observer that changes what it
+        observes, is ended by switching scripts off until the page answers.
+
+        Returns:
+            Whether it did; else Chromium itself is busy, such as with the layout of a huge document.
         """
         self.session.send("Runtime.terminateExecution")
         if waited_for := self.traffic.synchronous:
             self._listener.cut(lambda: bool(waited_for & self.traffic.synchronous))
+        if await self._answers():
+            return True
+        self._switch_scripts(on=False)
+        try:
+            return await self._answers()
+        finally:
+            self._switch_scripts(on=True)
 
-    def unblock(self) -> None:
-        """Free a page that does not answer, with a notice.
+    def _switch_scripts(self, *, on: bool) -> None:
+        """Unlike most commands, this one takes effect while the page is blocked."""
+        self.has_scripts = on
+        self.session.send("Emulation.setScriptExecutionDisabled", {"value": not on})
+
+    async def _answers(self) -> bool:
+        """Whether the page answers a command within ``terminate_seconds``."""
+        try:
+            await self.session.do("Page.enable", seconds=self.config.terminate_seconds)  # has no effect
+        except (BrowserTimeout, CommandFailed):
+            return False
+        return True
+
+    async def unblock(self) -> None:
+        """Free a page that does not answer, with a notice. The scripts of one that is blocked again at once
+        are switched off until the next document.
 
         Chromium itself asks a page nothing while it is being replaced, which takes as long as a service
         worker needs for its answer.
         """
-        self.end_script()
-        if self._leaving_for in ("", self.loader):
-            self.note("still_loading", "the page did not react; the script that ran was ended")
-        else:
+        is_freed = await self.end_script()
+        if self._leaving_for not in ("", self.loader):
             self.session.send("Page.stopLoading")
             self.note(
                 "still_loading", "the page did not react; the next one, which did not come, was given up"
             )
+        elif not is_freed:
+            self.session.send("Page.stopLoading")
+            self.note("still_loading", "the page did not react; what it had not loaded yet was given up")
+        else:
+            self.note("still_loading", "the page did not react; the script that ran was ended")
+            await self.rest(self.config.terminate_seconds)
+            if not await self._answers():
+                self._switch_scripts(on=False)
+                self.session.send("Runtime.terminateExecution")
+                self.note("still_loading", "it was blocked again at once; its scripts are switched off")
 
     @property
     def has_broken_off(self) -> bool:
@@ -402,8 +438,7 @@ class Page:
             raise NavigationFailed(_not_opened_message(url))
         self._leaving_for = ""
         self._is_navigating = True
-        loop = asyncio.get_running_loop()
-        unload_timer = loop.call_later(self.config.execute_seconds, self._end_unload)
+        unload = asyncio.create_task(self._end_unload())
         try:
             navigated = await self.session.call(
                 "Page.navigate", params, reply=Navigated, seconds=self.config.navigate_seconds
@@ -416,7 +451,7 @@ class Page:
         except CommandFailed as error:
             raise NavigationFailed(f"{quoted_url}: {error.message}") from error
         finally:
-            unload_timer.cancel()
+            unload.cancel()
             self._is_navigating = False
         if navigated.is_download or navigated.error_text == "net::ERR_ABORTED":
             return  # a download has its own notice; an aborted navigation leaves the page as it is
@@ -424,11 +459,12 @@ class Page:
             self._reported_failure = navigated.loader_id  # its error page needs no further notice
             raise self._failure(url, navigated)
 
-    def _end_unload(self) -> None:
+    async def _end_unload(self) -> None:
         """End a script of the page that blocks leaving it: until it returns, nothing is requested."""
+        await asyncio.sleep(self.config.execute_seconds)
         if not self.traffic.document_url(self._leaving_for):
-            self.end_script()
             self.note("still_loading", "the page would not be left; its script was ended")
+            await self.end_script()
 
     def _on_leaving(self, event: NavigationStarted) -> None:
         if event.frame_id == self.target_id:
@@ -483,6 +519,8 @@ class Page:
         frame = event.frame
         if frame.id != self.target_id:
             return
+        if not self.has_scripts:
+            self._switch_scripts(on=True)
         self._documents += 1
         if self._documents > self.config.most_documents and self._release is None:
             self._keep_document()
@@ -527,6 +565,8 @@ class Page:
             return
         status = event.response.status
         self._statuses[event.loader_id] = status
+        if not self.has_scripts:  # before the next document is there, whose scripts are to run
+            self._switch_scripts(on=True)
         if status in _NO_CONTENT:
             quoted_url = event.response.url[:_QUOTED_LENGTH]
             self.note(

@@ -344,8 +344,15 @@
   // Most of a very long text is out of view: the part of it, from which to which character, that may be seen.
   const LONG = 5000;
   const STRIDE = 500; // characters; some of them have a rectangle
+  const WIDE = 1e7; // CSS pixels of one line: to measure a piece of it takes the browser a tenth of a second and more
   const windowOf = (node, { top, bottom }) => {
     const { length } = node.data;
+    const isTooWide = (rect) => rect.width > WIDE && rect.bottom > top && rect.top < bottom;
+    range.selectNodeContents(node);
+    if (range.getBoundingClientRect().width > WIDE && rectsOf(node, 0, length).some(isTooWide)) {
+      webgym.noteShortened('text');
+      return [0, 0];
+    }
     const first = (isBeyond) => {
       let [low, high] = [0, Math.ceil(length / STRIDE)];
       while (low < high) {
@@ -373,19 +380,23 @@
       const at = start + match.index;
       const own = isSpace ? [] : rectsOf(node, at, at + text.length);
       const rects = own.map((rect) => plain(moved(rect, map)));
-      pieces.push({ text: isSpace ? ' ' : text, isSpace, rects, isSeen: isSpace || isSeen(own, text), at });
+      pieces.push({ text: isSpace ? ' ' : text, isSpace, rects, isSeen: isSpace || isSeen(own, text) });
     }
     return pieces;
   };
 
-  // The same for a very long text, line by line where all of a line is seen, or nothing: each piece that is measured has
-  // the browser go through the whole text.
-  const LINES = /\n|[^\n]+/g;
-  const linesOf = (node, part, isSeen, clip) =>
-    piecesOf(node, part, isSeen, null, LINES).flatMap((line) => {
-      if (line.isSeen || !line.rects.some((rect) => intersect(rect, clip))) return [line];
-      return piecesOf(node, [line.at, line.at + line.text.length], isSeen, null);
-    });
+  // The same for a very long text, in halves of halves until all of one is seen, or nothing: each piece that is measured,
+  // and each point that is tried, has the browser go through the whole text.
+  const FEW = 50; // characters
+  const BREAK = new RegExp(`[\\s${UNSPACED}]`, 'u');
+  const halvesOf = (node, [start, end], isSeen, clip) => {
+    const [whole] = piecesOf(node, [start, end], isSeen, null, /[^]+/g);
+    if (!whole || whole.isSeen || !whole.rects.some((rect) => intersect(rect, clip))) return whole ? [whole] : [];
+    const middle = start + Math.ceil((end - start) / 2);
+    const cut = end - start > FEW ? node.data.slice(middle, end).search(BREAK) : -1;
+    if (cut < 0) return piecesOf(node, [start, end], isSeen, null);
+    return [[start, middle + cut], [middle + cut, end]].flatMap((half) => halvesOf(node, half, isSeen, clip));
+  };
 
   const GAP = ' … ';
   // What is seen of pieces: {text, rects}; null if nothing is. A gap stands for what is not.
@@ -408,7 +419,7 @@
   const read = (node, element, place, wantsPieces = false) => {
     const isLong = !place.map && node.data.length >= LONG && !isTurned(sightOf(element).style);
     const part = isLong ? windowOf(node, place.clip) : [0, node.data.length];
-    const lines = rectsOf(node, ...part);
+    const lines = part[0] < part[1] ? rectsOf(node, ...part) : [];
     if (!lines.some((line) => intersect(moved(line, place.map), place.clip))) return null;
     const clip = clipWithin(element);
     if (!isReadable(element, lines.find((line) => intersect(line, clip)) || lines[0])) return null;
@@ -425,7 +436,7 @@
     if (isWhole && !wantsPieces && isUncut(lines) && isSeen(lines, fold(node.data)))
       return { text: node.data, rects: lines.map((rect) => moved(rect, place.map)) };
     if (wantsPieces) return piecesOf(node, part, isSeen, place.map);
-    return join(isWhole ? piecesOf(node, part, isSeen, place.map) : linesOf(node, part, isSeen, place.clip));
+    return join(isWhole ? piecesOf(node, part, isSeen, place.map) : halvesOf(node, part, isSeen, place.clip));
   };
 
   const begin = () => {

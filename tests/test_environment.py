@@ -213,6 +213,21 @@ async def test_a_second_step_at_the_same_time_is_refused_and_the_episode_goes_on
         assert info["step"] == 2
 
 
+async def test_a_step_of_an_old_episode_does_not_end_the_next_one() -> None:
+    async with stand_in_environment() as env:
+        browsers: Any = env._opened.client
+        browsers.hangs = True
+        await env.reset()
+        old = asyncio.create_task(env.step(Scroll("down")))
+        await browsers.entered.wait()
+        browsers.hangs = False
+        await env.reset()
+        old.cancel()
+        await asyncio.wait({old})
+        *_, info = await env.step(Scroll("down"))
+        assert info["step"] == 1
+
+
 async def test_an_episode_that_its_policy_leaves_is_judged_as_a_spent_budget() -> None:
     async with stand_in_environment() as env:
         for fault, reward, outcome in (("", 0.0, "truncated"), ("blocked", math.nan, "blocked")):

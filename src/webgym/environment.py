@@ -258,7 +258,7 @@ class Environment:
         try:
             view = await episode.begin()
         except BaseException:
-            await self.abandon()
+            await self._abandon(episode)
             raise
         return view, episode.info()
 
@@ -305,7 +305,7 @@ class Environment:
             is_over = await episode.step(reply)
             episode.is_stepping = False
         except BaseException:  # cancelled: the episode cannot continue
-            await self.abandon()
+            await self._abandon(episode)
             raise
         info = episode.info()
         if not is_over:
@@ -335,9 +335,12 @@ class Environment:
 
     async def abandon(self) -> None:
         """Abandon the running episode and close its browser session. Safe to call at any time."""
-        episode, self._episode = self._episode, None
-        if episode is None:
-            return
+        if self._episode is not None:
+            await self._abandon(self._episode)
+
+    async def _abandon(self, episode: _Episode) -> None:
+        if self._episode is episode:  # a later one goes on
+            self._episode = None
         if isinstance(sys.exception(), GeneratorExit):  # collected while it waited: it can wait no more
             episode.give_back_later()
         else:

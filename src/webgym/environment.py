@@ -114,6 +114,7 @@ class Environment:
     Attributes:
         config: the resolved config.
         profile: the profile of the model family that the requests are made for.
+        on_fault: as given.
 
     Raises:
         ConfigError: ``on_fault`` is neither of the two.
@@ -146,7 +147,7 @@ class Environment:
         self._given = tasks
         self._browsers, self._judge = browsers, judge
         self._secrets = secrets or Secrets()
-        self._on_fault = on_fault
+        self.on_fault = on_fault
         self._stack = AsyncExitStack()
         self._services: _Services | None = None
         self._restart_order(seed)
@@ -206,7 +207,7 @@ class Environment:
         Args:
             seed: of the order of tasks.
         """
-        other = Environment(self._given, config=self.config, seed=seed, on_fault=self._on_fault)
+        other = Environment(self._given, config=self.config, seed=seed, on_fault=self.on_fault)
         other._services = self._opened
         return other
 
@@ -311,7 +312,7 @@ class Environment:
         if not is_over:
             return episode.view, 0.0, False, False, info
         reward, outcome = episode.reward, info["outcome"]
-        if math.isnan(reward) and self._on_fault == "raise":
+        if math.isnan(reward) and self.on_fault == "raise":
             why = info["failure"]["message"] if info["failure"] else "the website blocked the agent"
             raise EpisodeLost(f"the episode ended as {outcome}: {why}")
         terminated = outcome in ("success", "failure")

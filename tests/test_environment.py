@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
@@ -307,6 +308,11 @@ def test_a_forked_process_ends_and_is_told_to_make_its_own() -> None:
             pytest.fail("the child hangs")
         assert os.waitstatus_to_exitcode(status) == 0
         env.reset()
+
+
+def test_a_name_replaces_the_task_file_of_a_config() -> None:
+    config = RunConfig(tasks=TaskChoice(file=Path("tasks.jsonl")))
+    assert webgym.make("offline-small-v1", config=config).config.tasks.file is None
 
 
 def test_one_environment_starts_one_browser_unless_more_are_asked_for() -> None:

@@ -185,6 +185,20 @@ async def test_an_episode_that_nobody_awaits_any_more_frees_its_place(tmp_path: 
             pass
 
 
+async def test_a_pool_draws_tasks_by_its_seed(tmp_path: Path) -> None:
+    given = stand_in_pool(tmp_path)
+
+    async def drawn(seed: int) -> list[str]:
+        tasks = []
+        async with webgym.EnvironmentPool(**given, seed=seed) as pool:
+            for _ in range(4):
+                async with pool.environment() as env:
+                    tasks.append((await env.reset())[1]["task_id"])
+        return tasks
+
+    assert await drawn(0) == await drawn(0) != await drawn(5)
+
+
 def test_a_pool_belongs_to_one_event_loop(tmp_path: Path) -> None:
     webgym.write_tasks(tmp_path / "tasks.jsonl", STAND_IN_TASKS)
     config = stand_in_environment().config

@@ -13,6 +13,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
+import operator
 import random
 import sys
 import uuid
@@ -23,7 +24,7 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, Final, Literal, Self, TypeAlias, get_args
+from typing import Any, Final, Literal, Self, SupportsIndex, TypeAlias, get_args
 
 import msgspec
 
@@ -347,9 +348,9 @@ class Environment:
         else:
             await asyncio.shield(episode.give_back())
 
-    def _restart_order(self, seed: int) -> None:
-        self._seed = seed
-        self._random = random.Random(seed)
+    def _restart_order(self, seed: SupportsIndex) -> None:
+        self._seed = operator.index(seed)  # such as numpy's integers, which no record holds
+        self._random = random.Random(self._seed)
         self._remaining: list[str] = []
         self._attempts: Counter[str] = Counter()
 
@@ -573,6 +574,7 @@ def config_of(name: str, split: SplitName, config: RunConfig | None = None) -> R
     if name in COLLECTIONS:
         delays = config.sites.model_dump(include={"latency", "latency_sigma", "latency_longest"})
         sites = SitesConfig(collection=COLLECTIONS[name], **delays)
+        tasks = tasks.model_copy(update={"file": None})
         config = config.model_copy(update={"sites": sites})
     elif Path(name).is_file():
         tasks = tasks.model_copy(update={"file": Path(name)})

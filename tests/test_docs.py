@@ -87,8 +87,14 @@ def pod(file: Path) -> None:
     assert told["volumes"] == spec["volumes"][:1]
 
 
-def agent_loop(file: Path) -> None:
-    [entry] = yaml.safe_load(file.read_text())
+def agent_loops(file: Path) -> None:
+    entries = yaml.safe_load(file.read_text())
+    assert entries
+    for entry in entries:
+        agent_loop(entry)
+
+
+def agent_loop(entry: dict[str, Any]) -> None:
     module, _, name = entry["_target_"].rpartition(".")
     assert name in names_in(module)
     source = ROOT / "src" / Path(*module.split(".")).with_suffix(".py")
@@ -114,7 +120,7 @@ def training(file: Path) -> None:
 
 READERS: dict[str, list[Callable[[Path], object]]] = {
     "container.md": [pod],
-    "integrations.md": [agent_loop],
+    "integrations.md": [agent_loops],
     "judge.md": [lambda file: load_settings(JudgeChoice, [file], hint="")],
     "models.md": [Prices.read],
     "rollout-benchmark.md": [lambda file: read_questions([file])],

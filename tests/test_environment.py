@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
+import os
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
@@ -208,6 +214,21 @@ async def test_a_second_step_at_the_same_time_is_refused_and_the_episode_goes_on
         assert info["step"] == 2
 
 
+async def test_a_step_of_an_old_episode_does_not_end_the_next_one() -> None:
+    async with stand_in_environment() as env:
+        browsers: Any = env._opened.client
+        browsers.hangs = True
+        await env.reset()
+        old = asyncio.create_task(env.step(Scroll("down")))
+        await browsers.entered.wait()
+        browsers.hangs = False
+        await env.reset()
+        old.cancel()
+        await asyncio.wait({old})
+        *_, info = await env.step(Scroll("down"))
+        assert info["step"] == 1
+
+
 async def test_an_episode_that_its_policy_leaves_is_judged_as_a_spent_budget() -> None:
     async with stand_in_environment() as env:
         for fault, reward, outcome in (("", 0.0, "truncated"), ("blocked", math.nan, "blocked")):
@@ -247,6 +268,51 @@ def test_what_is_left_open_is_closed_before_python_ends() -> None:
     )
     answer = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert (answer.stdout, answer.stderr) == ("closed\n", "")
+
+
+def test_closing_ends_the_calls_of_other_threads() -> None:
+    with SyncEnvironment(stand_in_environment()) as env:
+        env.reset()
+        browsers = env._env._opened.client
+        browsers.hangs = True  # type: ignore[attr-defined]
+        with ThreadPoolExecutor(1) as pool:
+            step = pool.submit(env.step, Scroll("down"))
+            env._loop.run(browsers.entered.wait())  # type: ignore[attr-defined]
+            env.close()
+            with pytest.raises(UsageError, match="closed during the call"):
+                step.result(5)
+
+
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+def test_a_forked_process_ends_and_is_told_to_make_its_own() -> None:
+    with SyncEnvironment(stand_in_environment()) as env:
+        env.reset()
+        child = os.fork()
+        if child == 0:  # pragma: no cover
+            code = 1
+            with contextlib.suppress(BaseException):
+                env.close()
+                try:
+                    env.reset()
+                except UsageError as error:
+                    code = 0 if "make another in each process" in error.hint else 2
+            os._exit(code)
+        for _ in range(500):
+            ended, status = os.waitpid(child, os.WNOHANG)
+            if ended:
+                break
+            time.sleep(0.01)
+        else:
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            pytest.fail("the child hangs")
+        assert os.waitstatus_to_exitcode(status) == 0
+        env.reset()
+
+
+def test_a_name_replaces_the_task_file_of_a_config() -> None:
+    config = RunConfig(tasks=TaskChoice(file=Path("tasks.jsonl")))
+    assert webgym.make("offline-small-v1", config=config).config.tasks.file is None
 
 
 def test_one_environment_starts_one_browser_unless_more_are_asked_for() -> None:

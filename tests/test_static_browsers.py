@@ -12,10 +12,13 @@ import pytest
 from playwright.async_api import Error
 
 from webgym import static_browsers
-from webgym.core.action import Navigate
+from webgym.agent.solver import Solver
+from webgym.core.action import Answer, GoBack, LeftClick, Navigate, Target
 from webgym.offline.web import OfflineWeb
 from webgym.server.messages import SessionOptions
-from webgym.static_browsers import PageImages, StaticBrowsers
+from webgym.static_browsers import PageImages, StaticBrowsers, StaticSession
+
+WEB = OfflineWeb(7, per_family=6, collection="small")
 
 
 @pytest.mark.browser
@@ -48,11 +51,83 @@ async def test_a_browser_that_does_not_start_leaves_no_process(
 
 
 async def test_a_visitor_is_known_until_the_session_is_closed() -> None:
-    web = OfflineWeb(7, per_family=6, collection="small")
-    host = next(iter(web.tasks())).website.split("/")[2]
-    held = StaticBrowsers(web, None)
+    host = next(iter(WEB.specs))
+    held = StaticBrowsers(WEB, None)
     session = await held.open(SessionOptions(cookies=held.cookies("ann")))
     await session.step(Navigate(f"http://{host}/"))
     assert await held.state("ann", host) == await held.state("ann", host) is not None
     await session.close()
     assert await held.state("ann", host) is None
+
+
+async def opened(held: StaticBrowsers, url: str) -> StaticSession:
+    session = await held.open(SessionOptions(cookies=held.cookies("ann")))
+    await session.step(Navigate(url))
+    return session
+
+
+async def test_navigation_keeps_the_visitor_with_state_and_history() -> None:
+    """As in a browser: the cart is still full at the start page, and a visit elsewhere changes nothing."""
+    held = StaticBrowsers(WEB, None)
+    start, other = (f"http://{host}/" for host in list(WEB.specs)[:2])
+    market = next(host for host, spec in WEB.specs.items() if spec.family.family == "market")
+    tasks = (task for task in WEB.tasks_of(market) if task.truth)
+    task = next(task for task in tasks if task.truth and any(fact.state for fact in task.truth.facts))
+    assert task.truth is not None
+    session, solver = await opened(held, task.website), Solver(task.website, task.truth.moves)
+    view = await session.step()
+    while not isinstance(action := solver.next(view.observation, "marks").action, Answer):
+        view = await session.step(action)
+    bought = await held.state("ann", market)
+    assert bought
+    assert bought["cart"]
+    before = view.observation
+    for url in (task.website, other if task.website == start else start):
+        view = await session.step(Navigate(url))
+        assert view.observation.url == url
+        assert await held.state("ann", market) == bought
+    await session.step(GoBack())
+    assert (await session.step(GoBack())).observation.url == before.url
+
+
+async def test_an_address_without_a_page_is_a_page_as_in_a_browser() -> None:
+    """Measured with Chromium and the served websites."""
+    start = f"http://{next(iter(WEB.specs))}/"
+    host = start.split("/")[2]
+    session = await opened(StaticBrowsers(WEB, None), start)
+    for url, at, status, says in (
+        (f"{start}a b?c=d e", f"{start}a%20b?c=d%20e", 404, ""),
+        (host.upper(), start, 200, ""),
+        (f"https://{host}", f"https://{host}/", None, f"https://{host}/: net::ERR_SSL_PROTOCOL_ERROR"),
+        ("http://none.test", "http://none.test/", None, "http://none.test/: net::ERR_NAME_NOT_RESOLVED"),
+        ("http://", "http://none.test/", None, "http://: Page.navigate: Cannot navigate to invalid URL"),
+        ("data:,a", "http://none.test/", None, '"data:,a" was not opened: only http and https addresses are'),
+        ("http://none.webgym.test/", "http://none.webgym.test/", 404, ""),
+    ):
+        view = (await session.step(Navigate(url))).observation
+        assert (view.url, view.status) == (at, status)
+        assert [notice.text for notice in view.notices if notice.kind == "navigation_failed"] == [
+            says
+        ] * bool(says)
+    visited = [(await session.step(GoBack())).observation.url for _ in range(5)]
+    assert visited == [
+        "http://none.test/",
+        f"https://{host}/",
+        start,
+        f"https://{host}/",
+        f"{start}a%20b?c=d%20e",
+    ]
+
+
+async def test_a_page_that_is_opened_again_is_one_entry_of_the_history() -> None:
+    start = f"http://{next(iter(WEB.specs))}/"
+    session = await opened(StaticBrowsers(WEB, None), start)
+    for url in (f"{start}a", f"{start}a"):
+        await session.step(Navigate(url))
+    assert (await session.step(GoBack())).observation.url == start
+
+
+async def test_an_unknown_element_is_a_failed_action() -> None:
+    session = await opened(StaticBrowsers(WEB, None), f"http://{next(iter(WEB.specs))}/")
+    view = await session.step(LeftClick(Target(element=99)))
+    assert [notice.kind for notice in view.observation.notices] == ["action_failed"]

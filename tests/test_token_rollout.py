@@ -79,6 +79,28 @@ async def test_an_episode_without_a_reward_has_no_rows() -> None:
     assert not browsers.open_now
 
 
+async def test_a_reply_that_writes_the_placeholder_of_pictures_costs_one_episode() -> None:
+    """Sampled as plain characters, it is a picture's token once it is in the next request's history."""
+    tokenizer = renderer().tokenizer
+    text = f"I see {renderer()._image_token} here.\n{RIGHT[0]}"
+    ids = tokenizer(text, add_special_tokens=False, split_special_tokens=True)["input_ids"]
+    engine = Engine(renderer(), RIGHT)
+    engine.change = lambda sampled: dataclasses.replace(sampled, reply_ids=ids, logprobs=None)
+    async with stand_in_environment() as env:
+        rollout = await webgym.roll_out(env, engine, renderer(), task_id="check-3")
+        assert (rollout.task_id, rollout.reward, rollout.rows) == ("check-3", None, [])
+        assert (rollout.outcome, rollout.dropped) == (Outcome.POLICY_ERROR, {"no_reward": 1})
+        assert rollout.failure is not None
+        assert "placeholder" in rollout.failure.message
+        assert not env._opened.client.open_now  # type: ignore[attr-defined]
+
+
+async def test_an_environment_that_raises_for_faults_is_refused() -> None:
+    async with stand_in_environment(on_fault="raise") as env:
+        with pytest.raises(UsageError, match="on_fault"):
+            await webgym.roll_out(env, Engine(renderer(), RIGHT), renderer())
+
+
 async def test_no_browser_is_no_reward_and_no_exception() -> None:
     class _None:
         async def open(self, options: object = None) -> object:
@@ -161,6 +183,20 @@ async def test_an_episode_that_nobody_awaits_any_more_frees_its_place(tmp_path: 
             assert not given["browsers"].open_now
         async with asyncio.timeout(10), pool.environment():
             pass
+
+
+async def test_a_pool_draws_tasks_by_its_seed(tmp_path: Path) -> None:
+    given = stand_in_pool(tmp_path)
+
+    async def drawn(seed: int) -> list[str]:
+        tasks = []
+        async with webgym.EnvironmentPool(**given, seed=seed) as pool:
+            for _ in range(4):
+                async with pool.environment() as env:
+                    tasks.append((await env.reset())[1]["task_id"])
+        return tasks
+
+    assert await drawn(0) == await drawn(0) != await drawn(5)
 
 
 def test_a_pool_belongs_to_one_event_loop(tmp_path: Path) -> None:

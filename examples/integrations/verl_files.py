@@ -1,4 +1,4 @@
-"""Write what verl reads: two datasets, and the file that names the agent loop.
+"""Write what verl reads: two datasets, and the file that names an agent loop for each.
 
 python verl_files.py FOLDER
 """
@@ -11,9 +11,10 @@ from typing import Any
 
 from webgym.integrations.verl import write_dataset
 
-AGENT_LOOP = """- name: webgym
+AGENT_LOOP = """- name: webgym-{split}
   _target_: webgym.integrations.verl.WebGymAgentLoop
   tasks: {name}
+  split: {split}
   size: {size}
 """
 OPTIONS = """data.train_files={folder}/train.parquet data.val_files={folder}/test.parquet \\
@@ -24,9 +25,11 @@ actor_rollout_ref.rollout.agent.agent_loop_config_path={folder}/agent_loop.yaml"
 def main(folder: Path, name: str = "offline-v1", size: int = 64, count: Any = "all") -> None:
     """And print the options of ``verl.trainer.main_ppo`` that name them."""
     folder.mkdir(parents=True, exist_ok=True)
+    loops = ""
     for split in ("train", "test"):
-        write_dataset(folder / f"{split}.parquet", name, split=split, count=count)
-    (folder / "agent_loop.yaml").write_text(AGENT_LOOP.format(name=name, size=size))
+        write_dataset(folder / f"{split}.parquet", name, agent=f"webgym-{split}", split=split, count=count)
+        loops += AGENT_LOOP.format(name=name, split=split, size=size)
+    (folder / "agent_loop.yaml").write_text(loops)
     print(OPTIONS.format(folder=folder))
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
+import operator
 import random
 import sys
 import uuid
@@ -23,7 +24,7 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, Final, Literal, Self, TypeAlias, get_args
+from typing import Any, Final, Literal, Self, SupportsIndex, TypeAlias, get_args
 
 import msgspec
 
@@ -114,6 +115,7 @@ class Environment:
     Attributes:
         config: the resolved config.
         profile: the profile of the model family that the requests are made for.
+        on_fault: as given.
 
     Raises:
         ConfigError: ``on_fault`` is neither of the two.
@@ -146,7 +148,7 @@ class Environment:
         self._given = tasks
         self._browsers, self._judge = browsers, judge
         self._secrets = secrets or Secrets()
-        self._on_fault = on_fault
+        self.on_fault = on_fault
         self._stack = AsyncExitStack()
         self._services: _Services | None = None
         self._restart_order(seed)
@@ -206,7 +208,7 @@ class Environment:
         Args:
             seed: of the order of tasks.
         """
-        other = Environment(self._given, config=self.config, seed=seed, on_fault=self._on_fault)
+        other = Environment(self._given, config=self.config, seed=seed, on_fault=self.on_fault)
         other._services = self._opened
         return other
 
@@ -258,7 +260,7 @@ class Environment:
         try:
             view = await episode.begin()
         except BaseException:
-            await self.abandon()
+            await self._abandon(episode)
             raise
         return view, episode.info()
 
@@ -305,13 +307,13 @@ class Environment:
             is_over = await episode.step(reply)
             episode.is_stepping = False
         except BaseException:  # cancelled: the episode cannot continue
-            await self.abandon()
+            await self._abandon(episode)
             raise
         info = episode.info()
         if not is_over:
             return episode.view, 0.0, False, False, info
         reward, outcome = episode.reward, info["outcome"]
-        if math.isnan(reward) and self._on_fault == "raise":
+        if math.isnan(reward) and self.on_fault == "raise":
             why = info["failure"]["message"] if info["failure"] else "the website blocked the agent"
             raise EpisodeLost(f"the episode ended as {outcome}: {why}")
         terminated = outcome in ("success", "failure")
@@ -335,17 +337,20 @@ class Environment:
 
     async def abandon(self) -> None:
         """Abandon the running episode and close its browser session. Safe to call at any time."""
-        episode, self._episode = self._episode, None
-        if episode is None:
-            return
+        if self._episode is not None:
+            await self._abandon(self._episode)
+
+    async def _abandon(self, episode: _Episode) -> None:
+        if self._episode is episode:  # a later one goes on
+            self._episode = None
         if isinstance(sys.exception(), GeneratorExit):  # collected while it waited: it can wait no more
             episode.give_back_later()
         else:
             await asyncio.shield(episode.give_back())
 
-    def _restart_order(self, seed: int) -> None:
-        self._seed = seed
-        self._random = random.Random(seed)
+    def _restart_order(self, seed: SupportsIndex) -> None:
+        self._seed = operator.index(seed)  # such as numpy's integers, which no record holds
+        self._random = random.Random(self._seed)
         self._remaining: list[str] = []
         self._attempts: Counter[str] = Counter()
 
@@ -569,6 +574,7 @@ def config_of(name: str, split: SplitName, config: RunConfig | None = None) -> R
     if name in COLLECTIONS:
         delays = config.sites.model_dump(include={"latency", "latency_sigma", "latency_longest"})
         sites = SitesConfig(collection=COLLECTIONS[name], **delays)
+        tasks = tasks.model_copy(update={"file": None})
         config = config.model_copy(update={"sites": sites})
     elif Path(name).is_file():
         tasks = tasks.model_copy(update={"file": Path(name)})

@@ -34,6 +34,7 @@ class EnvironmentPool:
         size: number of browsers, and so of concurrent episodes; further episodes wait.
         split: of the tasks, as for :func:`webgym.make`.
         config: other settings of the environments.
+        seed: of the order of tasks: that of each environment has a seed of its own, from this one on.
         given: further arguments of :class:`~webgym.Environment`.
 
     Raises:
@@ -47,6 +48,7 @@ class EnvironmentPool:
         size: int = 8,
         split: SplitName = "train",
         config: RunConfig | None = None,
+        seed: int = 0,
         **given: Any,
     ) -> None:
         self._first = Environment(config=with_browsers(config_of(name, split, config), size), **given)
@@ -55,7 +57,7 @@ class EnvironmentPool:
         self._opening = asyncio.Lock()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._is_open = False
-        self._seeds = itertools.count()
+        self._seeds = itertools.count(seed)
 
     @asynccontextmanager
     async def environment(self) -> AsyncIterator[Environment]:

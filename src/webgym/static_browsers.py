@@ -144,11 +144,13 @@ class StaticBrowsers:
 
     async def state(self, visitor: str, host: str) -> dict[str, Any] | None:
         """A website's server state for a visitor whose session is open; ``None`` if there is none."""
-        browser = self._visits.get(visitor)
-        return browser.site.report(browser.state) if browser and browser.site.host == host else None
+        browser, site = self._visits.get(visitor), self.web.website(host)
+        if browser is None or site is None or host not in browser.states:
+            return None
+        return site.report(browser.states[host])
 
     def visit(self, visitor: str, url: str) -> StaticBrowser:
-        """Open a website's start page in a new browser for the visitor.
+        """Open a page in a new browser for the visitor.
 
         Raises:
             NavigationFailed: there is no such website.
@@ -156,7 +158,7 @@ class StaticBrowsers:
         site = self.web.website(urlsplit(url).hostname or "")
         if site is None:
             raise NavigationFailed(f"{url} is not one of the small websites")
-        self._visits[visitor] = StaticBrowser(site, self.web.collection.viewport)
+        self._visits[visitor] = StaticBrowser(site, self.web.collection.viewport, self.web.website, url)
         return self._visits[visitor]
 
     def leave(self, visitor: str) -> None:
@@ -186,12 +188,12 @@ class StaticSession:
         """Carry out an action and observe the page.
 
         Raises:
-            NavigationFailed: no page is open yet, or there is no such website.
+            NavigationFailed: no page is open yet, and the action opens none.
         """
-        if isinstance(action, Navigate):
+        if self._browser is None:
+            if not isinstance(action, Navigate):
+                raise NavigationFailed("no page is open yet")
             self._browser = self._browsers.visit(self.id, action.url)
-        elif self._browser is None:
-            raise NavigationFailed("no page is open yet")
         elif action is not None:
             self._browser.act(action)
         return await self._browsers.observe(self._browser)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import concurrent.futures
+import os
 import threading
 import weakref
 from collections.abc import Callable, Coroutine, Mapping
@@ -26,10 +28,14 @@ class LoopThread:
     """
 
     def __init__(self, closing: Callable[[], Coroutine[Any, Any, object]]) -> None:
+        self._process = os.getpid()
+        self._submitting = threading.RLock()
         self._loop = asyncio.new_event_loop()
         thread = threading.Thread(target=self._loop.run_forever, name="webgym", daemon=True)
         thread.start()
-        self._ending = weakref.finalize(self, _end, self._loop, thread, closing)
+        self._ending = weakref.finalize(
+            self, _end, self._process, self._submitting, self._loop, thread, closing
+        )
         # Browsers end with the help of threads, and executors refuse work before `atexit` runs: this runs
         # before theirs, if they are imported before.
         register = getattr(threading, "_register_atexit", lambda _: None)
@@ -42,34 +48,57 @@ class LoopThread:
             work: the coroutine; call this from another thread than the loop's.
 
         Raises:
-            UsageError: it is closed.
+            UsageError: it is closed, at the latest during the call; or the call is made in a process that
+                was forked from this object's.
         """
-        if not self._ending.alive:
+        if os.getpid() != self._process:
             work.close()
-            raise UsageError("this is closed", hint="make another")
-        future = asyncio.run_coroutine_threadsafe(work, self._loop)
+            raise UsageError("this belongs to the process that made it", hint="make another in each process")
+        with self._submitting:
+            if not self._ending.alive:
+                work.close()
+                raise UsageError("this is closed", hint="make another")
+            future = asyncio.run_coroutine_threadsafe(work, self._loop)
         try:
             return future.result()
+        except concurrent.futures.CancelledError:
+            raise UsageError("this was closed during the call", hint="make another") from None
         except BaseException:  # such as Ctrl-C: do not leave the coroutine running
             future.cancel()
             raise
 
     def close(self) -> None:
-        """Run ``closing`` and stop the loop. Safe to call twice."""
+        """Run ``closing``, cancel what still runs, and stop the loop. Safe to call twice."""
         self._ending()
 
 
 def _end(
+    process: int,
+    submitting: threading.RLock,
     loop: asyncio.AbstractEventLoop,
     thread: threading.Thread,
     closing: Callable[[], Coroutine[Any, Any, object]],
 ) -> None:
-    closed = asyncio.run_coroutine_threadsafe(closing(), loop)
+    if os.getpid() != process:
+        return  # forked: the loop's thread exists only in the other process
+    with submitting:  # what other threads submitted comes before the end, and nothing after it
+        pass
+    closed = asyncio.run_coroutine_threadsafe(_close(closing), loop)
     closed.add_done_callback(lambda _: loop.call_soon_threadsafe(loop.stop))
     if threading.current_thread() is not thread:  # garbage may be collected on the loop's thread, too
         thread.join()
         loop.close()
         closed.result()
+
+
+async def _close(closing: Callable[[], Coroutine[Any, Any, object]]) -> None:
+    try:
+        await closing()
+    finally:
+        others = asyncio.all_tasks() - {asyncio.current_task()}
+        for task in others:
+            task.cancel()
+        await asyncio.gather(*others, return_exceptions=True)
 
 
 class SyncEnvironment:

@@ -95,7 +95,7 @@ def play(site: Website, task: Task, viewport: tuple[int, int]) -> Episode:
         ending=Ending.BUDGET_SPENT if answer is None else Ending.ANSWERED,
         final=final if answer is None else None,
         answer=answer,
-        final_state=site.report(browser.state),
+        final_state=site.report(browser.states[site.host]),
     )
 
 

@@ -22,7 +22,7 @@ from typing import Any, Literal
 
 from PIL import Image
 
-from webgym.core.errors import UsageError, WebGymError
+from webgym.core.errors import PolicyError, UsageError, WebGymError
 from webgym.core.outcome import Outcome, ending_of, outcome_of
 from webgym.core.tokens import ReplyTokens
 from webgym.core.trajectory import Failure, Message, Reply, Trajectory
@@ -127,7 +127,8 @@ class TokenRollout:
         rows: one per step that can be trained on.
         dropped: steps without a row, by reason: ``no_reward``, and :data:`~webgym.train.samples.DropReason`.
         failure: the error that ended the episode or prevented its verdict; ``None`` if there was none.
-        trajectory: the whole record; ``None`` if the episode could not start.
+        trajectory: the whole record; ``None`` if the episode could not start, or a request could not be
+            rendered.
         seconds: duration, wall time.
     """
 
@@ -154,7 +155,7 @@ async def roll_out(
     """Play one episode with an inference engine.
 
     Args:
-        env: open, with ``on_fault="nan"``.
+        env: open, with ``on_fault="nan"``: an episode without a reward is a result here, not an error.
         generate: calls the engine. Its exceptions are passed on, and the episode is abandoned.
         renderer: with the model's tokenizer and image processor.
         task_id: the task; by default the environment's next.
@@ -164,22 +165,26 @@ async def roll_out(
 
     Raises:
         ConfigError: there is no such task.
-        UsageError: the environment is not open.
+        UsageError: the environment is not open, or raises for faults.
     """
+    if env.on_fault == "raise":
+        raise UsageError("an episode without a reward is a result here", hint='make env with on_fault="nan"')
     started = time.monotonic()
     try:
         _, info = await env.reset(options={} if task_id is None else {"task_id": task_id})
     except UsageError:
         raise
     except WebGymError as error:
-        failure = Failure(error.code, error.message)
-        seconds = time.monotonic() - started
-        outcome = outcome_of(ending_of(error), None)
-        return TokenRollout(task_id or "", None, outcome, [], Counter(), failure, None, seconds)
+        return _failed(task_id or "", error, 0, started)
     requests: list[TokenRequest] = []
     try:
         while not info["is_over"]:
-            requests.append(await asyncio.to_thread(_request, env.episode_id, info, renderer))
+            try:
+                request = await asyncio.to_thread(_request, env.episode_id, info, renderer)
+            except PolicyError as error:  # a reply or a page wrote the placeholder of pictures itself
+                await env.abandon()
+                return _failed(info["task_id"], error, len(requests), started)
+            requests.append(request)
             sampled = await generate(requests[-1])
             _, _, _, _, info = await env.step(_reply(requests[-1], sampled, renderer, policy))
     except BaseException:
@@ -202,6 +207,15 @@ async def roll_out(
         trajectory.episode.failure or trajectory.judge_failure,
         trajectory,
         time.monotonic() - started,
+    )
+
+
+def _failed(task_id: str, error: WebGymError, steps: int, started: float) -> TokenRollout:
+    """An episode that ended by an error before it could be judged."""
+    failure, seconds = Failure(error.code, error.message), time.monotonic() - started
+    dropped = Counter(no_reward=steps) if steps else Counter[str]()
+    return TokenRollout(
+        task_id, None, outcome_of(ending_of(error), None), [], dropped, failure, None, seconds
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import io
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -182,6 +183,34 @@ async def test_a_request_that_cannot_be_rendered_fails_alone(folder: Path) -> No
         )
         assert isinstance(bad, PolicyError)
         assert not isinstance(good, BaseException)
+
+
+async def test_whoever_waits_is_told_that_the_policy_is_closed(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = LocalConfig(path=str(folder), sampling=Sampling(max_tokens=2), most_at_once=1)
+    begun, may_end = threading.Event(), threading.Event()
+    async with LocalPolicy(config) as policy:
+
+        def slow(*given: Any) -> Any:
+            begun.set()
+            may_end.wait(5)
+            return [], ""
+
+        monkeypatch.setattr(policy, "_generate", slow)
+        calls = [asyncio.create_task(policy.reply(turn("task say"), seed)) for seed in range(2)]
+        await asyncio.to_thread(begun.wait, 5)
+        asyncio.get_running_loop().call_later(0.05, may_end.set)
+    for end in await asyncio.wait_for(asyncio.gather(*calls, return_exceptions=True), 5):
+        assert isinstance(end, PolicyError)
+    with pytest.raises(PolicyError, match="not open"):
+        await policy.reply(turn("task say"), 1)
+
+
+def test_sampling_that_would_not_be_applied_is_refused() -> None:
+    with pytest.raises(ValueError, match="without min_p, stop"):
+        LocalConfig(path="m", sampling=Sampling(extra_body={"top_k": 2, "min_p": 0.1, "stop": ["a"]}))
+    LocalConfig(path="m", sampling=Sampling(extra_body={"top_k": 2, "min_p": None}))
 
 
 async def test_a_model_that_is_not_there_is_one_line(tmp_path: Path) -> None:

@@ -37,12 +37,13 @@ class InferenceEngine:
         self._texts = texts
         self.requests: list[ModelRequest] = []
         self.reads: Callable[[list[int]], list[int]] = list
+        self.ended = "stop"
 
     async def agenerate(self, request: ModelRequest) -> ModelResponse:
         ids, logprobs = self._engine.sample(self._texts[len(self.requests)])
         self.requests.append(request)
         versions = [3] * (len(ids) - 1) + [4]
-        return ModelResponse(self.reads(request.input_ids), ids, logprobs, versions, "stop")
+        return ModelResponse(self.reads(request.input_ids), ids, logprobs, versions, self.ended)
 
 
 def workflow(folder: Path, **more: Any) -> WebGymWorkflow:
@@ -103,6 +104,14 @@ async def test_an_episode_without_a_reward_is_rejected(tmp_path: Path, fault: di
     async with flow.pool:
         assert await flow.arun_episode(InferenceEngine(), {"task_id": "check-3"}) is None
     assert flow.dropped["no_reward"] >= 1
+
+
+async def test_a_reply_that_the_engine_broke_off_is_no_action_of_the_agents(tmp_path: Path) -> None:
+    engine, flow = InferenceEngine(), workflow(tmp_path)
+    engine.ended = "abort"
+    async with flow.pool:
+        assert await flow.arun_episode(engine, {"task_id": "check-3"}) is None
+    assert flow.dropped == {"no_reward": 1}
 
 
 async def test_rows_that_the_engine_read_otherwise_are_dropped_and_counted(tmp_path: Path) -> None:

@@ -24,6 +24,8 @@ from webgym.testing import check_environment, stand_in_environment, stand_in_poo
 def test_it_passes_gymnasiums_own_check() -> None:
     env = WebGymEnv(env=stand_in_environment(), render_mode="rgb_array")
     check_env(env, skip_render_check=True)
+    tasks = [env.reset(seed=seed)[1]["task_id"] for seed in (3, np.int64(3))]  # type: ignore[arg-type]
+    assert tasks[0] == tasks[1]
     env.close()
 
 
@@ -118,7 +120,7 @@ def test_if_none_starts_the_others_return_and_the_next_step_tries_again(tmp_path
         assert infos["step"].tolist() == [0, 0, 0]
 
 
-def test_what_is_no_action_is_refused_before_any_environment_acts(tmp_path: Path) -> None:
+def test_what_it_takes_and_what_is_refused_before_any_environment_acts(tmp_path: Path) -> None:
     with flaky(tmp_path) as (envs, _):
         with pytest.raises(UsageError, match="call reset first"):
             envs.step([GoBack()] * 3)
@@ -128,6 +130,11 @@ def test_what_is_no_action_is_refused_before_any_environment_acts(tmp_path: Path
         with pytest.raises(UsageError, match="2 actions for 3"):
             envs.step([GoBack()] * 2)
         assert envs.step([GoBack()] * 3)[4]["step"].tolist() == [1, 1, 1]
+        drawn = [list(envs.reset(seed=seed)[1]["task_id"]) for seed in (3, np.int64(3), np.arange(3, 6))]  # type: ignore[arg-type]
+        assert drawn[0] == drawn[1] == drawn[2]
+        assert set(envs.reset(options={"task_id": "check-7"})[1]["task_id"]) == {"check-7"}
+        with pytest.raises(UsageError, match="unknown option"):
+            envs.reset(options={"taskid": "check-7"})
     with pytest.raises(UsageError, match="on_fault"):
         WebGymVectorEnv(3, on_fault="raise")
 

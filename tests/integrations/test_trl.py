@@ -17,7 +17,7 @@ from tests.integrations.engine import example
 
 from webgym import Action, Answer, RunConfig, Scroll
 from webgym.conformance import StandInJudge
-from webgym.core.errors import JudgeError
+from webgym.core.errors import JudgeError, UsageError
 from webgym.core.verdict import Verdict
 from webgym.testing import FAULTS, Adapted, Told, check_adapter, stand_in_pool
 
@@ -116,6 +116,17 @@ def test_a_reward_is_the_judges_and_a_fault_is_none(browsers: Browsers) -> None:
     assert tools.scroll("down") == [{"type": "text", "text": "The episode is over."}]
     assert tools.get_reward() is None
     assert not opened.open_now
+
+
+def test_rows_are_of_tasks_that_the_browsers_have(browsers: Browsers) -> None:
+    """The stand-ins' tasks have no split; the default one would have none of them."""
+    (row,) = browsers.rows(count=1)
+    assert browsers().reset(**row)[0]["type"] == "image"
+
+
+def test_an_error_that_the_model_would_be_shown_is_refused() -> None:
+    with pytest.raises(UsageError, match="on_fault"):
+        Browsers("offline-small-v1", on_fault="raise")
 
 
 def test_more_episodes_than_browsers_are_refused(browsers: Browsers) -> None:

@@ -187,8 +187,10 @@ def test_the_dataset_holds_nothing_that_judges_see(tmp_path: Path) -> None:
 
 def test_the_example(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     example("verl_files").main(tmp_path / "data", "offline-small-v1", size=2, count=3)
-    for split in ("train", "test"):
-        assert len(pq.read_table(tmp_path / "data" / f"{split}.parquet")) == 3
-    (entry,) = OmegaConf.load(tmp_path / "data" / "agent_loop.yaml")
-    assert hydra.utils.get_class(entry["_target_"]) is WebGymAgentLoop
+    entries = OmegaConf.load(tmp_path / "data" / "agent_loop.yaml")
+    for split, entry in zip(("train", "test"), entries, strict=True):
+        rows = pq.read_table(tmp_path / "data" / f"{split}.parquet").to_pylist()
+        assert [row["agent_name"] for row in rows] == [entry["name"]] * 3
+        assert entry["split"] == split
+        assert hydra.utils.get_class(entry["_target_"]) is WebGymAgentLoop
     assert f"agent_loop_config_path={tmp_path}/data/agent_loop.yaml" in capsys.readouterr().out

@@ -32,16 +32,13 @@ from webgym.core.action import (
     Type,
     Upload,
     Wait,
+    typed_addresses,
 )
 from webgym.core.errors import ActionFailed, NavigationFailed
 
 _QUOTED_LENGTH = 300
 _FRAME_DEPTH = 8
 """How many levels of nested frames the focus is followed into."""
-_SCHEMES = ("http://", "https://")
-_OTHER_SCHEMES = frozenset(
-    {"about", "blob", "chrome", "data", "file", "ftp", "javascript", "mailto", "view-source"}
-)
 
 
 class _Field(msgspec.Struct, frozen=True):
@@ -298,14 +295,16 @@ async def _navigate(page: Page, url: str) -> None:
     address = url.strip()
     if len(address) > page.config.url_length:
         raise NavigationFailed(f"an address of {len(address)} characters was not opened")
-    if address.lower().startswith(_SCHEMES):
-        await page.navigate(address)
-    elif not address or "://" in address or address.split(":")[0].lower() in _OTHER_SCHEMES:
+    addresses = typed_addresses(address)
+    if not addresses:
         raise NavigationFailed(
             f'"{address[:_QUOTED_LENGTH]}" was not opened: only http and https addresses are'
         )
-    else:  # as an address bar does: https first
+    for address in addresses:
         try:
-            await page.navigate(f"https://{address}")
+            await page.navigate(address)
         except NavigationFailed:
-            await page.navigate(f"http://{address}")
+            if address == addresses[-1]:
+                raise
+        else:
+            break

@@ -247,6 +247,23 @@ DIRECTIONS: Final[dict[Space, tuple[Side, ...]]] = {"paper": get_args(Direction)
 """The directions in which a page can be scrolled, by action space."""
 
 
+_SCHEMES: Final = ("http://", "https://")
+_OTHER_SCHEMES: Final = frozenset(
+    {"about", "blob", "chrome", "data", "file", "ftp", "javascript", "mailto", "view-source"}
+)
+
+
+def typed_addresses(text: str) -> tuple[str, ...]:
+    """The URLs to try for the address that an agent gave, as an address bar does: https first if it has no
+    scheme. Empty if it has another scheme than http and https."""
+    address = text.strip()
+    if address.lower().startswith(_SCHEMES):
+        return (address,)
+    if not address or "://" in address or address.split(":")[0].lower() in _OTHER_SCHEMES:
+        return ()
+    return (f"https://{address}", f"http://{address}")
+
+
 def name_of(action: Action) -> str:
     """The action's name in prompts, replies and records."""
     return str(type(action).__struct_config__.tag)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from webgym.agent.policy import PolicyInput
 from webgym.agent.profile import Profile
@@ -53,7 +53,15 @@ class LocalConfig(Settings):
 
     sampling: Sampling = Sampling()
     """Sampling parameters; those not set come from the model's profile. ``top_k`` is in ``extra_body``, as
-    for vLLM."""
+    for vLLM; there are no others."""
+
+    @field_validator("sampling")
+    @classmethod
+    def _is_applied(cls, sampling: Sampling) -> Sampling:
+        given = {name for name, value in sampling.extra_body.items() if value is not None}
+        if unknown := sorted(given - {"top_k"}):
+            raise ValueError(f"a model in this process is sampled without {', '.join(unknown)}")
+        return sampling
 
 
 @dataclass
@@ -118,7 +126,7 @@ class LocalPolicy:
         """The model's reply to a turn.
 
         Raises:
-            PolicyError: the request cannot be rendered, or the model failed.
+            PolicyError: the request cannot be rendered, the model failed, or the policy is closed.
         """
         started = time.monotonic()
         encoded = await self._encode(turn.messages, turn.images)
@@ -134,7 +142,7 @@ class LocalPolicy:
         """The model's reply to any request, in a batch of its own.
 
         Raises:
-            PolicyError: the request cannot be rendered, or the policy was not entered.
+            PolicyError: the request cannot be rendered, or the policy is not open.
         """
         started = time.monotonic()
         encoded = await self._encode(messages, images)
@@ -145,10 +153,14 @@ class LocalPolicy:
         return self._reply(encoded, generated, version, chosen, started)
 
     async def _encode(self, messages: Sequence[Message], images: Mapping[str, bytes]) -> Encoded:
-        if self._worker is None:
-            raise PolicyError("the local policy was not entered", hint="use it as `async with policy:`")
+        self._check_open()
         encoded: Encoded = await asyncio.to_thread(self._loaded.renderer.prompt, messages, images)
+        self._check_open()
         return encoded
+
+    def _check_open(self) -> None:
+        if self._worker is None:
+            raise PolicyError("the local policy is not open", hint="use it as `async with policy:`")
 
     def _reply(
         self, encoded: Encoded, generated: Generated, version: str, sampling: Sampling, started: float
@@ -178,7 +190,8 @@ class LocalPolicy:
             await asyncio.gather(self._worker, return_exceptions=True)
             self._worker = None
         for call in self._waiting:
-            call.reply.cancel()
+            if not call.reply.done():
+                call.reply.set_exception(PolicyError("the local policy was closed before it replied"))
         self._waiting.clear()
         await asyncio.to_thread(self._thread.shutdown)
 
@@ -205,6 +218,9 @@ class LocalPolicy:
                     [call.seed for call in batch],
                     self._sampling,
                 )
+            except asyncio.CancelledError:
+                self._waiting += batch  # closed, and whoever waits is told
+                raise
             except Exception as error:
                 reason = (
                     f"the local model failed: {type(error).__name__}: {' '.join(str(error).split())[:200]}"

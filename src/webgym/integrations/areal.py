@@ -82,10 +82,11 @@ class WebGymWorkflow(RolloutWorkflow):
             )
             response = await engine.agenerate(model_request)
             versions[len(versions)] = list(response.output_versions)
+            ended = response.stop_reason
             return Sampled(
                 response.output_tokens,
                 response.output_logprobs,
-                finish_reason="length" if response.stop_reason == "length" else "stop",
+                finish_reason=ended if ended in ("length", "abort") else "stop",
                 weight_version=str(min(response.output_versions, default="")),
                 prompt_ids=response.input_tokens,
                 sampling=_sampling(self.gconfig),

@@ -131,6 +131,7 @@ class WebGymEnv(gymnasium.Env[Observation, Any]):
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """See :meth:`webgym.Environment.reset`."""
+        seed = None if seed is None else int(seed)  # such as numpy's
         super().reset(seed=seed)
         self._view, info = self._env.reset(seed=seed, options=options)
         self._instruction = info["instruction"]
@@ -198,15 +199,18 @@ class WebGymVectorEnv(gymnasium.vector.VectorEnv[Observation, Sequence[Any], NDA
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Start an episode in each environment. An integer seed is increased by one for each environment.
+        ``options`` are those of :meth:`webgym.Environment.reset`, the same for each.
 
         Raises:
             WebGymError: no episode started in one of them; they did in the others.
         """
-        seeds = [seed + index for index in range(self.num_envs)] if isinstance(seed, int) else seed
-        seeds = seeds or [None] * self.num_envs
+        if seed is None or isinstance(seed, int | np.integer):
+            seeds = [None if seed is None else int(seed) + index for index in range(self.num_envs)]
+        else:
+            seeds = list(seed)
         if len(seeds) != self.num_envs:
             raise UsageError(f"{len(seeds)} seeds for {self.num_envs} environments")
-        begun = self._loop.run(_all([self._begin(index, seed) for index, seed in enumerate(seeds)]))
+        begun = self._loop.run(_all([self._begin(index, seed, options) for index, seed in enumerate(seeds)]))
         observations, *_, infos = self._results(begun)
         return observations, infos
 
@@ -226,12 +230,14 @@ class WebGymVectorEnv(gymnasium.vector.VectorEnv[Observation, Sequence[Any], NDA
         taken = self._loop.run(_all([self._act(index, action) for index, action in enumerate(actions)]))
         return self._results(taken)
 
-    async def _begin(self, index: int, seed: int | None = None) -> _Taken:
+    async def _begin(
+        self, index: int, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> _Taken:
         """Start an episode; after a fault, with the next task."""
         self._is_over[index] = True  # until one has started
         for left in reversed(range(_RESETS)):
             try:
-                view, info = await self._envs[index].reset(seed=seed)
+                view, info = await self._envs[index].reset(seed=seed, options=options)
                 break
             except WebGymError as error:
                 if isinstance(error, UsageError) or not left:

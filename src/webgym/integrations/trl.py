@@ -223,7 +223,7 @@ class Browsers:
         name: name of the tasks, as for :func:`webgym.make`.
         size: number of browsers: at least ``generation_batch_size`` of a process, because TRL starts all
             episodes of a generation batch at the same time.
-        options: further arguments of :class:`webgym.EnvironmentPool`.
+        options: further arguments of :class:`webgym.EnvironmentPool`, except ``on_fault="raise"``.
 
     Attributes:
         pool: the environments.
@@ -231,10 +231,16 @@ class Browsers:
         begun: number of episodes started.
         unanswered: number of episodes that TRL ended before an answer. If there are many,
             ``max_completion_length`` is too short for the screenshots.
+
+    Raises:
+        UsageError: ``on_fault`` is ``raise``.
     """
 
     def __init__(self, name: str = "offline-v1", *, size: int = 8, **options: Any) -> None:
+        if options.get("on_fault") == "raise":
+            raise UsageError("TRL would show the error to the model", hint="use on_fault='nan'")
         self.pool = EnvironmentPool(name, size=size, **options)
+        self._drawn = {key: options[key] for key in ("split", "config") if key in options}
         self._name, self._size = name, size
         self._made: weakref.WeakSet[BrowserTools] = weakref.WeakSet()
         self.begun = self.unanswered = 0
@@ -260,9 +266,10 @@ class Browsers:
         """A dataset: rows with ``prompt`` and ``task_id``.
 
         Args:
-            options: arguments of :func:`webgym.task_rows`, such as ``count`` and ``split``.
+            options: arguments of :func:`webgym.task_rows`, such as ``count``; ``split`` and ``config`` are
+                by default those of the browsers.
         """
-        rows = task_rows(self._name, **options)
+        rows = task_rows(self._name, **(self._drawn | options))
         return [
             {"task_id": row["task_id"], "prompt": [{"role": "user", "content": PROMPT + row["instruction"]}]}
             for row in rows

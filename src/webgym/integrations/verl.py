@@ -152,13 +152,16 @@ def _preempted(reply: TokenOutput) -> int:
     return -1 if reply.num_preempted is None else reply.num_preempted
 
 
-def write_dataset(path: Path | str, name: str = "offline-v1", **options: Any) -> None:
+def write_dataset(
+    path: Path | str, name: str = "offline-v1", *, agent: str = "webgym", **options: Any
+) -> None:
     """Write tasks as a Parquet file for ``data.train_files``.
 
     Args:
         path: of the file.
         name: name of the tasks, as for :func:`webgym.make`.
-        options: further arguments of :func:`webgym.task_rows`, such as ``count``.
+        agent: name of the agent loop's entry; its ``tasks`` and ``split`` must be those of these tasks.
+        options: further arguments of :func:`webgym.task_rows`, such as ``count`` and ``split``.
 
     Raises:
         ConfigError: there are no tasks of this name.
@@ -171,7 +174,7 @@ def write_dataset(path: Path | str, name: str = "offline-v1", **options: Any) ->
         {
             "prompt": [{"role": "user", "content": row["instruction"]}],
             "data_source": name,
-            "agent_name": "webgym",
+            "agent_name": agent,
             "reward_model": {"style": "environment", "ground_truth": ""},
             "extra_info": {"index": number, "task_id": row["task_id"]},
         }

@@ -134,9 +134,10 @@ def review(task: SourceTask | Task, rubric: Rubric) -> list[Finding]:
 
 def _asked_by(task: SourceTask | Task) -> Asked:
     answers = tuple(answer for answer in (task.reference_answer, task.example_answer) if answer)
-    is_derived = isinstance(task, Task) and task.parent_id is not None
     hints = task.hints if isinstance(task, SourceTask) else ()
-    return Asked(task.instruction, prompts.known_website(task) or "", hints, answers, is_derived)
+    return Asked(
+        task.instruction, prompts.known_website(task) or "", hints, answers, task.parent_id is not None
+    )
 
 
 def _draft(reply: prompts.RubricReply) -> Draft:

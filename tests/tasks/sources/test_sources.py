@@ -271,11 +271,19 @@ def test_the_published_set_has_rubrics(tmp_path: Path) -> None:
         "kept as given"
     )
     assert (controller.reference_answer, hours.reference_answer) == (None, "10 to 16")
-    assert hours.extra == {
-        "distribution": "train",
-        "benchmark_name": "insta-v3",
-        "task_id_decomposed_from": "17",
-    }
+    assert (controller.parent_id, hours.parent_id) == (None, "webgym/insta-v3/17")
+    assert hours.extra == {"distribution": "train", "benchmark_name": "insta-v3"}
+
+
+def test_the_published_sets_test_tasks_are_known_by_their_file(tmp_path: Path) -> None:
+    first, second = native.PUBLISHED
+    (tmp_path / "a-copy.jsonl").write_text(native.as_lines([first]))
+    (tmp_path / "test.jsonl").write_text(native.as_lines([first]))
+    (tmp_path / "train.jsonl").write_text(native.as_lines([first, second]))
+    tasks = read_source("webgym", tmp_path, today=TODAY).tasks
+    assert [task.split for task in tasks] == ["test", "train"]
+    (tmp_path / "test.json").write_text(json.dumps(native.ONLINE_MIND2WEB))
+    assert {task.split for task in read_source("online-mind2web", tmp_path, today=TODAY).tasks} == {None}
 
 
 @pytest.mark.parametrize(

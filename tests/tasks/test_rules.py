@@ -36,6 +36,14 @@ def look(task: str, groups: Groups, **asked: object) -> list[Finding]:
     return check_rubric(draft(groups), Asked(task, **asked))  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("number", ["9" * 320, "9" * 5_000, "8" * 305 + " thousand", "hundred " * 160])
+@pytest.mark.parametrize("unit", ["km", "adults", "%", "million", "and a half"])
+def test_a_number_beyond_all_bounds_is_no_crash(number: str, unit: str) -> None:
+    said = f"The tower for {number} {unit} is found"
+    broken("Find the tower", said)
+    broken(said, "The tower of 3 km is found")
+
+
 SHOES = "Find running shoes in red or blue under $80 that are rated at least 4 stars"
 
 HITS = [

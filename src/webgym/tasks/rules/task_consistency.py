@@ -85,7 +85,8 @@ _UMBRELLA_STEMS: Final = frozenset(
 def unstated_numbers(case: Case) -> Iterator[str]:
     """A fact states no number that the task does not state in digits, in words or in other units."""
     stated = case.task.counts | Text(case.context.website).numbers
-    most = max((int(number) for number in stated if number.isdecimal() and int(number) <= 20), default=1)
+    short = (int(number) for number in stated if len(number) <= 2 and number.isdecimal())
+    most = max((number for number in short if number <= 20), default=1)
     counted = _counted_through(case)
     for fact in case.facts:
         unstated = fact.text.numbers - stated

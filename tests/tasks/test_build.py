@@ -495,7 +495,7 @@ async def test_the_published_sets_families_and_test_tasks_stay_so(tmp_path: Path
             "task_id": id,
             "task_name": f"Find all about {id}.",
             "website": website,
-            "difficulty": sum(sizes),
+            "difficulty": 7,
             "evaluator_reference": groups,
             "definite_answer": "",
             "task_id_decomposed_from": parent,

@@ -28,6 +28,7 @@ from webgym.tasks.construction.importing import Imported, import_tasks
 from webgym.tasks.construction.progress import StageProgress
 from webgym.tasks.decompose import Capped, decompose
 from webgym.tasks.duplicates import drop_duplicates
+from webgym.tasks.published import DIFFICULTY_DIFFERS
 from webgym.tasks.rules import Finding
 from webgym.tasks.sources import SourceTask
 from webgym.tasks.split import split
@@ -404,6 +405,6 @@ def _finished(task: SourceTask, rubric: Rubric) -> Task:
         parent_id=task.parent_id,
         split=task.split,
         website_from=task.website_from,
-        flags=task.flags,
+        flags=tuple(flag for flag in task.flags if flag != DIFFICULTY_DIFFERS),
         extra=task.extra,
     )

@@ -54,7 +54,7 @@ _REFUSAL: Final = re.compile(
     r"|as an ai\b)",
     re.IGNORECASE,
 )
-_MARKDOWN: Final = re.compile(r"(?m)^\s*(?:#{1,6} |```|[-*•] |\d+[.)] |> )|\*\*|```|^\s*\|.*\|\s*$")
+_MARKDOWN: Final = re.compile(r"(?m)^[ \t]*(?:#{1,6} |```|[-*•] |\d+[.)] |> )|\*\*|```|^[ \t]*\|.*\|[ \t]*$")
 _WRAPPED: Final = (('"', '"'), ("“", "”"), ("'", "'"), ("`", "`"), ("«", "»"), ("‘", "’"))
 _SHORTEST_ANSWER: Final = 4
 
@@ -67,6 +67,8 @@ def refused_rewriting(
 
 
 def _ill_formed(text: str, parent: str, limits: WritingLimits) -> str | None:
+    if len(text) > limits.longest(parent):
+        return f"it has {len(text)} characters; write at most {limits.longest(parent)}."
     folded = fold(text)
     if _REFUSAL.match(folded):
         return "it is a refusal, not the text of a task."
@@ -87,8 +89,6 @@ def _ill_formed(text: str, parent: str, limits: WritingLimits) -> str | None:
         return "it is the original task; write one that asks for the given facts alone."
     if len(text) < limits.shortest_chars:
         return f"it has {len(text)} characters; that is too short for a task."
-    if len(text) > limits.longest(parent):
-        return f"it has {len(text)} characters; write at most {limits.longest(parent)}."
     return None
 
 

@@ -21,7 +21,7 @@ from webgym.llm.structured import ask_for
 from webgym.tasks import prompts
 from webgym.tasks.rewriting import DEFAULT_LIMITS, WritingLimits, refused_rewriting
 from webgym.tasks.rules import Asked, Draft, DraftGroup, Finding, check_rubric
-from webgym.tasks.rules.wording import with_capital_or
+from webgym.tasks.rules.wording import LONGEST_FACT_CHARS, with_capital_or
 from webgym.tasks.sources.base import SourceTask
 from webgym.tasks.taxonomy import DOMAIN_OF
 
@@ -143,7 +143,11 @@ def _asked_by(task: SourceTask | Task) -> Asked:
 def _draft(reply: prompts.RubricReply) -> Draft:
     """The model's rubric, with OR in capitals: what can be corrected is no reason to ask again."""
     groups = tuple(
-        DraftGroup(group.id, group.description, tuple(map(with_capital_or, group.facts)))
+        DraftGroup(
+            group.id,
+            group.description,
+            tuple(fact if len(fact) > LONGEST_FACT_CHARS else with_capital_or(fact) for fact in group.facts),
+        )
         for group in reply.fact_groups
     )
     return Draft(groups, reply.difficulty)

@@ -86,7 +86,10 @@ _MEASURES: Final[tuple[dict[str, float], ...]] = (
 )
 """Units by measure, each with its size in the smallest unit of the measure."""
 _UNIT: Final = "|".join(sorted({unit for units in _MEASURES for unit in units}, key=len, reverse=True))
-_QUANTITY: Final = re.compile(rf"(?:(\d+(?:[.,]\d+)*)[\s-]?)?\b({_UNIT})s?\b|(\d+(?:[.,]\d+)*)({_UNIT})s?\b")
+_START: Final = r"(?<!\d)(?<!\d[.,])"
+_QUANTITY: Final = re.compile(
+    rf"(?:{_START}(\d+(?:[.,]\d+)*)[\s-]?)?\b({_UNIT})s?\b|{_START}(\d+(?:[.,]\d+)*)({_UNIT})s?\b"
+)
 _HALF: Final = re.compile(r"\b(half|quarter)(?: of)?(?: an?)?(?=[\s-])")
 _AND_A_HALF: Final = re.compile(r"(\d+)(?: and a half| 1/2|½)")
 

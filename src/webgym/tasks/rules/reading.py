@@ -36,7 +36,7 @@ _TITLE_CASE: Final = 0.6
 """Share of capitalised words above which a text counts as a title, in which capitals do not mark names."""
 
 _ENDLESS_NUMBER: Final = re.compile(r"(\d{40})\d+")
-"""A number whose digits after the first are left out, as the time of other patterns grows with their square."""
+"""A number whose digits after the first are left out: the time of some patterns grows with their square."""
 _WORD: Final = re.compile(r"[^\W_]+(?:'[^\W_]+)?")
 QUOTED: Final = re.compile(
     r"“([^”]*)”|\"([^\"]*)\"|«([^»]*)»|(?<![\w’'])[‘']([^’']{2,}(?:[’']s [^’']*)?)[’'](?!\w)"

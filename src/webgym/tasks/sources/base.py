@@ -27,7 +27,7 @@ BAD_WEBSITE = "bad-website"
 GARBLED = "garbled"
 """Flag: a value other than the instruction cannot be read, and was left out."""
 OUTDATED_ANSWER = "outdated-answer"
-"""Flag: the file of answers has an answer with the task's id, but for an older text of the task."""
+"""Flag: the file of answers has an answer with the task's id, but for an older or another text."""
 NEEDS_FILE = "needs-file"
 """Flag: the task needs a file that is not included."""
 
@@ -100,6 +100,7 @@ class Draft:
     Attributes:
         native_id, native_parent_id: the ids of the record and of its parent in its source; ``None`` if it has
             none.
+        joined: whether the answer is from a companion file that has no more of the record than its id.
         website: as in the record, a bare host or a URL; ``None`` if it has none.
         website_from: origin of ``website``, if there is one.
         dates: texts other than the instruction with the dates that the task is about.
@@ -113,6 +114,7 @@ class Draft:
     subdomain: str = ""
     reference_answer: str | None = None
     example_answer: str | None = None
+    joined: bool = False
     hints: tuple[str, ...] = ()
     rubric: Rubric | None = None
     native_parent_id: str | None = None

@@ -14,8 +14,19 @@ from msgspec.structs import replace
 
 from webgym.core.errors import TaskFileError
 from webgym.core.task import WebsiteFrom
+from webgym.core.text import fold
 from webgym.tasks.formats import split_of
-from webgym.tasks.sources.base import BAD_WEBSITE, CHATS, DATED, Draft, Read, Skipped, Source, SourceTask
+from webgym.tasks.sources.base import (
+    BAD_WEBSITE,
+    CHATS,
+    DATED,
+    OUTDATED_ANSWER,
+    Draft,
+    Read,
+    Skipped,
+    Source,
+    SourceTask,
+)
 from webgym.tasks.sources.companions import Companions
 from webgym.tasks.sources.dates import contains_past_date
 from webgym.tasks.sources.fields import Fields, website_url
@@ -72,6 +83,7 @@ class _TaskCollector:
         self._today = today
         self._places: dict[str, str] = {}
         self._tasks: dict[str, SourceTask] = {}
+        self._joined: dict[tuple[Path | None, str], list[str]] = {}
         self._skipped: list[Skipped] = []
         self._known = 0  # records of this source, including repeated ones
         self.passed_over: list[PassedOver] = []
@@ -140,12 +152,25 @@ class _TaskCollector:
                     draft.split = draft.split or split_of(Path(_file_name(record.file)))
                 task = _task(self._source, draft, self._today)
                 self._known += 1
-                task = self._with_unique_id(task)
+                native, task = task.id, self._with_unique_id(task)
             except Unusable as reason:
                 self._skipped.append(Skipped(record.file, record.place, str(reason)))
             else:
                 self._tasks[task.id] = task
                 self._places[task.id] = f"{record.file}, {record.place}"
+                if draft.joined:
+                    same = self._joined.setdefault((companions.folder, native), [])
+                    same.append(task.id)
+                    self._withhold_answer(same)
+
+    def _withhold_answer(self, same: list[str]) -> None:
+        """Take the answer from the tasks that it was given to by one id, if they have different texts."""
+        if len(same) == 1 or len({fold(self._tasks[id].instruction) for id in same}) == 1:
+            return
+        for id in same:
+            task = self._tasks[id]
+            flags = tuple(dict.fromkeys((*task.flags, OUTDATED_ANSWER)))
+            self._tasks[id] = replace(task, reference_answer=None, example_answer=None, flags=flags)
 
     def _with_unique_id(self, task: SourceTask) -> SourceTask:
         """The task with a unique id.

@@ -276,6 +276,8 @@ def test_gaias_website_is_a_placeholder(tmp_path: Path) -> None:
         ({"Final answer": None, "final_answer": "x"}, "x"),
         ({"Final answer": ""}, None),
         ({"Final answer": 2.5}, "2.5"),
+        ({"Final answer": 3.0}, "3"),
+        ({"Final answer": "3.0"}, "3.0"),
     ],
 )
 def test_gaias_answers(tmp_path: Path, change: dict[str, Any], expected: str | None) -> None:

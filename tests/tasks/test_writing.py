@@ -154,6 +154,12 @@ async def test_a_website_is_inferred_and_its_domain_follows_from_the_subdomain()
         ("", "Music", "no address"),
         ("http://127.0.0.1/", "Music", "no public website"),
         ("http://printer.local/", "Music", "no public website"),
+        ("https://0x0a.1/", "Music", "no public website"),
+        ("https://a.example/ (search there)", "Music", "more than the address"),
+        ("https://a.example/\x1b[2J", "Music", "more than the address"),
+        ("https://metadata.google.internal/", "Music", "metadata service"),
+        ("ftp://a.example/", "Music", "not an http or https address"),
+        ("https://a.example/" + "x" * 9_000, "Music", "more than 8,192"),
     ],
 )
 async def test_what_is_no_website_or_subdomain_is_asked_for_again(
@@ -274,6 +280,8 @@ async def test_a_rewritten_task_is_taken(thought: str) -> None:
         (f"**{FINE}**", "markdown"),
         (f"```\n{FINE}\n```", "markdown"),
         (f"# Task\n{FINE}", "markdown"),
+        (f"{FINE} \x00\x1b[2J", "control characters"),
+        (f"{FINE} \ud83d", "control characters"),
         (f"{FINE}\n\nNote: weight only.", "several lines"),
         (TASK.instruction, "original task"),
         (TASK.instruction.upper(), "original task"),

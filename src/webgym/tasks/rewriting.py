@@ -55,6 +55,7 @@ _REFUSAL: Final = re.compile(
     re.IGNORECASE,
 )
 _MARKDOWN: Final = re.compile(r"(?m)^[ \t]*(?:#{1,6} |```|[-*•] |\d+[.)] |> )|\*\*|```|^[ \t]*\|.*\|[ \t]*$")
+_CONTROL: Final = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
 _WRAPPED: Final = (('"', '"'), ("“", "”"), ("'", "'"), ("`", "`"), ("«", "»"), ("‘", "’"))
 _SHORTEST_ANSWER: Final = 4
 
@@ -83,6 +84,8 @@ def _ill_formed(text: str, parent: str, limits: WritingLimits) -> str | None:
         return "it stands in quotation marks; write the text of the task alone."
     if _MARKDOWN.search(text) and not _MARKDOWN.search(parent):
         return "it holds markdown; write plain text."
+    if _CONTROL.search(text) and not _CONTROL.search(parent):
+        return "it holds control characters; write plain text."
     if "\n" in text and "\n" not in parent:
         return "it has several lines; write one paragraph."
     if _plain(text) == _plain(parent):

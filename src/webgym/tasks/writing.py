@@ -15,7 +15,7 @@ from webgym.core.errors import LLMUnusable
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.text import THOUGHT, THOUGHT_END
 from webgym.core.trajectory import ended_by, was_cut_off
-from webgym.core.websites import host_of
+from webgym.core.websites import host_of, start_url_problem
 from webgym.llm.completion import Completes, Completion
 from webgym.llm.structured import ask_for
 from webgym.tasks import prompts
@@ -70,11 +70,17 @@ async def infer_website(
 
 def _no_website(address: str) -> str | None:
     """Why a text is not the address of a public website; ``None`` if it is."""
+    address = address.strip()
     try:
         host = host_of(address)
     except ValueError:
         return f"{address!r} is no address of a website."
-    is_public = "." in host and not host.replace(".", "").isdigit() and not host.endswith((".local", ".test"))
+    if " " in address or not address.isprintable():
+        return f"{address!r} is more than the address of a website."
+    if problem := start_url_problem(address):
+        return f"{problem}."
+    is_number = host.rpartition(".")[2][:1].isdigit()  # an IP address, in any spelling
+    is_public = "." in host and not is_number and not host.endswith((".local", ".test"))
     return None if is_public else f"{address!r} is no public website."
 
 

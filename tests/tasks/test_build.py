@@ -26,6 +26,7 @@ from tests.documented import documented
 from tests.serving import beside
 from tests.tasks.endpoint import Endpoint, serve
 from tests.tasks.shapes import ask, write_shapes
+from tests.tasks.sources import native
 from tests.tasks.sources.native import as_lines
 
 from webgym.cli import main
@@ -478,6 +479,50 @@ async def test_a_manifest_does_not_outlive_its_set(tmp_path: Path, monkeypatch: 
         with pytest.raises(UsageError, match="No space left on device"):
             await command.build(out, seed=1)
     assert not (out / "manifest.json").exists(), "it would tell of a set that is no longer there"
+
+
+async def test_the_published_sets_families_and_test_tasks_stay_so(tmp_path: Path) -> None:
+    def row(id: str, website: str, *sizes: int, parent: str | None = None) -> dict[str, Any]:
+        groups = [
+            {
+                "id": n,
+                "description": f"part {n}",
+                "facts": [f"Thing {n}.{fact} is found" for fact in range(size)],
+            }
+            for n, size in enumerate(sizes, start=1)
+        ]
+        return native.PUBLISHED[1] | {
+            "task_id": id,
+            "task_name": f"Find all about {id}.",
+            "website": website,
+            "difficulty": 7,
+            "evaluator_reference": groups,
+            "definite_answer": "",
+            "task_id_decomposed_from": parent,
+        }
+
+    names = [f"p{number}" for number in range(6)]
+    parents = [row(name, f"https://company-{name}.com/", 3, 1) for name in names]
+    children = [row(f"{name}+1", f"https://shop-{name}.net/", 3, parent=name) for name in names]
+    strange = row("p5-strange", "https://strange.net/", 1, parent="p5")
+    published = tmp_path / "published"
+    published.mkdir()
+    (published / "test.jsonl").write_text(as_lines(parents[:2]))
+    (published / "train.jsonl").write_text(as_lines([*parents[2:], *children, strange]))
+    given = {"sources": {"webgym": str(published)}, "split": {"test_tasks": 3}, "figures": False}
+    finished = await run_build(read_config(None, given), BuildPaths.of(tmp_path / "out"), QUIET)
+    tests = {
+        task.id.removeprefix("webgym/insta-v3/") for task in finished.build.tasks if task.split == "test"
+    }
+    assert tests > {"p0", "p1"}
+    assert len(tests) == 3
+    trained = [task for task in finished.build.tasks if task.split == "train"]
+    left = set(names) - tests
+    assert {task.parent_id and task.parent_id.removeprefix("webgym/insta-v3/") for task in trained} == {
+        None,
+        *left,
+    }
+    assert len(trained) == 2 * len(left) + ("p5" in left)
 
 
 async def test_what_asks_for_nothing_needs_no_model(tmp_path: Path) -> None:

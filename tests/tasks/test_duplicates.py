@@ -128,6 +128,26 @@ def test_people_go_before_models_and_then_the_smaller_id() -> None:
     assert [each[2] for each in verdicts(*tasks[:3])] == ["deepshop/1", "deepshop/1"]
 
 
+def test_a_test_task_goes_before_any_other() -> None:
+    tasks = [asking("a/1", "Buy milk.", source="mine"), asking("b/1", "Buy milk", split="test")]
+    assert verdicts(*tasks) == [("a/1", "same", "b/1")]
+
+
+def test_children_of_a_source_go_with_their_parents() -> None:
+    tasks = [
+        SourceTask(id=id, source="webgym", instruction=text, website="https://a.example/", parent_id=parent)
+        for id, text, parent in (
+            ("w/1", "Buy milk.", None),
+            ("w/2", "buy milk", None),
+            ("w/2+1", "Buy.", "w/2"),
+        )
+    ]
+    assert [(each.id, each.why) for each in drop_duplicates(tasks).dropped] == [
+        ("w/2", "same"),
+        ("w/2+1", "parent"),
+    ]
+
+
 def test_children_go_with_their_parents() -> None:
     tasks = [
         asking("b/1", "Buy milk and bread.", source="deepshop"),

@@ -36,6 +36,23 @@ def look(task: str, groups: Groups, **asked: object) -> list[Finding]:
     return check_rubric(draft(groups), Asked(task, **asked))  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("number", ["9" * 320, "9" * 5_000, "8" * 305 + " thousand", "hundred " * 160])
+@pytest.mark.parametrize("unit", ["km", "adults", "%", "million", "and a half"])
+def test_a_number_beyond_all_bounds_is_no_crash(number: str, unit: str) -> None:
+    said = f"The tower for {number} {unit} is found"
+    broken("Find the tower", said)
+    broken(said, "The tower of 3 km is found")
+
+
+@pytest.mark.timeout(10)  # the time of most patterns grows with the square of a text's length
+@pytest.mark.parametrize("part", ["1.", '"', "red or ", "such as ", "a", "1", "\n"])
+def test_texts_without_end_take_no_time(part: str) -> None:
+    assert broken("Find the tower", part * 100_000, "The tower is found") == {"endless"}
+    described = DraftGroup(1, part * 100_000, ("The tower is found",))
+    assert {each.rule for each in check_rubric(Draft((described,), 1), Asked("Find it"))} == {"endless"}
+    assert not broken(f"Find the tower {part * 3_000}", "The tower is found") & {"endless"}
+
+
 SHOES = "Find running shoes in red or blue under $80 that are rated at least 4 stars"
 
 HITS = [

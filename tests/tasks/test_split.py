@@ -189,6 +189,28 @@ def test_children_go_where_their_parents_are() -> None:
     assert trained == {left, f"{left}+1", f"{left}+2"} | ({"p0+9"} if left == "p0" else set())
 
 
+@pytest.mark.parametrize("size", [0, 1, 4])
+def test_what_was_for_testing_is_never_trained_on(size: int) -> None:
+    held = [
+        task("t1", "https://a.example/"),
+        task("t2", "https://www.a.example/"),
+        task("t3+1", "https://b.example/", 3, parent_id="t3"),
+        task("dropped", "https://c.example/"),
+        task("odd", "nowhere at all"),
+    ]
+    others = [
+        task("t3", "https://d.example/", 3, 1),
+        task("dropped+1", "https://e.example/", 3, parent_id="dropped"),
+        *(task(f"p{n}", f"https://{site}.example/") for n, site in enumerate("abcfghij")),
+    ]
+    found = split([*held[:3], held[4], *others], SplitConfig(test_tasks=size), held)
+    tests = {each.id for each in for_testing(found.tasks)}
+    assert len(tests & {"t1", "t2"}) == 1
+    assert "t3+1" in tests
+    assert len(tests) == max(size, 2)
+    assert {each.id for each in found.tasks} - tests == {f"p{n}" for n in range(3, 8)} - tests
+
+
 def test_every_website_may_be_for_testing() -> None:
     found = split(many(50, 1), SplitConfig(test_tasks=1))
     assert len(found.tasks) == 1

@@ -9,6 +9,7 @@ the label before it is part of the website; the Public Suffix List says which su
 from __future__ import annotations
 
 import ipaddress
+import re
 import socket
 from functools import cache, lru_cache
 from typing import Final
@@ -96,6 +97,10 @@ def host_or_text(website: str) -> str:
         return website
 
 
+_SCHEME: Final = re.compile(r"https?:|[a-z][a-z0-9+.-]*:(?!\d)")
+"""The scheme of a URL, rather than a host and its port. Browsers need no slashes after "https:"."""
+
+
 def start_url_problem(website: str) -> str:
     """Why no attempt may start at this URL or bare host; empty if it may.
 
@@ -104,8 +109,8 @@ def start_url_problem(website: str) -> str:
     """
     if len(website) > _MAX_CHARACTERS:
         return f"its address has {len(website):,} characters, more than {_MAX_CHARACTERS:,}"
-    scheme, colon, rest = website.strip().partition(":")
-    if colon and scheme.isalpha() and scheme.lower() not in ("http", "https") and not rest[:1].isdigit():
+    address = website.strip().lower()
+    if _SCHEME.match(address) and not address.startswith(("http://", "https://")):
         return f"{website[:80]!r} is not an http or https address"
     try:
         host = host_of(website).strip("[]")

@@ -72,8 +72,10 @@ SAME: Final = {
     # URL shorteners of a brand, and its former or additional names.
     "a.co": "amazon.*",
     "amzn.com": "amazon.*",
+    "amzn.eu": "amazon.*",
     "amzn.to": "amazon.*",
     "fb.com": "facebook.*",
+    "go.com": "espn.*",  # espn.go.com; also abc.go.com
     "guardian.co.uk": "theguardian.*",
     "instagr.am": "instagram.*",
     "t.co": "twitter.*",

@@ -114,8 +114,8 @@ def drop_duplicates(tasks: Sequence[AnyTask], limits: DuplicateLimits | None = N
         limits: what counts as a duplicate; ``None`` for the defaults.
     """
     limits = limits or DuplicateLimits()
-    parents = {task.id: task.parent_id for task in tasks if isinstance(task, Task) and task.parent_id}
-    roots = roots_of(task for task in tasks if isinstance(task, Task))
+    parents = {task.id: task.parent_id for task in tasks if task.parent_id}
+    roots = roots_of(tasks)
     texts = [_Text(task, roots.get(task.id, task.id)) for task in tasks]
     kept_texts, caps = _KeptTexts(texts, limits), _SyntheticLimits(limits)
     removed: dict[str, DuplicateTask] = {}
@@ -137,16 +137,17 @@ def drop_duplicates(tasks: Sequence[AnyTask], limits: DuplicateLimits | None = N
 
 def _order(
     tasks: Sequence[Task | SourceTask], parents: Mapping[str, str], limits: DuplicateLimits
-) -> Callable[[int], tuple[int, int, bytes, str]]:
-    """The sort key of a task: generation, rank of the source, random order, id."""
+) -> Callable[[int], tuple[int, bool, int, bytes, str]]:
+    """The sort key of a task: generation, test tasks before others, rank of the source, random order, id."""
     ranks = {source: rank for rank, source in enumerate(limits.sources)}
 
-    def key(index: int) -> tuple[int, int, bytes, str]:
+    def key(index: int) -> tuple[int, bool, int, bytes, str]:
         task = tasks[index]
         drawn = b""
         if task.source in limits.synthetic:
             drawn = hashlib.blake2b(f"{limits.seed}/{task.id}".encode(), digest_size=8).digest()
-        return _generation(task.id, parents), ranks.get(task.source, -1), drawn, task.id
+        rank = ranks.get(task.source, -1)
+        return _generation(task.id, parents), task.split != "test", rank, drawn, task.id
 
     return key
 

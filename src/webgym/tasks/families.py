@@ -3,11 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import Protocol
 
 from webgym.core.task import Task
 
 
-def roots_of(tasks: Iterable[Task]) -> dict[str, str]:
+class Member(Protocol):
+    """A task of any type, with what its family depends on."""
+
+    @property
+    def id(self) -> str:
+        """Its id."""
+
+    @property
+    def parent_id(self) -> str | None:
+        """The id of the task that it was derived from."""
+
+
+def roots_of(tasks: Iterable[Member]) -> dict[str, str]:
     """The id of the first ancestor of every derived task, by id; other tasks are their own root.
 
     A parent need not be among the tasks. Of tasks that are each other's ancestors, as in a broken file, the

@@ -91,6 +91,7 @@ def write_tasks(path: Path | str, tasks: Iterable[Task], *, format: Format | Non
 
     Args:
         path: a file; or a folder (an existing one, or a name without a suffix), which gets a file per split.
+            All other task files in the folder are deleted once these are written.
         tasks: the tasks to write.
         format: ``None`` takes the format from a file's name, and ``"jsonl"`` for a folder.
 
@@ -110,9 +111,12 @@ def write_tasks(path: Path | str, tasks: Iterable[Task], *, format: Format | Non
             )
         parts[task.split].append(task)
     ending = ".parquet" if format == "parquet" else ".jsonl"
-    return sum(
-        _write(path / f"{split}{ending}", part, format or "jsonl") for split, part in parts.items() if part
-    )
+    files = {path / f"{split}{ending}": part for split, part in parts.items() if part}
+    written = sum(_write(file, part, format or "jsonl") for file, part in files.items())
+    for file in _task_files_in_any_format(path) if path.is_dir() else ():
+        if file not in files:
+            _delete(file)
+    return written
 
 
 # --- one file ---------------------------------------------------------------------------------------
@@ -170,6 +174,16 @@ def _write(path: Path, tasks: Iterable[Task], format: Format) -> int:
         return write_lines(file, tasks)
 
 
+def _delete(path: Path) -> None:
+    try:
+        path.unlink()
+    except OSError as error:
+        raise TaskFileError(
+            f"cannot delete {path}, which is of an older task set: {error.strerror or error}",
+            hint="delete it, as it would be read with the new one or in place of it",
+        ) from error
+
+
 def _format_of(path: Path) -> Format:
     if path.suffix == ".parquet":
         return "parquet"
@@ -208,12 +222,22 @@ def split_of(path: Path) -> Literal["train", "test"] | None:
 
 def task_files(folder: Path) -> list[Path]:
     """The task files of a folder: ``tasks.*`` if there is one, else those of the splits; may be empty."""
-    files = sorted(file for file in folder.iterdir() if file.name.endswith(_SUFFIXES) and file.is_file())
+    files = _task_files_in_any_format(folder)
     return _with_first_suffix([file for file in files if file.name.startswith("tasks.")])[:1] or [
         file
         for split in _SPLITS
         for file in _with_first_suffix([file for file in files if split_of(file) == split])
     ]
+
+
+def _task_files_in_any_format(folder: Path) -> list[Path]:
+    return sorted(
+        file
+        for file in folder.iterdir()
+        if file.name.endswith(_SUFFIXES)
+        and (file.name.startswith("tasks.") or split_of(file) is not None)
+        and file.is_file()
+    )
 
 
 def _files(path: Path) -> list[Path]:

@@ -54,7 +54,8 @@ _REFUSAL: Final = re.compile(
     r"|as an ai\b)",
     re.IGNORECASE,
 )
-_MARKDOWN: Final = re.compile(r"(?m)^\s*(?:#{1,6} |```|[-*•] |\d+[.)] |> )|\*\*|```|^\s*\|.*\|\s*$")
+_MARKDOWN: Final = re.compile(r"(?m)^[ \t]*(?:#{1,6} |```|[-*•] |\d+[.)] |> )|\*\*|```|^[ \t]*\|.*\|[ \t]*$")
+_CONTROL: Final = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
 _WRAPPED: Final = (('"', '"'), ("“", "”"), ("'", "'"), ("`", "`"), ("«", "»"), ("‘", "’"))
 _SHORTEST_ANSWER: Final = 4
 
@@ -67,6 +68,8 @@ def refused_rewriting(
 
 
 def _ill_formed(text: str, parent: str, limits: WritingLimits) -> str | None:
+    if len(text) > limits.longest(parent):
+        return f"it has {len(text)} characters; write at most {limits.longest(parent)}."
     folded = fold(text)
     if _REFUSAL.match(folded):
         return "it is a refusal, not the text of a task."
@@ -81,14 +84,14 @@ def _ill_formed(text: str, parent: str, limits: WritingLimits) -> str | None:
         return "it stands in quotation marks; write the text of the task alone."
     if _MARKDOWN.search(text) and not _MARKDOWN.search(parent):
         return "it holds markdown; write plain text."
+    if _CONTROL.search(text) and not _CONTROL.search(parent):
+        return "it holds control characters; write plain text."
     if "\n" in text and "\n" not in parent:
         return "it has several lines; write one paragraph."
     if _plain(text) == _plain(parent):
         return "it is the original task; write one that asks for the given facts alone."
     if len(text) < limits.shortest_chars:
         return f"it has {len(text)} characters; that is too short for a task."
-    if len(text) > limits.longest(parent):
-        return f"it has {len(text)} characters; write at most {limits.longest(parent)}."
     return None
 
 

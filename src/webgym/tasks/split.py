@@ -14,7 +14,7 @@ import hashlib
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, Protocol, TypeAlias
 
 import msgspec
 from pydantic import Field
@@ -24,8 +24,8 @@ from webgym.core.task import Task
 from webgym.core.websites import site_or_text
 from webgym.settings import Settings
 from webgym.tasks.balance import balanced
-from webgym.tasks.brands import brand_of
-from webgym.tasks.families import inherited, roots_of
+from webgym.tasks.brands import brand_of, brand_or_text
+from webgym.tasks.families import Member, inherited, roots_of
 from webgym.tasks.files import gc_paused
 
 WhyLeftOut: TypeAlias = Literal["test website", "test family", "no website"]
@@ -83,8 +83,18 @@ class Split:
         return sum(count for pair, count in self.test.items() if pair[1] == domain)
 
 
+class HeldOut(Member, Protocol):
+    """A test task of any type, possibly without a website."""
+
+    @property
+    def website(self) -> str | None:
+        """The URL where it starts."""
+
+
 @gc_paused()
-def split(tasks: Sequence[Task], config: SplitConfig | None = None) -> Split:
+def split(
+    tasks: Sequence[Task], config: SplitConfig | None = None, held_out: Sequence[HeldOut] = ()
+) -> Split:
     """Choose the test tasks, and leave out training tasks that would leak them.
 
     Only original tasks are chosen for testing, not derived ones. They are balanced over levels, then domains,
@@ -93,16 +103,26 @@ def split(tasks: Sequence[Task], config: SplitConfig | None = None) -> Split:
     Args:
         tasks: with unique ids; their ``split`` is ignored.
         config: size and choice of the test set; ``None`` for the defaults.
+        held_out: tasks that are for testing already, whether they are among the tasks or not. One of each
+            website stays a test task, even if these are more than the config asks for, and no other task of
+            their websites and families is in a split.
 
     Raises:
         TooFewWebsites: there are fewer websites than there should be test tasks.
     """
     config = config or SplitConfig()
     sites = {task.id: _site(task) for task in tasks}
-    roots = roots_of(tasks)
-    chosen = _test_tasks(tasks, sites, config)
-    test_sites = {sites[id] for id in chosen}
-    test_families = {roots.get(id, id) for id in chosen}
+    roots = roots_of([*tasks, *held_out])
+    held = {task.id for task in held_out}
+    held_sites = {sites.get(task.id) or brand_or_text(task.website or "") for task in held_out}
+    kept = {
+        site: task.id
+        for task in sorted(tasks, key=lambda task: _draw(config.seed, task.id), reverse=True)
+        if task.id in held and (site := sites[task.id]) is not None
+    }
+    chosen = {*kept.values(), *_test_tasks(tasks, sites, config, len(kept), held_sites)}
+    test_sites = {sites[id] for id in chosen} | held_sites
+    test_families = {roots.get(id, id) for id in chosen | held}
     on_test_site = inherited(tasks, {id: id for id, site in sites.items() if site in test_sites})
     remaining: list[Task] = []
     left_out: list[LeftOut] = []
@@ -210,36 +230,40 @@ def _site(task: Task) -> str | None:
         return None
 
 
-def _test_tasks(tasks: Iterable[Task], sites: dict[str, str | None], config: SplitConfig) -> set[str]:
+def _test_tasks(
+    tasks: Iterable[Task], sites: dict[str, str | None], config: SplitConfig, kept: int, held: set[str]
+) -> set[str]:
+    """The ids of the test tasks beside those ``kept``, from websites other than those ``held`` out."""
     sizes = Counter(sites.values())
     by_site: dict[str, list[Task]] = defaultdict(list)
     for task in tasks:
         site = sites[task.id]
-        if site is not None and task.parent_id is None:
+        if site is not None and site not in held and task.parent_id is None:
             by_site[site].append(task)
-    if config.test_tasks > len(by_site):
+    count = max(config.test_tasks - kept, 0)
+    if count > len(by_site):
         raise TooFewWebsites(
-            f"{config.test_tasks:,} test tasks need as many websites, and there are {len(by_site):,}",
+            f"{config.test_tasks:,} test tasks need as many websites, and there are {len(by_site) + kept:,}",
             hint="ask for fewer test tasks, or give more tasks",
         )
     allowed = [site for site in by_site if sizes[site] <= config.largest_website]
-    if len(allowed) < config.test_tasks:
-        allowed = sorted(by_site, key=lambda site: (sizes[site], site))[: config.test_tasks]
-    return _choose({site: by_site[site] for site in allowed}, config)
+    if len(allowed) < count:
+        allowed = sorted(by_site, key=lambda site: (sizes[site], site))[:count]
+    return _choose({site: by_site[site] for site in allowed}, count, config.seed)
 
 
-def _choose(by_site: dict[str, list[Task]], config: SplitConfig) -> set[str]:
-    """The ids of the test tasks: one from each of ``test_tasks`` websites."""
-    drawn = {site: _draw(config.seed, site) for site in by_site}
+def _choose(by_site: dict[str, list[Task]], count: int, seed: int) -> set[str]:
+    """The ids of the test tasks: one from each of ``count`` websites."""
+    drawn = {site: _draw(seed, site) for site in by_site}
     order = sorted(by_site, key=drawn.__getitem__)
     strata: list[dict[tuple[str, str], str]] = []
     for site in order:
         best: dict[tuple[str, str], tuple[bytes, str]] = {}
         for task in by_site[site]:
-            key, candidate = (task.level, task.domain), (_draw(config.seed, task.id), task.id)
+            key, candidate = (task.level, task.domain), (_draw(seed, task.id), task.id)
             best[key] = min(best.get(key, candidate), candidate)
         strata.append({key: id for key, (_, id) in best.items()})
-    choice = balanced([list(options) for options in strata], config.test_tasks)
+    choice = balanced([list(options) for options in strata], count)
     return {strata[index][key] for index, key in choice.items()}
 
 

@@ -15,13 +15,13 @@ from webgym.core.errors import LLMUnusable
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.text import THOUGHT, THOUGHT_END
 from webgym.core.trajectory import ended_by, was_cut_off
-from webgym.core.websites import host_of
+from webgym.core.websites import host_of, start_url_problem
 from webgym.llm.completion import Completes, Completion
 from webgym.llm.structured import ask_for
 from webgym.tasks import prompts
 from webgym.tasks.rewriting import DEFAULT_LIMITS, WritingLimits, refused_rewriting
 from webgym.tasks.rules import Asked, Draft, DraftGroup, Finding, check_rubric
-from webgym.tasks.rules.wording import with_capital_or
+from webgym.tasks.rules.wording import LONGEST_FACT_CHARS, with_capital_or
 from webgym.tasks.sources.base import SourceTask
 from webgym.tasks.taxonomy import DOMAIN_OF
 
@@ -70,11 +70,17 @@ async def infer_website(
 
 def _no_website(address: str) -> str | None:
     """Why a text is not the address of a public website; ``None`` if it is."""
+    address = address.strip()
     try:
         host = host_of(address)
     except ValueError:
         return f"{address!r} is no address of a website."
-    is_public = "." in host and not host.replace(".", "").isdigit() and not host.endswith((".local", ".test"))
+    if " " in address or not address.isprintable():
+        return f"{address!r} is more than the address of a website."
+    if problem := start_url_problem(address):
+        return f"{problem}."
+    is_number = host.rpartition(".")[2][:1].isdigit()  # an IP address, in any spelling
+    is_public = "." in host and not is_number and not host.endswith((".local", ".test"))
     return None if is_public else f"{address!r} is no public website."
 
 
@@ -134,15 +140,20 @@ def review(task: SourceTask | Task, rubric: Rubric) -> list[Finding]:
 
 def _asked_by(task: SourceTask | Task) -> Asked:
     answers = tuple(answer for answer in (task.reference_answer, task.example_answer) if answer)
-    is_derived = isinstance(task, Task) and task.parent_id is not None
     hints = task.hints if isinstance(task, SourceTask) else ()
-    return Asked(task.instruction, prompts.known_website(task) or "", hints, answers, is_derived)
+    return Asked(
+        task.instruction, prompts.known_website(task) or "", hints, answers, task.parent_id is not None
+    )
 
 
 def _draft(reply: prompts.RubricReply) -> Draft:
     """The model's rubric, with OR in capitals: what can be corrected is no reason to ask again."""
     groups = tuple(
-        DraftGroup(group.id, group.description, tuple(map(with_capital_or, group.facts)))
+        DraftGroup(
+            group.id,
+            group.description,
+            tuple(fact if len(fact) > LONGEST_FACT_CHARS else with_capital_or(fact) for fact in group.facts),
+        )
         for group in reply.fact_groups
     )
     return Draft(groups, reply.difficulty)

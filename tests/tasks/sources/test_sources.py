@@ -13,7 +13,13 @@ from tests.tasks.sources import native
 from webgym.tasks.files import NO_FACTS, NONE_FACT
 from webgym.tasks.published import DIFFICULTY_DIFFERS, OLD_RUBRIC
 from webgym.tasks.sources import SOURCES, Read, SourceTask, read_source
-from webgym.tasks.sources.base import ENCRYPTED_SOURCE, GARBLED, NEEDS_FILE, PLACEHOLDER_WEBSITE
+from webgym.tasks.sources.base import (
+    ENCRYPTED_SOURCE,
+    GARBLED,
+    NEEDS_FILE,
+    OUTDATED_ANSWER,
+    PLACEHOLDER_WEBSITE,
+)
 
 TODAY = date(2026, 1, 15)
 
@@ -86,6 +92,23 @@ def test_an_answer_is_the_answer_only_if_it_is_golden(tmp_path: Path) -> None:
     assert (kettle.reference_answer, kettle.example_answer) == (None, None)
     assert (soup.domain, soup.subdomain) == ("Lifestyle & Leisure", "Food & Cooking")
     assert (distance.domain, distance.subdomain) == ("", ""), "a map is for anything"
+
+
+@pytest.mark.parametrize(("beside", "answered"), [(True, []), (False, ["Find a soup."])])
+def test_an_answer_is_to_one_text(tmp_path: Path, beside: bool, answered: list[str]) -> None:
+    """PAE's tasks have the ids of WebVoyager's."""
+    (tmp_path / "pae").mkdir()
+    (tmp_path / "reference_answer.json").write_text(json.dumps(native.WEBVOYAGER_ANSWERS))
+    record = native.WEBVOYAGER[1] | {"ques": "Find a soup."}
+    pae = tmp_path / "a.jsonl" if beside else tmp_path / "pae" / "a.jsonl"
+    pae.write_text(native.as_lines([record | {"ques": "Count the soups."}]))
+    (tmp_path / "b.jsonl").write_text(native.as_lines([record, record | {"web": "https://soups.example/"}]))
+    tasks = read_source("pae-webvoyager", tmp_path, today=TODAY).tasks
+    assert len(tasks) == 3
+    assert sorted({task.instruction for task in tasks if task.reference_answer}) == answered
+    assert {task.instruction for task in tasks if OUTDATED_ANSWER in task.flags} == (
+        {"Find a soup.", "Count the soups."} if beside else set()
+    )
 
 
 def test_pae_has_no_answers_beside_it(tmp_path: Path) -> None:
@@ -253,6 +276,8 @@ def test_gaias_website_is_a_placeholder(tmp_path: Path) -> None:
         ({"Final answer": None, "final_answer": "x"}, "x"),
         ({"Final answer": ""}, None),
         ({"Final answer": 2.5}, "2.5"),
+        ({"Final answer": 3.0}, "3"),
+        ({"Final answer": "3.0"}, "3.0"),
     ],
 )
 def test_gaias_answers(tmp_path: Path, change: dict[str, Any], expected: str | None) -> None:
@@ -271,11 +296,19 @@ def test_the_published_set_has_rubrics(tmp_path: Path) -> None:
         "kept as given"
     )
     assert (controller.reference_answer, hours.reference_answer) == (None, "10 to 16")
-    assert hours.extra == {
-        "distribution": "train",
-        "benchmark_name": "insta-v3",
-        "task_id_decomposed_from": "17",
-    }
+    assert (controller.parent_id, hours.parent_id) == (None, "webgym/insta-v3/17")
+    assert hours.extra == {"distribution": "train", "benchmark_name": "insta-v3"}
+
+
+def test_the_published_sets_test_tasks_are_known_by_their_file(tmp_path: Path) -> None:
+    first, second = native.PUBLISHED
+    (tmp_path / "a-copy.jsonl").write_text(native.as_lines([first]))
+    (tmp_path / "test.jsonl").write_text(native.as_lines([first]))
+    (tmp_path / "train.jsonl").write_text(native.as_lines([first, second]))
+    tasks = read_source("webgym", tmp_path, today=TODAY).tasks
+    assert [task.split for task in tasks] == ["test", "train"]
+    (tmp_path / "test.json").write_text(json.dumps(native.ONLINE_MIND2WEB))
+    assert {task.split for task in read_source("online-mind2web", tmp_path, today=TODAY).tasks} == {None}
 
 
 @pytest.mark.parametrize(

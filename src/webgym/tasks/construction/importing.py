@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import date
 
 import msgspec
@@ -54,11 +54,13 @@ class Imported:
         tasks: the tasks of the build, by source in the order of the paper's Table 1.
         skipped: records that gave no task, with the names of their sources.
         reports: one per source.
+        test_tasks: the sources' own test tasks, also those over ``at_most``.
     """
 
     tasks: list[SourceTask]
     skipped: list[tuple[str, Skipped]]
     reports: list[SourceReport]
+    test_tasks: list[SourceTask] = field(default_factory=list)
 
 
 def import_tasks(
@@ -83,6 +85,7 @@ def import_tasks(
                     f"{choice.path} contains no task of {name}; the first skipped record: {read.skipped[0]}",
                     hint=f"webgym tasks sources --read {name}={choice.path} lists the reasons",
                 )
+            imported.test_tasks.extend(task for task in read.tasks if task.split == "test")
             came[name] = read.records
             lost[name, "no task"] = len(read.skipped)
             imported.skipped.extend((name, record) for record in read.skipped)

@@ -28,6 +28,7 @@ from webgym.tasks.construction.importing import Imported, import_tasks
 from webgym.tasks.construction.progress import StageProgress
 from webgym.tasks.decompose import Capped, decompose
 from webgym.tasks.duplicates import drop_duplicates
+from webgym.tasks.published import DIFFICULTY_DIFFERS
 from webgym.tasks.rules import Finding
 from webgym.tasks.sources import SourceTask
 from webgym.tasks.split import split
@@ -270,15 +271,18 @@ class Pipeline:
         return finished
 
     def _decomposed(self, tasks: list[Task]) -> list[Task]:
-        """The tasks derived from these; their instructions are still those of their parents."""
+        """The tasks derived from these, without those that are among them; their instructions are still
+        those of their parents."""
         with self._stages.stage("decomposition", len(tasks)) as advance:
             result = decompose(tasks, self._config.decomposing)
             advance(len(tasks))
         self._build.capped = result.capped
+        taken = {task.id for task in tasks}
+        derived = [task for task in result.derived if task.id not in taken]
         count = _by_source(tasks)
-        made = _by_source(result.derived)
+        made = _by_source(derived)
         self._build.accounting.record("decomposition", came=count, made=made, left=count + made)
-        return result.derived
+        return derived
 
     async def _rewritten(self, parents: list[Task], derived: list[Task]) -> list[Task]:
         """The parents, each followed by its derived tasks with rewritten instructions."""
@@ -301,7 +305,7 @@ class Pipeline:
 
     def _split(self, tasks: list[Task]) -> list[Task]:
         with self._stages.stage("split", len(tasks)) as advance:
-            result = split(tasks, self._config.split)
+            result = split(tasks, self._config.split, self._build.imported.test_tasks)
             advance(len(tasks))
         sources = {task.id: task.source for task in tasks}
         for task in result.left_out:
@@ -398,7 +402,9 @@ def _finished(task: SourceTask, rubric: Rubric) -> Task:
         source=task.source,
         reference_answer=task.reference_answer,
         example_answer=task.example_answer,
+        parent_id=task.parent_id,
+        split=task.split,
         website_from=task.website_from,
-        flags=task.flags,
+        flags=tuple(flag for flag in task.flags if flag != DIFFICULTY_DIFFERS),
         extra=task.extra,
     )

@@ -82,5 +82,7 @@ def check_rubric(draft: Draft, asked: Asked) -> list[Finding]:
         draft: as the model wrote it; :meth:`Draft.of` takes a finished rubric.
         asked: the task that it is for.
     """
+    if endless := list(wording.without_bounds(draft)):
+        return [Finding("endless", "error", message) for message in endless]
     case = Case(draft, asked)
     return [Finding(rule.id, rule.severity, message) for rule in RULES for message in rule.look(case)]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from itertools import combinations
+from itertools import combinations, islice
 from typing import Final
 
 from webgym.tasks.rules.reading import STOP_WORDS, stem
@@ -40,7 +40,7 @@ def split_alternatives(case: Case) -> Iterator[str]:
     """Alternatives are one fact with OR. One fact for each would require all of them."""
     if " or " not in case.task.folded:
         return
-    for words in _alternatives(case):
+    for words in islice(_alternatives(case), _MOST_ALTERNATIVES):
         naming = [(fact, words & fact.text.stems) for fact in case.facts]
         if any(len(named) > 1 for _, named in naming):
             continue
@@ -60,10 +60,10 @@ def _alternatives(case: Case) -> Iterator[frozenset[str]]:
         if _NEEDS_BOTH.search(sentence):
             continue
         for match in re.finditer(r",? or (?:either )?", sentence):
-            after = _content_stems(sentence[match.end() :])[:_LONGEST_ITEM]
-            items = [
-                _content_stems(item)[-_LONGEST_ITEM:] for item in _items_before(sentence[: match.start()])
-            ]
+            end, start = match.end(), match.start()
+            after = _content_stems(sentence[end : end + _LONGEST_LIST])[:_LONGEST_ITEM]
+            before = sentence[max(0, start - _LONGEST_LIST) : start]
+            items = [_content_stems(item)[-_LONGEST_ITEM:] for item in _items_before(before)]
             if after and items[0] and after[0] not in _BOUND_STEMS:
                 yield frozenset(
                     (
@@ -78,6 +78,10 @@ def _other_than(others: list[str], words: list[str]) -> list[str]:
 
 
 _BOUND_STEMS: Final = frozenset(map(stem, BOUND))
+_MOST_ALTERNATIVES: Final = 100
+"""Most *or* of a task that are looked at."""
+_LONGEST_LIST: Final = 1_000
+"""Characters before and after an *or* that are looked at."""
 _LONGEST_ITEM: Final = 4
 """Most words of an item of a list before *or*; anything longer is the rest of the sentence."""
 

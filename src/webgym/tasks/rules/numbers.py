@@ -6,6 +6,7 @@ A task says "two weeks", "half", "7 pm" or "the 1990s"; its rubric says "14 days
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from itertools import pairwise
@@ -33,6 +34,8 @@ _WORD_VALUES: Final[dict[str, int]] = (
     | {"a dozen": 12, "dozen": 12}
 )
 _POWERS: Final = {"hundred": 100, "thousand": 1_000, "million": 10**6, "billion": 10**9}
+_LARGEST: Final = 10**18
+"""Largest number that is read from words, as in "million million"."""
 _IMPLIED: Final[dict[str, tuple[float, ...]]] = {
     **dict.fromkeys(("both", "couple", "pair", "twice", "double", "twin", "duo"), (2,)),
     **dict.fromkeys(("another", "other", "alternative", "backup", "next", "runner"), (2,)),
@@ -83,7 +86,10 @@ _MEASURES: Final[tuple[dict[str, float], ...]] = (
 )
 """Units by measure, each with its size in the smallest unit of the measure."""
 _UNIT: Final = "|".join(sorted({unit for units in _MEASURES for unit in units}, key=len, reverse=True))
-_QUANTITY: Final = re.compile(rf"(?:(\d+(?:[.,]\d+)*)[\s-]?)?\b({_UNIT})s?\b|(\d+(?:[.,]\d+)*)({_UNIT})s?\b")
+_START: Final = r"(?<!\d)(?<!\d[.,])"
+_QUANTITY: Final = re.compile(
+    rf"(?:{_START}(\d+(?:[.,]\d+)*)[\s-]?)?\b({_UNIT})s?\b|{_START}(\d+(?:[.,]\d+)*)({_UNIT})s?\b"
+)
 _HALF: Final = re.compile(r"\b(half|quarter)(?: of)?(?: an?)?(?=[\s-])")
 _AND_A_HALF: Final = re.compile(r"(\d+)(?: and a half| 1/2|½)")
 
@@ -103,7 +109,7 @@ def in_digits(raw: str) -> frozenset[str]:
 
 def stated(raw: str, folded: str) -> frozenset[str]:
     """The numbers that a text states in digits or in words, in every form that may be used for them."""
-    implied = {plain(f"{value:.6f}") for value in _values(raw, folded)}
+    implied = {plain(f"{value:.6f}") for value in _values(raw, folded) if math.isfinite(value)}
     return in_digits(raw) | implied | {"1"}
 
 
@@ -127,7 +133,7 @@ def _values(raw: str, folded: str) -> Iterator[float]:
     for century in map(int, _CENTURY.findall(_spelled_out(folded))):
         yield from (100 * (century - 1), 100 * (century - 1) + 1, 100 * century - 1, 100 * century)
     yield from (_roman(numeral) for numeral in _ROMAN.findall(raw))
-    yield sum(map(int, _PEOPLE.findall(_spelled_out(folded))))
+    yield sum(map(float, _PEOPLE.findall(_spelled_out(folded))))
     yield from (float(number) + 0.5 for number in _AND_A_HALF.findall(_spelled_out(folded)))
 
 
@@ -149,7 +155,7 @@ def _value(run: str) -> int:
             part = max(part, 1) * 12
         else:
             part += _WORD_VALUES.get(word, 0)
-    return total + part
+    return min(total + part, _LARGEST)
 
 
 def _roman(numeral: str) -> int:
@@ -170,12 +176,17 @@ def quantities(folded: str) -> frozenset[tuple[int, int]]:
     A unit without a number ("next week", "per day") counts as one.
     """
     return frozenset(
-        (measure, round(units[unit] * value))
+        amount
         for number, unit in _numbers_with_units(_spelled_out(folded))
-        for value in (_number(number) if number else (1.0,))
-        for measure, units in enumerate(_MEASURES)
-        if unit in units
+        for amount in _amounts(number, unit)
     )
+
+
+def _amounts(number: str, unit: str) -> Iterator[tuple[int, int]]:
+    for value in _number(number) if number else (1.0,):
+        for measure, units in enumerate(_MEASURES):
+            if unit in units and math.isfinite(amount := units[unit] * value):
+                yield measure, round(amount)
 
 
 def _numbers_with_units(text: str) -> Iterator[tuple[str, str]]:
@@ -188,10 +199,5 @@ def stated_in_other_units(folded: str, stated_quantities: frozenset[tuple[int, i
     return frozenset(
         plain(number)
         for number, unit in _numbers_with_units(folded)
-        for value in _number(number)
-        if any(
-            (measure, round(units[unit] * value)) in stated_quantities
-            for measure, units in enumerate(_MEASURES)
-            if unit in units
-        )
+        if number and not stated_quantities.isdisjoint(_amounts(number, unit))
     )

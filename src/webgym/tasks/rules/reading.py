@@ -35,6 +35,8 @@ _NO_NAMES: Final = (
 _TITLE_CASE: Final = 0.6
 """Share of capitalised words above which a text counts as a title, in which capitals do not mark names."""
 
+_ENDLESS_NUMBER: Final = re.compile(r"(\d{40})\d+")
+"""A number whose digits after the first are left out: the time of some patterns grows with their square."""
 _WORD: Final = re.compile(r"[^\W_]+(?:'[^\W_]+)?")
 QUOTED: Final = re.compile(
     r"“([^”]*)”|\"([^\"]*)\"|«([^»]*)»|(?<![\w’'])[‘']([^’']{2,}(?:[’']s [^’']*)?)[’'](?!\w)"
@@ -45,7 +47,7 @@ class Text:
     """A text and its features, computed on demand."""
 
     def __init__(self, raw: str) -> None:
-        self.raw = raw
+        self.raw = _ENDLESS_NUMBER.sub(r"\1", raw)
 
     @cached_property
     def folded(self) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from itertools import islice
 from typing import Final
 
 from webgym.core.text import fold, says
@@ -39,6 +40,8 @@ _BEYOND_ITEM: Final = re.compile(
     r"\s(?:with|for|in|that|which|who|near|to|as|from|on|at|by|has|have|is|are)\b.*", re.I
 )
 
+_MOST_EXAMPLES: Final = 50
+"""Most lists of examples in a task that are looked at."""
 _LONGEST_ITEM: Final = 4
 """Most words of an item of a list; anything longer is the rest of the sentence."""
 
@@ -85,7 +88,8 @@ _UMBRELLA_STEMS: Final = frozenset(
 def unstated_numbers(case: Case) -> Iterator[str]:
     """A fact states no number that the task does not state in digits, in words or in other units."""
     stated = case.task.counts | Text(case.context.website).numbers
-    most = max((int(number) for number in stated if number.isdecimal() and int(number) <= 20), default=1)
+    short = (int(number) for number in stated if len(number) <= 2 and number.isdecimal())
+    most = max((number for number in short if number <= 20), default=1)
     counted = _counted_through(case)
     for fact in case.facts:
         unstated = fact.text.numbers - stated
@@ -199,7 +203,7 @@ def _distinctive_parts(source: str) -> Iterator[str]:
 def examples_as_facts(case: Case) -> Iterator[str]:
     """A fact does not require what the task gives only as an example."""
     task = case.context.instruction
-    for match in _AFTER_EXAMPLE.finditer(task):
+    for match in islice(_AFTER_EXAMPLE.finditer(task), _MOST_EXAMPLES):
         elsewhere = Text(f"{task[: match.start()]} {task[match.end() :]}").stems
         items = [item for item in map(_content, _listed(match.group(1))) if item and not item <= elsewhere]
         for fact in case.facts:

@@ -8,13 +8,16 @@ from typing import Final
 
 from webgym.tasks.rules.granularity import BOUND
 from webgym.tasks.rules.reading import QUOTED, stem
-from webgym.tasks.rules.rule import Case, Fact, message
+from webgym.tasks.rules.rule import Case, Draft, Fact, message
 
 LONG_FACT_WORDS: Final = 40
 """Words from which a fact is reported as long."""
 
 LONGEST_FACT_WORDS: Final = 90
 """Words from which a fact is refused."""
+
+LONGEST_FACT_CHARS: Final = 1_000
+"""Characters from which a fact or a description is refused before the other rules see it."""
 
 _OR: Final = re.compile(r"(\b[Aa]nd ?/ ?)?(?<![\w-])or\b(?!-)(?=\s*(\S*))")
 _ATTRIBUTES: Final = (
@@ -57,7 +60,7 @@ _CONDITIONS: Final = re.compile(
     r"|from|under|has)\b",
     re.I,
 )
-_SENTENCES: Final = re.compile(r"[^\W\d_]{4,}[.!?]\s+[A-Z]|;\s+\w+\s+\w+")
+_SENTENCES: Final = re.compile(r"(?<![^\W\d_])[^\W\d_]{4,}[.!?]\s+[A-Z]|;\s+\w+\s+\w+")
 
 _STEP_LABEL: Final = re.compile(r"^\s*(?:step\s*\d+|\d+\s*[.)](?!\d)|[-*•]\s)", re.I)
 _ACTS: Final = re.compile(
@@ -194,6 +197,17 @@ def markup(case: Case) -> Iterator[str]:
     for fact in case.facts:
         if _MARKUP.search(fact.text.raw):
             yield message(fact, "holds markup or line breaks; write one line of plain text")
+
+
+def without_bounds(draft: Draft) -> Iterator[str]:
+    """Facts and descriptions are short enough for rules whose time grows with the square of their length."""
+    for group in draft.fact_groups:
+        texts = [("the description", group.description)]
+        texts += [(f"fact {number}", fact) for number, fact in enumerate(group.facts, start=1)]
+        for name, text in texts:
+            if (length := len(text)) > LONGEST_FACT_CHARS:
+                limit = f"{LONGEST_FACT_CHARS:,} is the limit"
+                yield f"{name} of group {group.id} has {length:,} characters; {limit}"
 
 
 def long_facts(case: Case) -> Iterator[str]:

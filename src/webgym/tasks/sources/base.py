@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from typing import Literal
 
 import msgspec
 
@@ -26,7 +27,7 @@ BAD_WEBSITE = "bad-website"
 GARBLED = "garbled"
 """Flag: a value other than the instruction cannot be read, and was left out."""
 OUTDATED_ANSWER = "outdated-answer"
-"""Flag: the file of answers has an answer with the task's id, but for an older text of the task."""
+"""Flag: the file of answers has an answer with the task's id, but for an older or another text."""
 NEEDS_FILE = "needs-file"
 """Flag: the task needs a file that is not included."""
 
@@ -50,6 +51,8 @@ class SourceTask(msgspec.Struct, frozen=True, omit_defaults=True):
         example_answer: one of several good answers; never overrides the judge.
         hints: steps and criteria of the source, as help for writing the rubric. May contain the answer.
         rubric: if the source has fact groups.
+        parent_id: the task of the same source that it was derived from.
+        split: of the published set.
         flags: such as :data:`DATED`; all are in this module.
         extra: unused columns of the published set.
     """
@@ -65,6 +68,8 @@ class SourceTask(msgspec.Struct, frozen=True, omit_defaults=True):
     example_answer: str | None = None
     hints: tuple[str, ...] = ()
     rubric: Rubric | None = None
+    parent_id: str | None = None
+    split: Literal["train", "test"] | None = None
     flags: tuple[str, ...] = ()
     extra: dict[str, object] = {}
 
@@ -93,7 +98,9 @@ class Draft:
     Attributes not listed are as in :class:`SourceTask`.
 
     Attributes:
-        native_id: the record's id in its source; ``None`` if it has none.
+        native_id, native_parent_id: the ids of the record and of its parent in its source; ``None`` if it has
+            none.
+        joined: whether the answer is from a companion file that has no more of the record than its id.
         website: as in the record, a bare host or a URL; ``None`` if it has none.
         website_from: origin of ``website``, if there is one.
         dates: texts other than the instruction with the dates that the task is about.
@@ -107,8 +114,11 @@ class Draft:
     subdomain: str = ""
     reference_answer: str | None = None
     example_answer: str | None = None
+    joined: bool = False
     hints: tuple[str, ...] = ()
     rubric: Rubric | None = None
+    native_parent_id: str | None = None
+    split: Literal["train", "test"] | None = None
     flags: list[str] = field(default_factory=list)
     dates: tuple[str, ...] = ()
     extra: dict[str, object] = field(default_factory=dict)
@@ -129,6 +139,7 @@ class Source:
         timeless: the questions are about the past and their answers do not change, so no task is dated.
         synthetic: the tasks were written by a model, so near-duplicates are expected (paper §3).
         beside: patterns of companion files, which have no tasks themselves.
+        is_split: its files' names, ``train`` or ``test``, say which split a task is in.
     """
 
     name: str
@@ -141,6 +152,7 @@ class Source:
     timeless: bool = False
     synthetic: bool = False
     beside: tuple[str, ...] = ()
+    is_split: bool = False
 
 
 @dataclass(frozen=True)

@@ -20,11 +20,12 @@ class Companions:
         folder: of the tasks' file; ``None`` if there is none (a data set of the hub).
 
     Attributes:
+        folder: as given.
         broken: companions that could not be read.
     """
 
     def __init__(self, folder: Path | None) -> None:
-        self._folder = folder
+        self.folder = folder
         self._loaded: dict[str, object] = {}
         self.broken: list[PassedOver] = []
 
@@ -53,10 +54,10 @@ class Companions:
 
     def _find(self, name: str) -> Path | None:
         parts = PurePosixPath(name.replace("\\", "/")).parts
-        if self._folder is None or not parts or ".." in parts or "\0" in name:
+        if self.folder is None or not parts or ".." in parts or "\0" in name:
             return None
-        whole = self._folder.joinpath(*(part for part in parts if part not in ("/", ".")))
-        for path in (whole, self._folder / parts[-1]):
+        whole = self.folder.joinpath(*(part for part in parts if part not in ("/", ".")))
+        for path in (whole, self.folder / parts[-1]):
             try:
                 if path.is_file():
                     return path

@@ -87,6 +87,8 @@ class Fields:
         """A field as an answer; words such as "none" count as answers. ``None`` if there is none."""
         for name in names:
             value = self._values.get(_folded(name))
+            if isinstance(value, float) and value.is_integer():  # in a column with missing values
+                value = int(value)
             if value is not None and value != "" and not (isinstance(value, float) and math.isnan(value)):
                 return as_text(value, name) or None
         return None

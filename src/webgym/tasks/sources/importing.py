@@ -14,7 +14,19 @@ from msgspec.structs import replace
 
 from webgym.core.errors import TaskFileError
 from webgym.core.task import WebsiteFrom
-from webgym.tasks.sources.base import BAD_WEBSITE, CHATS, DATED, Draft, Read, Skipped, Source, SourceTask
+from webgym.core.text import fold
+from webgym.tasks.formats import split_of
+from webgym.tasks.sources.base import (
+    BAD_WEBSITE,
+    CHATS,
+    DATED,
+    OUTDATED_ANSWER,
+    Draft,
+    Read,
+    Skipped,
+    Source,
+    SourceTask,
+)
 from webgym.tasks.sources.companions import Companions
 from webgym.tasks.sources.dates import contains_past_date
 from webgym.tasks.sources.fields import Fields, website_url
@@ -71,6 +83,7 @@ class _TaskCollector:
         self._today = today
         self._places: dict[str, str] = {}
         self._tasks: dict[str, SourceTask] = {}
+        self._joined: dict[tuple[Path | None, str], list[str]] = {}
         self._skipped: list[Skipped] = []
         self._known = 0  # records of this source, including repeated ones
         self.passed_over: list[PassedOver] = []
@@ -135,14 +148,29 @@ class _TaskCollector:
             try:
                 self._refuse_anothers(record.fields)
                 draft = self._source.draft(record.fields, companions)
+                if self._source.is_split:
+                    draft.split = draft.split or split_of(Path(_file_name(record.file)))
                 task = _task(self._source, draft, self._today)
                 self._known += 1
-                task = self._with_unique_id(task)
+                native, task = task.id, self._with_unique_id(task)
             except Unusable as reason:
                 self._skipped.append(Skipped(record.file, record.place, str(reason)))
             else:
                 self._tasks[task.id] = task
                 self._places[task.id] = f"{record.file}, {record.place}"
+                if draft.joined:
+                    same = self._joined.setdefault((companions.folder, native), [])
+                    same.append(task.id)
+                    self._withhold_answer(same)
+
+    def _withhold_answer(self, same: list[str]) -> None:
+        """Take the answer from the tasks that it was given to by one id, if they have different texts."""
+        if len(same) == 1 or len({fold(self._tasks[id].instruction) for id in same}) == 1:
+            return
+        for id in same:
+            task = self._tasks[id]
+            flags = tuple(dict.fromkeys((*task.flags, OUTDATED_ANSWER)))
+            self._tasks[id] = replace(task, reference_answer=None, example_answer=None, flags=flags)
 
     def _with_unique_id(self, task: SourceTask) -> SourceTask:
         """The task with a unique id.
@@ -153,6 +181,8 @@ class _TaskCollector:
         known = self._tasks.get(task.id)
         if known is not None:
             if _content(known) == _content(task):
+                if task.split == "test":  # nothing may be trained on a test task
+                    self._tasks[task.id] = replace(known, split="test")
                 raise Unusable(f"the same record as {self._places[task.id]}")
             # Some sources number the tasks of every file from 1. The hash keeps ids independent of the files'
             # order.
@@ -168,6 +198,11 @@ def _files(folder: Path) -> Iterator[Path]:
         hidden = any(part.startswith((".", "__")) for part in path.relative_to(folder).parts)
         if not hidden and path.suffix.lower() in _DATA and path.is_file():
             yield path
+
+
+def _file_name(where: str) -> str:
+    """The name of a file; of a data set of the hub, that of its part."""
+    return where.split(":", 2)[-1] if where.startswith(HUB) else Path(where).name
 
 
 def _marked(source: Source, fields: Fields) -> int:
@@ -202,6 +237,7 @@ def _task(source: Source, draft: Draft, today: date) -> SourceTask:
         example_answer=draft.example_answer,
         hints=draft.hints,
         rubric=draft.rubric,
+        split=draft.split,
         flags=tuple(dict.fromkeys(flags)),
         extra=draft.extra,
     )
@@ -209,8 +245,12 @@ def _task(source: Source, draft: Draft, today: date) -> SourceTask:
         msgspec.json.encode(task)
     except (ValueError, TypeError, OverflowError) as error:
         raise Unusable("a field is not valid Unicode or JSON") from error
-    native = " ".join((draft.native_id or "").split())
-    return replace(task, id=f"{source.name}/{native if 0 < len(native) <= _LONGEST_ID else _digest(task)}")
+    native, parent = (" ".join((id or "").split()) for id in (draft.native_id, draft.native_parent_id))
+    return replace(
+        task,
+        id=f"{source.name}/{native if 0 < len(native) <= _LONGEST_ID else _digest(task)}",
+        parent_id=f"{source.name}/{parent}" if parent else None,
+    )
 
 
 def _website(draft: Draft) -> tuple[str | None, WebsiteFrom]:

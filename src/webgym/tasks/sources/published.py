@@ -15,7 +15,7 @@ _INSTRUCTION = ("task_name",)
 _PLACEHOLDERS = {"task_id": "-", "website": "https://website.invalid/", "evaluator_reference": None}
 """Placeholders for columns that :func:`task_of` requires and records of a source may lack; not used
 further."""
-_EXTRA_COLUMNS = ("benchmark_name", "task_id_decomposed_from")
+_EXTRA_COLUMNS = ("benchmark_name",)
 """Columns kept in ``extra``, because :class:`SourceTask` has no field for them."""
 
 
@@ -34,6 +34,8 @@ def _draft(fields: Fields, _: Companions) -> Draft:
         subdomain=task.subdomain,
         reference_answer=task.reference_answer,
         rubric=None if NO_FACTS in task.flags else task.rubric,
+        native_parent_id=task.parent_id and task.parent_id.removeprefix(f"{_NAME}/"),
+        split=task.split,
         flags=list(task.flags),
         extra=task.extra | {name: given[name] for name in _EXTRA_COLUMNS if name in given},
     )
@@ -47,4 +49,5 @@ SOURCE = Source(
     instruction=_INSTRUCTION,
     draft=_draft,
     marks=(("task_name", "evaluator_reference"),),
+    is_split=True,
 )

@@ -88,10 +88,12 @@ def _draft(fields: Fields, companions: Companions) -> Draft:
     answer = (companions.load(ANSWERS, _answers) or {}).get(native_id or "")
     if answer and not _answers_this(answer, draft.instruction):
         draft.flags.append(OUTDATED_ANSWER)
-    elif answer and answer.golden:
-        draft.reference_answer = answer.text
     elif answer:
-        draft.example_answer = answer.text
+        draft.joined = answer.question is None
+        if answer.golden:
+            draft.reference_answer = answer.text
+        else:
+            draft.example_answer = answer.text
     return draft
 
 

@@ -467,8 +467,11 @@ class Page:
             await self.end_script()
 
     def _on_leaving(self, event: NavigationStarted) -> None:
-        if event.frame_id == self.target_id:
-            self._leaving_for = event.loader_id
+        if event.frame_id != self.target_id:
+            return
+        self._leaving_for = event.loader_id
+        if not self.has_scripts:  # before the next document is asked for, whose scripts are to run
+            self._switch_scripts(on=True)
 
     def _failure(self, url: str, navigated: Navigated) -> NavigationFailed:
         """The error for a failed navigation, with the URL that it was redirected to."""
@@ -565,8 +568,6 @@ class Page:
             return
         status = event.response.status
         self._statuses[event.loader_id] = status
-        if not self.has_scripts:  # before the next document is there, whose scripts are to run
-            self._switch_scripts(on=True)
         if status in _NO_CONTENT:
             quoted_url = event.response.url[:_QUOTED_LENGTH]
             self.note(

@@ -30,7 +30,7 @@ from tests.tasks.sources import native
 from tests.tasks.sources.native import as_lines
 
 from webgym.cli import main
-from webgym.core.errors import BudgetSpent, ConfigError, LLMBadReply, UsageError
+from webgym.core.errors import BudgetSpent, ConfigError, LLMBadReply, TaskFileError, UsageError
 from webgym.core.task import Task
 from webgym.llm.batch import import_results
 from webgym.llm.cache import ReplyCache
@@ -441,6 +441,10 @@ async def test_the_day_of_the_first_run_stays_and_the_config_is_there_to_read(tm
         assert json.loads(before["manifest.json"])["today"] == TODAY
         assert read_config(out / "config.yaml", {}) == command.settings()
         (out / "config.yaml").write_text("- nothing")
+        (tmp_path / "other").mkdir()
+        (tmp_path / "other" / "tasks.jsonl").touch()
+        with pytest.raises(TaskFileError, match=r"holds other task files, .*: tasks\.jsonl"):
+            await run_build(command.settings(), BuildPaths.of(tmp_path / "other"), QUIET)
         with pytest.raises(ConfigError, match="not the config of a build"):
             await run_build(settings, BuildPaths.of(out), QUIET)
 

@@ -150,15 +150,20 @@ def test_a_folder_gets_a_file_per_split(tmp_path: Path) -> None:
 @pytest.mark.parametrize("older", ["train-00000-of-00002.parquet", "test.jsonl.zst", "tasks.jsonl.gz"])
 @pytest.mark.parametrize("kind", ["jsonl", "parquet"])
 def test_a_folder_has_only_the_tasks_last_written(tmp_path: Path, older: str, kind: Format) -> None:
-    write_tasks(tmp_path / older, [task(1, split="test")])
-    write_tasks(tmp_path, [task(2, split="train"), task(3, split="test")], format="parquet")
-    others = ("trainer.jsonl", "testing.parquet", "manifest.json", "train.txt")
+    write_tasks(tmp_path, [task(2, split="train"), task(3, split="test")], format=kind)
+    others = {"trainer.jsonl", "testing.parquet", "manifest.json", "train.txt"}
     for name in others:
         (tmp_path / name).write_text("not ours")
     (tmp_path / "train.d.jsonl").mkdir()
     write_tasks(tmp_path, [task(3, split="train")], format=kind)
     assert read_tasks(tmp_path).tasks == [task(3, split="train")]
-    assert {each.name for each in tmp_path.iterdir()} == {f"train.{kind}", "train.d.jsonl", *others}
+    held = {f"train.{kind}", "train.d.jsonl", *others}
+    assert {each.name for each in tmp_path.iterdir()} == held
+
+    write_tasks(tmp_path / older, [task(1, split="test")])
+    with pytest.raises(TaskFileError, match=rf"other task files, .*: {older} \("):
+        write_tasks(tmp_path, [task(4, split="train")], format=kind)
+    assert {each.name for each in tmp_path.iterdir()} == held | {older}, "nothing is written or deleted"
 
 
 def test_names_that_tell_no_format_are_refused(tmp_path: Path) -> None:

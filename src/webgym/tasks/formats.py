@@ -15,7 +15,7 @@ argument. A folder contains one file (``tasks.*``), or one per split (``train.*`
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from itertools import chain, count
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias, get_args
@@ -91,17 +91,20 @@ def write_tasks(path: Path | str, tasks: Iterable[Task], *, format: Format | Non
 
     Args:
         path: a file; or a folder (an existing one, or a name without a suffix), which gets a file per split.
-            All other task files in the folder are deleted once these are written.
+            It must hold no other task files (see :func:`refuse_others`).
         tasks: the tasks to write.
         format: ``None`` takes the format from a file's name, and ``"jsonl"`` for a folder.
 
     Raises:
         TaskFileError: it cannot be written, name and format do not match, or a task to be written to a folder
-            has no split.
+            has no split; or the folder holds other task files.
     """
     path = Path(path)
     if not path.is_dir() and path.suffix:
         return _write(path, tasks, format or _format_of(path))
+    ending = ".parquet" if format == "parquet" else ".jsonl"
+    files: dict[str, Path] = {split: path / f"{split}{ending}" for split in _SPLITS}
+    refuse_others(path, [file.name for file in files.values()])
     parts: dict[str, list[Task]] = {split: [] for split in _SPLITS}
     for task in tasks:
         if task.split is None:
@@ -110,13 +113,26 @@ def write_tasks(path: Path | str, tasks: Iterable[Task], *, format: Format | Non
                 hint="split the tasks first, or name a file such as tasks.parquet",
             )
         parts[task.split].append(task)
-    ending = ".parquet" if format == "parquet" else ".jsonl"
-    files = {path / f"{split}{ending}": part for split, part in parts.items() if part}
-    written = sum(_write(file, part, format or "jsonl") for file, part in files.items())
-    for file in _task_files_in_any_format(path) if path.is_dir() else ():
-        if file not in files:
-            _delete(file)
-    return written
+    for split, part in parts.items():
+        if part:
+            _write(files[split], part, format or "jsonl")
+        else:
+            _delete(files[split])
+    return sum(map(len, parts.values()))
+
+
+def refuse_others(folder: Path, names: Collection[str]) -> None:
+    """Refuse to write these task files to a folder in which others would be read with them or in their place.
+
+    Raises:
+        TaskFileError: there are others.
+    """
+    files = _task_files_in_any_format(folder) if folder.is_dir() else []
+    if others := ", ".join(file.name for file in files if file.name not in names):
+        raise TaskFileError(
+            f"{folder} holds other task files, which would be read in place of the new ones: {others}",
+            hint="write to another folder, or delete them",
+        )
 
 
 # --- one file ---------------------------------------------------------------------------------------
@@ -176,7 +192,7 @@ def _write(path: Path, tasks: Iterable[Task], format: Format) -> int:
 
 def _delete(path: Path) -> None:
     try:
-        path.unlink()
+        path.unlink(missing_ok=True)
     except OSError as error:
         raise TaskFileError(
             f"cannot delete {path}, which is of an older task set: {error.strerror or error}",

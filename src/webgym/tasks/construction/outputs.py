@@ -34,6 +34,10 @@ from webgym.tasks.validate import validate
 
 MANIFEST: Final = "manifest.json"
 FAILED: Final = "failed.jsonl"
+TASK_FILES: Final = {
+    split: tuple(f"{split}.{ending}" for ending in ("jsonl", "parquet")) for split in ("train", "test")
+}
+"""Names of the files of tasks, by split."""
 _FORMAT: Final = 1
 
 
@@ -58,10 +62,10 @@ def write_build(build: Build, out: Path, today: date, stages: StageProgress) -> 
         out.mkdir(parents=True, exist_ok=True)
         (out / MANIFEST).unlink(missing_ok=True)  # of an earlier build, whose files are replaced now
         with stages.stage("write", len(build.tasks)) as advance:
-            for split in ("train", "test"):
+            for split, names in TASK_FILES.items():
                 part = [task for task in build.tasks if task.split == split]
-                for ending in ("jsonl", "parquet"):
-                    written.append(out / f"{split}.{ending}")
+                for name in names:
+                    written.append(out / name)
                     write_tasks(written[-1], part)
                 advance(len(part))
         for name, rows in _lists(build).items():

@@ -21,9 +21,10 @@ from webgym.llm.ledger import Ledger
 from webgym.llm.prices import Prices
 from webgym.tasks.construction.config import PURPOSES, BuildConfig, Purpose
 from webgym.tasks.construction.estimate import Estimate, Estimator, estimate
-from webgym.tasks.construction.outputs import write_build, write_failures
+from webgym.tasks.construction.outputs import TASK_FILES, write_build, write_failures
 from webgym.tasks.construction.pipeline import Build, Pipeline
 from webgym.tasks.construction.progress import StageProgress
+from webgym.tasks.formats import refuse_others
 
 REPLIES: Final = "replies.sqlite"
 """File name of the cache in a build's folder."""
@@ -196,7 +197,12 @@ def _workers(config: BuildConfig) -> int:
 
 
 def _write_config(config: BuildConfig, out: Path) -> date:
-    """Write the resolved config to the folder; the date that counts as today."""
+    """Write the resolved config to the folder; the date that counts as today.
+
+    Raises:
+        TaskFileError: the folder cannot be written, or holds task files that no build wrote.
+    """
+    refuse_others(out, [name for names in TASK_FILES.values() for name in names])
     today = config.today or _earlier_today(out) or date.today()
     resolved = config.model_copy(update={"today": today}).model_dump(mode="json")
     try:

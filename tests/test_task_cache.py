@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from webgym import task_cache
-from webgym.offline.web import OfflineWeb
+from webgym.offline.web import COLLECTIONS, OfflineWeb
 from webgym.offline.website import Split
 from webgym.task_cache import KEPT_FILES, cached_tasks
 
@@ -33,6 +35,29 @@ def test_they_are_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(web, "tasks", unmade)
     for split, tasks in made.items():
         assert cached_tasks(web, split, tmp_path, tell=unmade) == tasks
+
+
+def test_another_process_reads_them(tmp_path: Path) -> None:
+    script = (
+        "import sys; from pathlib import Path; from webgym.offline.web import COLLECTIONS, OfflineWeb;"
+        "from webgym.task_cache import cached_tasks;"
+        "cached_tasks(OfflineWeb(per_family=1, collection='small'), None, Path(sys.argv[1]), tell=print)"
+    )
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", script, tmp_path], capture_output=True, text=True, check=True
+        ).stdout
+        for _ in range(2)
+    ]
+    assert said[0].startswith("making the tasks of")
+    assert said[1] == ""
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_families_from_elsewhere_are_made_anew(tmp_path: Path) -> None:
+    web = OfflineWeb(per_family=1, collection="small", families=COLLECTIONS["small"].families[:1])
+    assert cached_tasks(web, None, tmp_path) == list(web.tasks())
+    assert not list(tmp_path.iterdir())
 
 
 def test_other_settings_and_other_code_make_their_own(

@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 
 from webgym.core.task import Task
-from webgym.offline.web import OfflineWeb
+from webgym.offline.web import COLLECTIONS, OfflineWeb
 from webgym.offline.website import Split
 from webgym.rollout.files import write_whole
 
@@ -34,7 +34,8 @@ def cached_tasks(
 
     The cache file's name is a digest of what the tasks are generated from: the web's settings and the content
     of every file of ``webgym.offline`` and ``webgym.core``. A file that is missing or damaged is made anew;
-    if it cannot be written, the tasks are not cached.
+    if it cannot be written, the tasks are not cached. Nor are those of families from elsewhere, whose code is
+    not known here.
 
     Args:
         web: the offline web.
@@ -42,8 +43,11 @@ def cached_tasks(
         folder: of the cache files; by default ``webgym/tasks`` in the user's cache folder.
         tell: called with a message if tasks have to be made, before it takes that long.
     """
+    collection = next((name for name, shipped in COLLECTIONS.items() if shipped is web.collection), None)
+    if collection is None:
+        return list(web.tasks(split))
     folder = folder or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "webgym" / "tasks"
-    inputs = f"{_digest_of_code()} {web.seed} {web.per_family} {web.collection} {split}"
+    inputs = f"{_digest_of_code()} {web.seed} {web.per_family} {collection} {split}"
     file = folder / f"{hashlib.sha256(inputs.encode()).hexdigest()[:32]}.msgpack"
     try:
         tasks = _checked(file.read_bytes())

@@ -230,4 +230,5 @@ def _response(task: Task, truth: Truth, views: list[_View], episode: Episode) ->
     }
     if invented:
         return Judgement(False, f"no screenshot shows {', '.join(str(n) for n in sorted(invented))}")
-    return Judgement(True, "every number in the answer is visible", tuple(view.index for view in views[-1:]))
+    why = "every number in the answer was seen, given or asked for"
+    return Judgement(True, why, tuple(view.index for view in views[-1:]))

@@ -160,12 +160,13 @@ def test_the_command_on_labels_of_the_labelling_page(
 
     code, said = command(run)
     assert code == 0, said
+    assert "6 of 7 labelled trajectories compared, 3 of them labelled as successes" in said
     assert "left out: 1 × the annotators do not agree" in said
     assert "annotators: 1 shared attempts" in said
     for options, why in (
         ((run, "--annotator", "eve"), "no labels of 'eve'"),
         ((run, "--judge", "nobody"), "no judge"),
-        ((run, "--labels", tmp_path / "none.csv"), "cannot read"),
+        ((run, "--labels", tmp_path / "none.csv"), "No such file or directory (label traj"),
         ((run, "--humans", "best"), "majority"),
     ):
         code, said = command(*options)

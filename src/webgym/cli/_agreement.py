@@ -37,7 +37,7 @@ class _Labelled:
     Attributes:
         judges: their names, as printed.
         cases: the labels and verdicts to compare.
-        left_out: the number of trajectories that are not compared, by reason.
+        left_out: the number of trajectories, or of labels, that are not compared, by reason.
         notes: notes that are printed below the tables.
         annotators: agreement between annotators; ``None`` if the labels do not name them.
     """
@@ -173,6 +173,7 @@ def _read_run(
     from webgym.rollout.store import RunReader
     from webgym.rollout.verdicts import read_verdicts
 
+    reader = RunReader(run, skip_corrupt=True)
     read = read_labels(labels or labels_path(run))
     notes = [f"skipped {broken}" for broken in read.broken]
     own = [label for label in read.labels if annotator in (None, label.annotator)]
@@ -185,7 +186,7 @@ def _read_run(
     names = tuple(map(_printed_name, pairs.judges, labels_by_name.values()))
     if len(set(names)) < len(names):
         raise UsageError("two judges have the same name", hint="give them labels: --judge NAME=LABEL")
-    people = annotator_agreement(resolved(RunReader(run, skip_corrupt=True), read.labels))
+    people = annotator_agreement(resolved(reader, read.labels))
     return _Labelled(names, pairs.cases, pairs.left_out, notes, people)
 
 
@@ -340,11 +341,13 @@ def _confusion(counts: Confusion) -> str:
 
 def _notes(result: Agreement, labelled: _Labelled, config: AgreementConfig) -> Iterator[str]:
     count, successes = result.cases["overall"], result.successes["overall"]
-    yield f"{count} labelled trajectories, {successes} of them labelled as successes"
+    left_out = labelled.left_out.items()  # trajectories, and labels that are of none or were given again
+    given = count + sum(number for reason, number in left_out if not reason.startswith("a label "))
+    yield f"{count} of {given} labelled trajectories compared, {successes} of them labelled as successes"
     counted = "counts as a failure" if config.no_verdict == "failure" else "is left out"
     resamples = f"{config.resamples:,} bootstrap resamples of tasks, seed {config.seed}"
     yield f"a trajectory without a verdict {counted}; {resamples}"
-    for reason, count in sorted(labelled.left_out.items()):
+    for reason, count in sorted(left_out):
         yield f"left out: {count} × {reason}"
     people = labelled.annotators
     if people is not None and people.attempts:

@@ -126,7 +126,10 @@ def read_labels(path: Path) -> LabelFile:
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise UsageError(f"cannot read the labels {path}: {error.strerror}") from error
+        raise UsageError(
+            f"cannot read the labels {path}: {error.strerror}",
+            hint="label trajectories on the page /label of webgym view RUN",
+        ) from error
     try:
         return parse_labels(data)
     except ValueError as error:

@@ -24,7 +24,7 @@ from benchmarks.stand_ins import TOKEN, StandInModel
 from tests.rollout.running import World, a_world, until
 
 from webgym.cli import _run
-from webgym.core.errors import StoreFull
+from webgym.core.errors import RunFolderError, StoreFull
 from webgym.judge.config import JudgeChoice
 
 
@@ -50,6 +50,10 @@ async def full() -> None:
     raise StoreFull("no space left")
 
 
+async def refused() -> None:
+    raise RunFolderError("holds a run already")
+
+
 async def whole() -> None:
     return None
 
@@ -72,6 +76,8 @@ def test_a_stopped_run_says_how_to_go_on(
         f"finished work is stored; resume with: webgym rollout --resume '{run}'\n"
     )
     _run.run(whole, resumed_by=("webgym rollout", run))
+    with pytest.raises(RunFolderError):
+        _run.run(refused, resumed_by=("webgym rollout", run))
     assert not capsys.readouterr().err
 
 

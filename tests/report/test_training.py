@@ -18,7 +18,8 @@ from webgym.core.outcome import Outcome
 from webgym.report.config import ReportConfig
 from webgym.report.curves import Curves, Line, Point, nice_ticks
 from webgym.report.formatting import percent, points
-from webgym.report.training import Training, is_training, write_training_report
+from webgym.report.training import Training, write_training_report
+from webgym.rollout.files import is_training
 from webgym.tiny.demo import before_and_after
 from webgym.train.figures import success_line
 
@@ -138,6 +139,26 @@ def test_the_command_knows_a_training_from_a_run(folder: Path, run_folder: Path,
     assert not is_training(run_folder)
     code, said = calls.run("report", folder, "--width", 160)
     assert (code, said.strip()) == (0, str(folder / "report.html"))
+
+
+@pytest.mark.parametrize(
+    "command",
+    "view,verify,export --out out,judge,judge agreement,eval --of,rollout --resume,compare".split(","),
+)
+def test_a_command_of_runs_names_those_of_a_training(
+    folder: Path, run_folder: Path, calls: Calls, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    monkeypatch.chdir(folder.parent)
+    more = [run_folder] if command == "compare" else []
+    code, said = calls.run(*command.split(), "first", *more)
+    runs = "its runs are first/iterations/0001/run, first/evaluations/0000, ..."
+    assert (code, said) == (2, f"webgym: first is a training, not a run ({runs})\n")
+
+
+def test_a_run_is_not_resumed_as_a_training(run_folder: Path, calls: Calls) -> None:
+    code, said = calls.run("train", "--resume", run_folder)
+    hint = f"resume it with webgym rollout --resume {run_folder}"
+    assert (code, said) == (2, f"webgym: {run_folder} is a run, not a training ({hint})\n")
 
 
 def test_figures_that_are_torn_are_said_in_a_line(folder: Path, tmp_path: Path) -> None:

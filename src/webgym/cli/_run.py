@@ -20,11 +20,11 @@ from pydantic import SecretStr
 from rich.console import Console
 from rich.text import Text
 
-from webgym.core.errors import ConfigError
+from webgym.core.errors import ConfigError, RunFolderError
 from webgym.core.outcome import Outcome
 from webgym.core.text import plain
 from webgym.report.write import write_report
-from webgym.rollout.files import CONFIG
+from webgym.rollout.files import CONFIG, is_training
 from webgym.rollout.live import showing
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
@@ -84,7 +84,8 @@ def run(
         with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
             return runner.run(guarded())
     except BaseException as error:
-        if resumed_by is not None and (resumed_by[1] / CONFIG).is_file():
+        is_refused = isinstance(error, RunFolderError)  # such a folder is not resumed, or is another run
+        if resumed_by is not None and not is_refused and (resumed_by[1] / CONFIG).is_file():
             if report and isinstance(error, KeyboardInterrupt):
                 write_report(resumed_by[1])
             _print_how_to_resume(*resumed_by)
@@ -156,7 +157,7 @@ def raise_if_interrupted(finishing: asyncio.Event, resumed_by: tuple[str, Path])
 
 
 def _print_how_to_resume(command: str, folder: Path) -> None:
-    entries = RunReader(folder, skip_corrupt=True).attempts.values()
+    entries = () if is_training(folder) else RunReader(folder, skip_corrupt=True).attempts.values()
     count = sum(entry.outcome is not Outcome.CANCELLED for entry in entries)
     stored = "finished work is" if not count else "1 attempt is" if count == 1 else f"{count:,} attempts are"
     print(f"{stored} stored; resume with: {command} --resume {shlex.quote(str(folder))}", file=sys.stderr)

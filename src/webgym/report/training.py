@@ -24,7 +24,7 @@ from webgym.report.curves import Curves, Line, Point, phase_bars
 from webgym.report.template import Document, Page, outcome_words
 from webgym.report.thumbnails import thumbnails
 from webgym.report.write import ReportProgress, quiet, write_parts
-from webgym.rollout.files import CONFIG, EVALUATIONS, ITERATIONS, METRICS, REPORT, disk_errors
+from webgym.rollout.files import CONFIG, EVALUATIONS, METRICS, REPORT, disk_errors
 from webgym.rollout.rates import Interval
 from webgym.rollout.records import Entry
 from webgym.rollout.store import RunReader
@@ -67,11 +67,6 @@ class Pair(NamedTuple):
         """Order of display: newly solved, no longer solved, solved both times, solved neither time."""
         won = (self.before.outcome is Outcome.SUCCESS, self.after.outcome is Outcome.SUCCESS)
         return [(False, True), (True, False), (True, True), (False, False)].index(won)
-
-
-def is_training(path: Path) -> bool:
-    """Whether a folder is a training, not a run."""
-    return (path / ITERATIONS).is_dir() or (path / EVALUATIONS).is_dir()
 
 
 class Training:

@@ -55,12 +55,25 @@ def image_path(run: Path, name: str) -> Path:
     return run / SCREENSHOTS / name[:2] / f"{name}.png"
 
 
+def is_training(path: Path) -> bool:
+    """Whether a folder is a training, not a run."""
+    return (path / ITERATIONS).is_dir() or (path / EVALUATIONS).is_dir()
+
+
 def check_run(path: Path) -> None:
     """Check that a folder is a run.
 
     Raises:
-        RunFolderError: it is not.
+        RunFolderError: it is not; of a training, the message names its runs.
     """
+    if is_training(path):
+        kinds = (f"{ITERATIONS}/*/run/{CONFIG}", f"{EVALUATIONS}/*/{CONFIG}")
+        found_of = (sorted(path.glob(kind)) for kind in kinds)
+        runs = "".join(f"{found[0].parent}, " for found in found_of if found)
+        raise RunFolderError(
+            f"{path} is a training, not a run",
+            hint=f"its runs are {runs}..." if runs else "it has no run yet",
+        )
     if not (path / CONFIG).is_file():
         raise RunFolderError(
             f"{path} is not a run: it has no {CONFIG}",

@@ -16,7 +16,7 @@ from webgym.inference.local import LocalConfig
 from webgym.inference.model import load_renderer
 from webgym.judge.factory import check_judge, refuse_unjudgeable
 from webgym.llm.config import altering
-from webgym.rollout.files import CONFIG
+from webgym.rollout.files import CONFIG, TASKS
 from webgym.rollout.trackers import tracking
 from webgym.run_config import Secrets, resolved
 from webgym.run_services import services
@@ -172,6 +172,10 @@ def read_config(out: Path) -> TrainConfig:
     Raises:
         RunFolderError: the folder is not a training folder of this version.
     """
+    if (out / TASKS).is_file():
+        raise RunFolderError(
+            f"{out} is a run, not a training", hint=f"resume it with webgym rollout --resume {out}"
+        )
     try:
         data = yaml.safe_load((out / CONFIG).read_text())
     except OSError as error:

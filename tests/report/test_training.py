@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import html
 import json
 import re
+import shlex
 import shutil
 from pathlib import Path
 
@@ -120,6 +122,19 @@ def test_success_is_of_the_attempts_that_were_judged(folder: Path, tmp_path: Pat
     assert text.count("of 7 judged attempts") == 2
     pairs = Training(tmp_path).pairs()
     assert f"Of {len(pairs)} samples that were judged both times" in text
+
+
+def test_the_command_to_browse_names_the_folder_as_it_was_given(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(folder / "evaluations", tmp_path / "my runs/first/evaluations")
+    shutil.copy(folder / "config.yaml", tmp_path / "my runs/first")
+    monkeypatch.chdir(tmp_path)
+    text = write_training_report(Path("my runs/first")).read_text()
+    (shown,) = re.findall("<code>(webgym view .*)</code>", text)
+    _, _, named = shlex.split(html.unescape(shown))
+    assert named.startswith("my runs/first/")
+    assert (tmp_path / named / "config.yaml").is_file()
 
 
 @pytest.mark.parametrize("left", ["nothing", "an evaluation"])

@@ -6,6 +6,7 @@ It reads ``metrics.jsonl`` and the run folders of the evaluations, and does not 
 from __future__ import annotations
 
 import json
+import shlex
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
@@ -255,6 +256,7 @@ def _context(training: Training, title: str, pairs: Sequence[Pair]) -> dict[str,
     loop = config.get("loop") or {}
     return {
         "name": title,
+        "folder": shlex.quote(str(training.path)),
         "model": (config.get("learn") or {}).get("model", "–"),
         "objective": ((config.get("learn") or {}).get("objective") or {}).get("name", "–"),
         "seed": config.get("seed", "–"),

@@ -49,7 +49,8 @@ def test_an_instruction_and_an_address_make_a_task(tmp_path: Path) -> None:
     write_tasks(tmp_path / "again.jsonl", found.tasks)
     assert read_tasks(tmp_path / "again.jsonl").tasks == found.tasks
     refuse_unjudgeable(JudgeChoice(name="rubric", rubric=RUBRIC, without_rubric=True), found.tasks)
-    with pytest.raises(ConfigError, match="2 of 2 tasks: mine/1 has no rubric"):
+    said = r"2 of 2 tasks: mine/1 has no rubric \(.* with the setting judge\.without_rubric: true\)$"
+    with pytest.raises(ConfigError, match=said):
         refuse_unjudgeable(JudgeChoice(name="rubric", rubric=RUBRIC), found.tasks)
 
 

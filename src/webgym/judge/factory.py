@@ -41,7 +41,7 @@ def refuse_unjudgeable(choice: JudgeChoice, tasks: Sequence[Task]) -> None:
             raise ConfigError(
                 f"the rubric judge cannot judge {len(bare):,} of {len(tasks):,} tasks: "
                 f"{bare[0]} has no rubric",
-                hint="give them one, or judge tasks as a whole: --without-rubric, judge.without_rubric",
+                hint="give them one, or judge tasks as a whole with the setting judge.without_rubric: true",
             )
     if choice.name != "offline":
         return

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from tests.conftest import Calls
 
 from webgym.core.errors import ConfigError, SitesError
 from webgym.core.task import Task
@@ -327,6 +328,13 @@ def test_a_collection_that_is_not_there_is_named() -> None:
 
     with pytest.raises(ConfigError, match="tiny"):
         collection_name("tiny")
+
+
+@pytest.mark.parametrize("command", ["list", "check"])
+def test_a_family_that_is_not_there_is_refused(calls: Calls, command: str) -> None:
+    code, said = calls.run("sites", command, "--collection", "small", "--family", "shop")
+    hint = "webgym sites list --collection small shows the families"
+    assert (code, said) == (2, f"webgym: unknown family 'shop' ({hint})\n")
 
 
 def part(name: str, facts: int, **state: object) -> Part:

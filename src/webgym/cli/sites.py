@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from webgym.core.errors import ConfigError
+
 if TYPE_CHECKING:
     from collections.abc import Collection
 
@@ -92,9 +94,17 @@ def list_sites(
     from webgym.offline.web import OfflineWeb, collection_name
 
     web = OfflineWeb(DEFAULT_SEED if seed is None else seed, collection=collection_name(collection))
-    for host, spec in web.specs.items():
-        if family in (None, spec.family.family):
-            print(f"http://{host}/  {spec.family.family}  {spec.split}  {spec.behaviour}")
+    listed = [(host, spec) for host, spec in web.specs.items() if family in (None, spec.family.family)]
+    if not listed:
+        raise _unknown_family(family, collection)
+    for host, spec in listed:
+        print(f"http://{host}/  {spec.family.family}  {spec.split}  {spec.behaviour}")
+
+
+def _unknown_family(family: str | None, collection: str) -> ConfigError:
+    return ConfigError(
+        f"unknown family {family!r}", hint=f"webgym sites list --collection {collection} shows the families"
+    )
 
 
 def _report(console: Console, failures: list[str], tasks: Collection[str]) -> None:
@@ -151,7 +161,6 @@ def check(
 
     from webgym.browser_check import check_in_browsers
     from webgym.cli._run import lasting_console, run, show_progress_on
-    from webgym.core.errors import ConfigError
     from webgym.offline.web import OfflineWeb, collection_name
     from webgym.tasks.sampling import draw
     from webgym.validation import typed
@@ -169,7 +178,7 @@ def check(
     if not tasks and shards > 1:
         raise ConfigError(f"part {shard} of {shards} has no website", hint="give fewer parts")
     if not tasks:
-        raise ConfigError(f"unknown family {family!r}", hint="webgym sites list shows the families")
+        raise _unknown_family(family, collection)
     tasks = draw(tasks, sample, seed)
     if quick:
         _report(console, list(typed(web, tasks)), [task.id for task in tasks])

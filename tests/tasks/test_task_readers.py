@@ -62,6 +62,12 @@ def test_an_export_of_tasks_is_read_by_others(tmp_path: Path, calls: Calls) -> N
         assert "left out: 1 tasks of another split" in said
         ids = duckdb.sql(f"select id from '{out}/tasks.{kind}'").fetchall()
         assert ids == [(task.id,) for task in tasks[1:]]
+    write_tasks(tmp_path / "train.parquet", tasks[1:])
+    code, said = calls.run("export", tmp_path / "train.parquet", "--split", "test", "--out", tmp_path / "no")
+    assert code == 2
+    assert f"has no task of the split 'test'; it holds {len(tasks) - 1} train (" in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "no").exists()
     code, said = calls.run("export", tmp_path / "mine", "--format", "sharegpt", "--out", tmp_path / "no")
     assert code == 2
     assert "tasks have no replies" in said

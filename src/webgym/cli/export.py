@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -108,6 +109,13 @@ def _export_tasks(source: Path, out: Path, kind: Format, split: Split) -> None:
         else read_all([source])
     )
     tasks = [task for task in records.tasks if split is Split.ALL or task.split == split.value]
+    if not tasks:
+        held = Counter(task.split or "unsplit" for task in records.tasks)
+        splits = ", ".join(f"{count:,} {name}" for name, count in held.items()) or "none that can be judged"
+        raise UsageError(
+            f"{source} has no task of the split {split.value!r}; it holds {splits}",
+            hint="choose with --split train, test or all",
+        )
     make_folder(out)
     if any(out.iterdir()):
         raise RunFolderError(f"{out} is not empty", hint="choose another folder")

@@ -52,7 +52,24 @@ class Model:
     bases: frozenset[str]
     fields: tuple[str, ...]
     where: str
-    dumps_itself: bool
+    node: ast.ClassDef
+
+    @property
+    def dumps_itself(self) -> bool:
+        return any(
+            isinstance(inner, ast.Attribute)
+            and inner.attr == "model_dump"
+            and name_of(inner.value) == "self"
+            for inner in ast.walk(self.node)
+        )
+
+
+Nodes = list[ast.AST]
+"""All of a tree, listed once: to walk through it takes longer than to parse it."""
+
+
+def nodes_of(code: str) -> Nodes:
+    return list(ast.walk(ast.parse(code)))
 
 
 def name_of(node: ast.expr) -> str:
@@ -64,8 +81,8 @@ def name_of(node: ast.expr) -> str:
     return node.attr if isinstance(node, ast.Attribute) else getattr(node, "id", "")
 
 
-def classes(tree: ast.Module, where: str) -> Iterator[Model]:
-    for node in ast.walk(tree):
+def classes(nodes: Nodes, where: str) -> Iterator[Model]:
+    for node in nodes:
         if isinstance(node, ast.ClassDef):
             fields = tuple(
                 item.target.id
@@ -75,16 +92,10 @@ def classes(tree: ast.Module, where: str) -> Iterator[Model]:
                 and name_of(item.annotation) != "ClassVar"
             )
             bases = frozenset(map(name_of, node.bases))
-            dumps_itself = any(
-                isinstance(inner, ast.Attribute)
-                and inner.attr == "model_dump"
-                and name_of(inner.value) == "self"
-                for inner in ast.walk(node)
-            )
-            yield Model(node.name, bases, fields, f"{where}:{node.lineno}", dumps_itself)
+            yield Model(node.name, bases, fields, f"{where}:{node.lineno}", node)
 
 
-def settings_models(trees: dict[Path, ast.Module]) -> list[Model]:
+def settings_models(trees: dict[Path, Nodes]) -> list[Model]:
     """The models whose bases lead to pydantic's."""
     found = [model for path, tree in trees.items() for model in classes(tree, path.name)]
     known = {"BaseModel", "BaseSettings"}
@@ -93,26 +104,25 @@ def settings_models(trees: dict[Path, ast.Module]) -> list[Model]:
     return [model for model in found if model.bases & known]
 
 
-def attributes_read(tree: ast.Module) -> Iterator[str]:
+def attributes_read(nodes: Nodes) -> Iterator[str]:
     """Names read as ``something.name``, but for those in a model's own validators, which prove no use."""
-
-    waiting: list[ast.AST] = [tree]
-    while waiting:
-        node = waiting.pop()
-        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)) and any(
-            name_of(decorator) in _VALIDATORS for decorator in node.decorator_list
-        ):
-            continue
-        if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Load):
+    in_validators = {
+        inner
+        for node in nodes
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))
+        and any(name_of(decorator) in _VALIDATORS for decorator in node.decorator_list)
+        for inner in ast.walk(node)
+    }
+    for node in nodes:
+        if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Load) and node not in in_validators:
             yield node.attr
-        waiting.extend(ast.iter_child_nodes(node))
 
 
-def names_looked_up(trees: dict[Path, ast.Module]) -> set[str]:
+def names_looked_up(trees: dict[Path, Nodes]) -> set[str]:
     """Names in tuples of strings, in the rooms that read attributes by a name that is a variable."""
     rooms: dict[Path, list[ast.AST]] = {}
     for path, tree in trees.items():
-        rooms.setdefault(path.parent, []).extend(ast.walk(tree))
+        rooms.setdefault(path.parent, []).extend(tree)
     return {
         element.value
         for nodes in rooms.values()
@@ -129,7 +139,7 @@ def names_looked_up(trees: dict[Path, ast.Module]) -> set[str]:
     }
 
 
-def unread_settings(trees: dict[Path, ast.Module], models: list[Model]) -> list[str]:
+def unread_settings(trees: dict[Path, Nodes], models: list[Model]) -> list[str]:
     """Fields that nothing reads: not by name, not by a name in a variable, not by dumping the whole model."""
     read = {name for tree in trees.values() for name in attributes_read(tree)} | names_looked_up(trees)
     return [
@@ -141,10 +151,10 @@ def unread_settings(trees: dict[Path, ast.Module], models: list[Model]) -> list[
     ]
 
 
-def parsed_source() -> dict[Path, ast.Module]:
+def parsed_source() -> dict[Path, Nodes]:
     """All but the families of the offline web, which are a third of the code and know no settings."""
     return {
-        path: ast.parse(path.read_text("utf-8"))
+        path: nodes_of(path.read_text("utf-8"))
         for path in SOURCE.rglob("*.py")
         if "families" not in path.parts
     }
@@ -179,7 +189,7 @@ class Body(BaseModel):
     sent: int
     def body(self): return self.model_dump()
 """
-    trees = {Path("made_up.py"): ast.parse(code)}
+    trees = {Path("made_up.py"): nodes_of(code)}
     unread = unread_settings(trees, settings_models(trees))
     assert [line.split()[1] for line in unread] == ["Base.forgotten", "Child.only_checked", "Pools.execute"]
 

@@ -233,11 +233,11 @@ def _answer(parts: Sequence[Part], *, in_order: bool = False) -> AnswerTruth:
     # A wrong value of one part may be right, or part of a right value, for another.
     wrong = dict.fromkeys(w for fact in facts for w in fact.wrong)
     if in_order:  # compare whole words: 1 is wrong where 12 is right
-        padded = [f" {option} " for option in accepted]
-        forbidden = tuple(w for w in wrong if not any(f" {w.casefold()} " in option for option in padded))
+        right = "\0".join(f" {option} " for option in accepted)
+        forbidden = tuple(w for w in wrong if f" {w.casefold()} " not in right)
     else:  # the answer of a part may contain a value that is wrong for another
-        accepted |= {part.says.casefold() for part in parts}
-        forbidden = tuple(w for w in wrong if not any(w.casefold() in text for text in accepted))
+        right = "\0".join([*accepted, *(part.says.casefold() for part in parts)])
+        forbidden = tuple(w for w in wrong if w.casefold() not in right)
     return AnswerTruth(required, forbidden, in_order=in_order and bool(required))
 
 

@@ -59,6 +59,7 @@ async def open_training(
     folder = TrainingFolder(out)
     if not resume:
         folder.refuse_used()
+    await asyncio.to_thread(load_renderer, config.learn.model)  # before tasks are made, which takes longer
     tasks = all_tasks(config.rollout, tell)
     objective = make_objective(config.learn.objective)
     if isinstance(objective, GroupIS) and config.rollout.samples == 1:
@@ -83,7 +84,6 @@ async def open_training(
         show=show,
         tell=tell,
     )
-    await asyncio.to_thread(load_renderer, config.learn.model)
     if config.learn.update.lora is not None:
         await asyncio.to_thread(check_targets, config.learn.update.lora, config.learn.model)
     failed = tell or (lambda line: warnings.warn(line, stacklevel=1))

@@ -46,7 +46,7 @@ from webgym.rollout.labels import LABELS, LabelStore
 from webgym.rollout.store import RunReader
 
 SMALL: dict[str, Any] = {
-    "sites": {"collection": "small"},
+    "sites": {"collection": "small", "per_family": 6},
     "server": {"static": True},
     "policy": {"check": False},
     "tasks": {"count": 2},
@@ -63,9 +63,9 @@ SMALLER = {
     "rollout --out runs/first": "--config run.yaml",  # its model is elsewhere
     "rollout --tasks": "--config browsers.yaml --sessions 2",
     "simulate": "--config small.yaml --environments 16",
-    "sites check": "--sample 1 --sessions 1",
+    "sites check": "--sample 1 --sessions 1 --family desk",
     "sites serve": "--port 0",
-    "tasks offline": "--collection small",
+    "tasks offline": "--collection small --per-family 6",
     "tasks split": "--test 9",
 }
 """What is added to the commands that begin so."""

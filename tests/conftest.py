@@ -26,6 +26,9 @@ settings.load_profile("webgym")
 os.environ.setdefault("HF_HUB_OFFLINE", "1")
 # Threads that wait for a busy processor make tiny work a hundred times slower, also in what we start.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# Neither we nor the commands that we start compile everything again, whatever the surroundings say.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 
 @pytest.hookimpl(wrapper=True)

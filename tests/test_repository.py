@@ -57,9 +57,7 @@ class Model:
     @property
     def dumps_itself(self) -> bool:
         return any(
-            isinstance(inner, ast.Attribute)
-            and inner.attr == "model_dump"
-            and name_of(inner.value) == "self"
+            isinstance(inner, ast.Attribute) and inner.attr == "model_dump" and name_of(inner.value) == "self"
             for inner in ast.walk(self.node)
         )
 

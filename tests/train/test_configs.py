@@ -13,6 +13,7 @@ from webgym.agent.profiles import choose_profile
 from webgym.inference.vllm import VllmConfig
 from webgym.llm.config import altering
 from webgym.settings import merged
+from webgym.tiny import demo
 from webgym.train.config import LearnConfig
 from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig
@@ -46,6 +47,13 @@ def test_the_preset_of_groups_is_asyncwebrls() -> None:
     assert make_objective(config.objective) == GroupIS()
     assert config.update.learning_rate == 5e-6
     assert config.replay.iterations == GroupIS().staleness + 1
+
+
+def test_the_preset_of_the_tiny_policy_is_the_demo() -> None:
+    weights = Path("src/webgym/tiny/weights")
+    assert (CONFIGS.parent / weights / "config.json").exists()
+    expected = demo.settings(weights, seed=0, tasks=200, iterations=None, sessions=8)
+    assert load_train_config([CONFIGS / "train/tiny.yaml"]) == expected
 
 
 @pytest.mark.parametrize("server", [["group-is"], ["group-is", "vllm", "group-is-vllm"]])

@@ -281,20 +281,64 @@ def test_an_update_that_does_not_fit_the_gpus_is_told_at_the_start(
     assert re.match(r"an update may run out of GPU memory: memory [\d.]+ GiB per GPU, DOES NOT FIT", line)
 
 
+AGENT = {"profile": "tiny", "prompt_format": "compact", "rounds": 0}
+
+
+@pytest.fixture
+def no_services(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """No browsers and websites; notes that they were to be started."""
+    started: list[str] = []
+
+    @asynccontextmanager
+    async def services(*_: object) -> AsyncIterator[Any]:
+        started.append("services")
+        yield ServerChoice(), Secrets()
+
+    monkeypatch.setattr("webgym.train.start.services", services)
+    return started
+
+
+@pytest.mark.parametrize("agent", [{}, AGENT])
+def test_a_model_without_a_valid_reply_is_refused_unless_its_settings_were_chosen(
+    tmp_path: Path, model: Path, no_services: list[str], agent: dict[str, Any]
+) -> None:
+    settings = TrainConfig.model_validate(
+        {
+            "learn": {"model": str(model)},
+            "rollout": {"sites": {"collection": "small", "per_family": 5}, "agent": agent},
+            "local": {"path": str(model), "sampling": {"max_tokens": 4}},
+        }
+    )
+    told: list[str] = []
+
+    async def start(settings: TrainConfig) -> None:
+        async with open_training(settings, tmp_path / "out", tell=told.append):
+            pass
+
+    names = re.escape("configs/train/tiny.yaml has the tiny policy's (profile: tiny, prompt_format: compact")
+    if agent:
+        asyncio.run(start(settings))
+        (line,) = [line for line in told if "replied" in line]
+        assert re.search(f"never with a valid action; .*{names}", line)
+        return
+    with pytest.raises(ConfigError, match=f"never with a valid action.*{names}.*check: false skips"):
+        asyncio.run(start(settings))
+    assert not no_services
+    assert not (tmp_path / "out").exists()
+    policy = settings.rollout.policy.model_copy(update={"check": False})
+    unchecked = settings.rollout.model_copy(update={"policy": policy})
+    asyncio.run(start(settings.model_copy(update={"rollout": unchecked})))
+    assert not any("replied" in line for line in told)
+
+
+@pytest.mark.usefixtures("no_services")
 def test_a_training_goes_on_with_what_it_was_started_with(
     tmp_path: Path, model: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Small websites have a small viewport unless it is set; config.yaml sets everything."""
-
-    @asynccontextmanager
-    async def no_services(*_: object) -> AsyncIterator[Any]:
-        yield ServerChoice(), Secrets()
-
-    monkeypatch.setattr("webgym.train.start.services", no_services)
     sites = {"collection": "small", "per_family": 5}
-    settings = TrainConfig.model_validate(
-        {"learn": {"model": str(model)}, "rollout": {"sites": sites, "agent": {"profile": "tiny"}}}
-    )
+    rollout = {"sites": sites, "agent": {"profile": "tiny"}, "policy": {"check": False}}  # random weights
+    settings = TrainConfig.model_validate({"learn": {"model": str(model)}, "rollout": rollout})
 
     async def start(given: TrainConfig, *, resume: bool) -> TrainConfig:
         async with open_training(given, tmp_path / "out", resume=resume) as training:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 import warnings
 from collections.abc import AsyncIterator, Sequence
-from contextlib import ExitStack, asynccontextmanager, suppress
+from contextlib import AsyncExitStack, ExitStack, asynccontextmanager, suppress
 from pathlib import Path
 
 import yaml
 
+from webgym.agent.agent import Agent
+from webgym.agent.preflight import check_policy
 from webgym.agent.profiles import choose_profile
 from webgym.core.errors import ConfigError, RunFolderError
 from webgym.inference.local import LocalConfig
@@ -18,7 +20,7 @@ from webgym.judge.factory import check_judge, refuse_unjudgeable
 from webgym.llm.config import altering
 from webgym.rollout.files import CONFIG, TASKS
 from webgym.rollout.trackers import tracking
-from webgym.run_config import Secrets, resolved
+from webgym.run_config import RunConfig, Secrets, resolved
 from webgym.run_services import services
 from webgym.settings import load_settings, validated
 from webgym.task_choice import all_tasks
@@ -69,6 +71,7 @@ async def open_training(
         )
     _refuse_unusable_replies(config, objective)
     serving = make_serving(config, folder)
+    is_chosen = config.rollout.agent.profile is not None
     # Stored in resolved form, so that defaults of unset settings cannot change when it is resumed.
     config = config.model_copy(update={"rollout": resolved(config.rollout, serving.policy, tell)})
     # Errors in settings, tasks and models are found before browsers start.
@@ -100,7 +103,13 @@ async def open_training(
     with ExitStack() as lock:
         if resume:  # before a server is touched that another process may be training with
             lock.enter_context(folder.locked())
-        async with serving, services(config.rollout, secrets or Secrets()) as (where, tokens):
+        async with AsyncExitStack() as services_and_model:
+            await services_and_model.enter_async_context(serving)
+            if config.rollout.policy.check and not resume:
+                await _check_replies(config.rollout, serving, failed if is_chosen else None)
+            where, tokens = await services_and_model.enter_async_context(
+                services(config.rollout, secrets or Secrets())
+            )
             if not resume:
                 folder.create(config.model_dump(mode="json", exclude={"rollout": {"sites": {"token"}}}))
                 lock.enter_context(folder.locked())
@@ -109,6 +118,32 @@ async def open_training(
             ) as track:
                 training.use(where, tokens, track)
                 yield training
+
+
+async def _check_replies(config: RunConfig, serving: Serving, warn: Tell | None) -> None:
+    """Request a test reply of the model.
+
+    Args:
+        config: of the collection, in resolved form.
+        serving: entered.
+        warn: called if no reply holds an action, in place of raising: for settings that were chosen for the
+            model, which may be untrained on purpose.
+
+    Raises:
+        PolicyError: there was no reply.
+        ConfigError: no reply holds an action.
+    """
+    hint = (
+        "do rollout.agent.profile and rollout.agent.prompt_format fit the model? configs/train/tiny.yaml has "
+        "the tiny policy's (profile: tiny, prompt_format: compact, rounds: 0)"
+    )
+    try:
+        await check_policy(Agent(serving.policy, config.agent), config.attempt.viewport)
+    except ConfigError as error:
+        if warn is None:
+            skip = "; rollout.policy.check: false skips this"
+            raise ConfigError(error.message, hint=hint + skip) from error
+        warn(f"{error.message}; {hint}")
 
 
 def _refuse_unusable_replies(config: TrainConfig, objective: Objective) -> None:

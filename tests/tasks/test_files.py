@@ -59,6 +59,7 @@ def test_an_instruction_and_an_address_make_a_task(tmp_path: Path) -> None:
     [
         (b'{"id": "t9", ', "malformed|truncated"),
         (b'{"id": "t9"}', "instruction: it is missing; website: it is missing"),
+        (b'{"rubric": [{"id": 1}]}', 'got `array`; write {"groups": .*"facts": '),
         (
             b'{"instructoin": 7, "website": 7}',
             "did you mean instruction.*website: expected.*missing",

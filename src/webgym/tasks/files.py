@@ -291,6 +291,7 @@ _TYPES: Final = {each.name: each.type for each in msgspec.structs.fields(Task)}
 _FIELDS: Final = _TYPES.keys()
 _KEY_SIMILARITY: Final = 0.75
 """Similarity from which an unknown key counts as a misspelling. Other unknown keys are ignored."""
+_RUBRIC_HINT: Final = '; write {"groups": [{"id": 1, "description": "...", "facts": ["..."]}]}'
 _LONGEST_INSTRUCTION: Final = 100_000
 _LONGEST_ID: Final = 1_000
 
@@ -325,7 +326,8 @@ def _with_defaults(line: bytes, file: Path, number: int) -> Task:
             try:
                 values[name] = msgspec.convert(value, _TYPES[name])
             except ValueError as error:
-                problems.append(f"{name}: {error}")
+                is_list = name == "rubric" and isinstance(value, list)
+                problems.append(f"{name}: {error}{_RUBRIC_HINT if is_list else ''}")
         elif nearest := get_close_matches(name, _FIELDS, 1, _KEY_SIMILARITY):
             problems.append(f"there is no key {name!r}; did you mean {nearest[0]}?")
     problems += [f"{name}: it is missing" for name in ("instruction", "website") if name not in record]

@@ -113,6 +113,16 @@ async def test_an_attempt_without_one_valid_reply_is_the_policys_error_and_no_fa
     assert (progress.invalid, progress.steps) == (3, 3)
 
 
+async def test_a_start_page_that_the_egress_policy_refuses_names_the_setting() -> None:
+    why = "http://a.test/: refused by the egress policy: 127.0.0.1 is a loopback address"
+    episode, _, _ = await made(Says(), failures=dict.fromkeys(range(1, 9), why))
+    assert episode.failure is not None
+    assert f"{why}; browser.egress.allow, or webgym serve --allow-host, allows it" in episode.failure.message
+    episode, _, _ = await made(Says(), failures=dict.fromkeys(range(1, 9), "http://a.test/: net::ERR_FAILED"))
+    assert episode.failure is not None
+    assert "browser.egress" not in episode.failure.message
+
+
 async def test_one_valid_reply_is_enough_to_be_judged() -> None:
     episode, _, progress = await made(Says("I would click", ACTS, ""))
     assert episode.ending is Ending.BUDGET_SPENT

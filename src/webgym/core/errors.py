@@ -131,6 +131,8 @@ class EgressRefused(NavigationFailed):
     """The egress policy, or its limit on new connections to one host, refused the connection."""
 
     code = "egress_refused"
+    by_policy: ClassVar[str] = "refused by the egress policy"
+    """The beginning of the reason, unless it was the limit."""
 
 
 class DownloadRefused(PageError):

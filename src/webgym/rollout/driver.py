@@ -16,7 +16,7 @@ from typing import Any, Protocol
 from webgym.agent.agent import AgentTraits
 from webgym.browser.config import Cookie
 from webgym.core.action import Answer, BrowserAction, Navigate
-from webgym.core.errors import AttemptOverdue, NavigationFailed, PolicyBadReply, WebGymError
+from webgym.core.errors import AttemptOverdue, EgressRefused, NavigationFailed, PolicyBadReply, WebGymError
 from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, ending_of
 from webgym.core.trajectory import Episode, Failure, Step
@@ -204,7 +204,13 @@ class EpisodeDriver:
             refused = next((notice.text for notice in notices if notice.kind == "navigation_failed"), "")
             if not refused or view.observation.status is not None:
                 return await self._record_view(view)
-        raise NavigationFailed(f"{url} cannot be opened: {refused}")
+        # For the user alone: the agent sees notices, and this ends the episode before its first request.
+        allow = (
+            "; browser.egress.allow, or webgym serve --allow-host, allows it"
+            if EgressRefused.by_policy in refused
+            else ""
+        )
+        raise NavigationFailed(f"{url} cannot be opened: {refused}{allow}")
 
     async def take(self, step: Step) -> View | None:
         """Record a step, and carry out its action.

@@ -15,7 +15,7 @@ from webgym.browser.egress.machine import Machine
 from webgym.browser.egress.policy import Admitted, Forbidden, Nowhere, Policy, Route
 from webgym.browser.egress.politeness import Politeness
 from webgym.browser.egress.resolver import Resolver
-from webgym.core.errors import NavigationFailed
+from webgym.core.errors import EgressRefused, NavigationFailed
 
 P = TypeVar("P", bound=asyncio.BaseProtocol)
 
@@ -119,7 +119,7 @@ class Dialer:
         except Nowhere:
             raise NotConnected("no_such_name") from None
         except Forbidden as error:
-            raise NotConnected("forbidden", f"refused by the egress policy: {error}") from None
+            raise NotConnected("forbidden", f"{EgressRefused.by_policy}: {error}") from None
         except BudgetExceeded as error:
             raise NotConnected("too_many", f"refused: {error}") from None
         self._refuse_own_ports(admitted, route)
@@ -154,7 +154,7 @@ class Dialer:
             plain_address = plain(address)
             is_local = plain_address.is_loopback or plain_address.is_unspecified
             if is_local or plain_address in self._own_addresses_cache:
-                raise NotConnected("forbidden", "refused by the egress policy: this is the proxy itself")
+                raise NotConnected("forbidden", f"{EgressRefused.by_policy}: this is the proxy itself")
 
     # --- connections --------------------------------------------------------------------------------
 

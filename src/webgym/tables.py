@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Literal
 
 import msgspec
 
@@ -16,10 +16,15 @@ from webgym.core.text import plain
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.table import Table as RichTable
 
 DASH: Final = "–"
 """The cell of an undefined value."""
+
+_GAP: Final = 2
+"""Spaces between columns, where there is room."""
+
+_WHOLE: Final = 12
+"""Longest cell that does not wrap."""
 
 _LATEX: Final = {
     **{character: f"\\{character}" for character in "&%$#_{}"},
@@ -64,21 +69,47 @@ def show(tables: Iterable[Table], console: Console) -> None:
     """Print tables to a terminal, each followed by an empty line."""
     for table in tables:
         if table.title:  # a title of Rich would be wrapped at the table's width
-            console.print(plain(table.title), style="bold", highlight=False, markup=False)
-        console.print(grid(table), "")
+            console.print(plain(table.title), style="bold", highlight=False, markup=False, soft_wrap=True)
+        put(table, console)
+        console.print()
 
 
-def grid(table: Table) -> RichTable:
-    """A table for a terminal, without title and borders."""
+def put(table: Table, console: Console) -> None:
+    """Print a table, without title and borders.
+
+    Headings and cells wrap between words where a terminal is too narrow; no word is cut, so that a table may
+    be wider. Elsewhere, such as in a pipe, nothing wraps.
+    """
+    from rich.cells import cell_len
     from rich.table import Table as RichTable
     from rich.text import Text
 
-    rich = RichTable(box=None, header_style="dim", pad_edge=False, padding=(0, 2, 0, 0))
-    for index, column in enumerate(table.columns):
-        rich.add_column(Text(plain(column)), justify="left" if table.is_name(index) else "right")
-    for row in table.rows:
-        rich.add_row(*map(Text, table.cells(row)))
-    return rich
+    headings, rows = [plain(column) for column in table.columns], [table.cells(row) for row in table.rows]
+    columns = list(zip(headings, *rows, strict=True))
+    widths = longest = [max(map(cell_len, column)) for column in columns]
+    least = [
+        max((cell_len(part) for cell in (*heading.split(), *cells) for part in _parts(cell)), default=0)
+        for heading, *cells in columns
+    ]
+    gap, cap = _GAP, max(longest)
+    if console.is_terminal:
+        gap = _GAP if sum(least) + _GAP * (len(columns) - 1) <= console.width else 1
+        while cap and sum(widths) + gap * (len(columns) - 1) > console.width:
+            cap -= 1
+            widths = [max(low, min(high, cap)) for low, high in zip(least, longest, strict=True)]
+    whole = sum(widths) + gap * (len(columns) - 1)
+    rich = RichTable(box=None, header_style="dim", pad_edge=False, padding=(0, gap, 0, 0), width=whole)
+    for index, (heading, width) in enumerate(zip(headings, widths, strict=True)):
+        justify: Literal["left", "right"] = "left" if table.is_name(index) else "right"
+        rich.add_column(Text(heading), justify=justify, width=width)
+    for row in rows:
+        rich.add_row(*map(Text, row))
+    console.print(rich, crop=False)
+
+
+def _parts(cell: str) -> list[str]:
+    """What of a cell stays on one line."""
+    return [cell] if len(cell) <= _WHOLE else cell.split()
 
 
 def markdown(tables: Iterable[Table]) -> str:

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import io
 import json
 import sys
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 from tests.documented import documented
 from typer.testing import CliRunner
 
 from webgym.cli import build
+from webgym.cli._simulation_tables import sizes_table
 from webgym.core.errors import ConfigError
 from webgym.simulate import paper
-from webgym.simulate.config import Costs, Workload
+from webgym.simulate.config import Costs, System, Workload
 from webgym.simulate.paper import Point, reproduce
 from webgym.simulate.questions import read_questions
+from webgym.tables import Table, show
 
 SMALL = """
 workload: {mean_steps: 3.0, budgets: [3, 3, 3]}
@@ -35,6 +39,31 @@ def test_one_table_one_figure_and_the_figures_behind_them(tmp_path: Path) -> Non
     assert large["rates"]["async"] > small["rates"]["async"]
     assert "| 4 / 2 / 16 |" in ran.output
     assert drawn.read_bytes().startswith(b"<?xml")
+
+
+def test_no_word_of_its_table_is_cut_and_in_a_pipe_nothing_wraps() -> None:
+    size = read_questions([]).answer(System(cpus=8, gpus=1, environments=32))
+    tables = [
+        sizes_table([size]),
+        Table(
+            "", ("purpose", "", "prompt tokens"), [("reference answers", " " * 20, "1234567")] * 2, names=2
+        ),
+    ]
+    for columns in (80, 20):
+        screen = Console(file=io.StringIO(), force_terminal=True, width=columns, color_system=None)
+        show(tables, screen)
+        shown = screen.file.getvalue()  # type: ignore[attr-defined]
+        assert {"trajectories", "environments", "environment", "reference", "1,234,567"} <= {
+            word.lower() for word in shown.split()
+        }
+        assert "…" not in shown
+        if columns == 80:
+            assert max(map(len, shown.splitlines())) <= columns
+    piped = Console(file=io.StringIO())
+    show(tables, piped)
+    lines = piped.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    assert len(lines) == 3 + 1 + 3 + 1
+    assert "CPUs / GPUs / environments  per hour  async over step / episode barrier" in lines[1]
 
 
 def test_the_papers_measurements_in_small(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

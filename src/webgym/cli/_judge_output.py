@@ -15,7 +15,7 @@ from webgym.llm.ledger import Ledger
 from webgym.llm.usage import Usage
 from webgym.rollout.live import COLORS
 from webgym.rollout.rejudge import Judging
-from webgym.tables import Table, grid
+from webgym.tables import Table, put
 
 
 @contextmanager
@@ -78,7 +78,7 @@ def print_costs(ledger: Ledger, console: Console) -> None:
         for (purpose, model), usage in sorted(ledger.rows.items())
     ]
     console.print("all calls to judge models for this run:", style="dim", highlight=False)
-    console.print(grid(Table("", columns, rows, names=2)))
+    put(Table("", columns, rows, names=2), console)
 
 
 def spent_since(before: Usage, now: Usage) -> Cost:

@@ -43,7 +43,7 @@ def sizes_table(results: Sequence[Sized]) -> Table:
         )
     columns = (
         "CPUs / GPUs / environments",
-        "trajectories per hour",
+        "per hour",
         "async over step / episode barrier",
         "CPU / GPU use",
         "bottleneck",
@@ -52,4 +52,4 @@ def sizes_table(results: Sequence[Sized]) -> Table:
         "one more environment",
         "price of 1,000",
     )
-    return Table("Steady state; one more of each: trajectories per hour that it adds", columns, rows)
+    return Table("Trajectories per hour in steady state, and how many one more of each adds", columns, rows)

@@ -91,7 +91,7 @@ def _prices(price: str, table: Path | None) -> Prices:
 def _print_totals(totals: Totals) -> None:
     from rich.console import Console
 
-    from webgym.tables import Table, grid
+    from webgym.tables import Table, put
 
     columns = {
         "calls": "calls",
@@ -111,7 +111,7 @@ def _print_totals(totals: Totals) -> None:
         )
         for (purpose, model), usage in [*sorted(totals.rows.items()), (("all", ""), whole)]
     ]
-    console.print(grid(Table("", ("purpose", "model", *columns, "dollars"), rows, names=2)))
+    put(Table("", ("purpose", "model", *columns, "dollars"), rows, names=2), console)
     if whole.unpriced:
         console.print(
             f"{whole.unpriced:,} calls had no price and are not included in the dollars", highlight=False

@@ -138,7 +138,7 @@ def _prices(given: str | None) -> dict[str, Any]:
 
 
 def _print_estimate(estimate: Estimate, console: Console) -> None:
-    from webgym.tables import Table, grid
+    from webgym.tables import Table, put
 
     columns = ("stage", "tasks", "done", "calls", "prompt tokens", "reply tokens", "dollars")
     numbers = [
@@ -156,7 +156,7 @@ def _print_estimate(estimate: Estimate, console: Console) -> None:
     rows = [(*map(str, row[:-1]), _dollars(row[-1])) for row in numbers]
     sums = map(str, (estimate.calls, estimate.prompt_tokens, estimate.reply_tokens))
     rows.append(("all", "", "", *sums, _dollars(estimate.dollars)))
-    console.print(grid(Table("", columns, rows)))
+    put(Table("", columns, rows), console)
     for line in estimate.lines:
         if line.basis:
             console.print(
@@ -185,7 +185,7 @@ def _print_batches(pending: PendingBatches, paths: BuildPaths, console: Console)
 
 
 def _print_build(finished: FinishedBuild, paths: BuildPaths, console: Console) -> None:
-    from webgym.tables import Table, grid
+    from webgym.tables import Table, put
 
     build = finished.build
     rows: dict[str, list[Any]] = {}
@@ -200,7 +200,7 @@ def _print_build(finished: FinishedBuild, paths: BuildPaths, console: Console) -
         came, made, left = (sum(getattr(row, name) for row in of_stage) for name in ("came", "made", "left"))
         why = ", ".join(f"{reason} {count:,}" for reason, count in reasons.items())
         cells.append((stage, str(came), str(made), str(sum(reasons.values())), str(left), why))
-    console.print(grid(Table("", ("stage", "in", "created", "removed", "out", "reasons for removal"), cells)))
+    put(Table("", ("stage", "in", "created", "removed", "out", "reasons for removal"), cells), console)
     spent = finished.ledger.totals.all
     unpriced = f", {spent.unpriced:,} of them without a known price" if spent.unpriced else ""
     console.print(

@@ -17,7 +17,7 @@ def check(file: Path = typer.Argument(..., help="Task file.")) -> None:
     from webgym.cli.tasks._files import print_set_aside
     from webgym.core.task import LEVELS
     from webgym.core.websites import site_or_text
-    from webgym.tables import Table, grid
+    from webgym.tables import Table, put
     from webgym.tasks.formats import read_tasks
 
     records = read_tasks(file)
@@ -27,7 +27,7 @@ def check(file: Path = typer.Argument(..., help="Task file.")) -> None:
         (*names, *(str(counts[*names, level]) for level in LEVELS))
         for names in sorted({(task.domain, task.subdomain) for task in records.tasks})
     ]
-    console.print(grid(Table("", ("domain", "subdomain", *LEVELS), rows, names=2)))
+    put(Table("", ("domain", "subdomain", *LEVELS), rows, names=2), console)
     websites = len({site_or_text(task.website) for task in records.tasks})
     console.print(f"{len(records.tasks)} tasks on {websites} websites, {len(records.broken)} broken records")
     print_set_aside(records.set_aside)

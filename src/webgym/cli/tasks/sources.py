@@ -56,14 +56,14 @@ def _name_and_location(option: str) -> tuple[str, str]:
 
 
 def _list(console: Console) -> None:
-    from webgym.tables import Table, grid
+    from webgym.tables import Table, put
     from webgym.tasks.sources import SOURCES
 
     rows = [
         (source.name, source.licence, str(source.paper_tasks), str(source.paper_websites))
         for source in SOURCES.values()
     ]
-    console.print(grid(Table("", ("source", "licence", "tasks (paper)", "websites (paper)"), rows, names=2)))
+    put(Table("", ("source", "licence", "tasks (paper)", "websites (paper)"), rows, names=2), console)
 
 
 def _print_source(console: Console, name: str, location: str, lines: int) -> bool:

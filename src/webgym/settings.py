@@ -141,6 +141,10 @@ def validated(
         raise failure(f"{source}: {first_problem(error, model)}".removeprefix(": "), hint=hint) from error
 
 
+_LISTED = 12
+"""Most keys of a section that a message lists."""
+
+
 def first_problem(error: ValidationError, model: type[BaseModel]) -> str:
     """A line about what is wrong with settings; for an unknown key, it names the most similar known one.
 
@@ -158,8 +162,14 @@ def first_problem(error: ValidationError, model: type[BaseModel]) -> str:
     if problem["type"] != "extra_forbidden":
         message = problem["msg"].removeprefix("Value error, ")
         return f"{where}: {message}" if where else message
-    nearest = _nearest(where, sorted(set(_keys(model))))
-    return f"{where}: there is no such setting" + (f"; did you mean {nearest}?" if nearest else "")
+    keys = sorted(set(_keys(model)))
+    nearest, section = _nearest(where, keys), where.rpartition(".")[0]
+    said = f"{where}: there is no such setting"
+    if section and (nearest is None or nearest.rpartition(".")[0] != section):
+        siblings = [key.rpartition(".")[2] for key in keys if key.rpartition(".")[0] == section]
+        if 0 < len(siblings) <= _LISTED:
+            said += f"; {section} has {', '.join(siblings)}"
+    return said + (f"; did you mean {nearest}?" if nearest else "")
 
 
 def _nearest(key: str, keys: list[str]) -> str | None:

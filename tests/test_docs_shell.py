@@ -161,7 +161,7 @@ def runs_here(page: Path) -> list[list[str]]:
 def held(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with what pages take for given."""
     folder = tmp_path_factory.mktemp("given")
-    tasks = list(webgym.OfflineWeb(per_family=3, collection="small").tasks())
+    tasks = list(webgym.OfflineWeb(per_family=6, collection="small").tasks())
     tasks[0] = msgspec.structs.replace(tasks[0], id="insta-v3/17", instruction="Buy a train ticket.")
     for name in ("tasks.jsonl", "tasks.parquet", "train.jsonl"):
         webgym.write_tasks(folder / name, tasks)

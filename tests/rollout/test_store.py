@@ -195,6 +195,18 @@ async def test_a_folder_that_holds_something_is_left_alone(tmp_path: Path) -> No
         await RunWriter.create(tmp_path / "run", {}, [])
 
 
+async def test_records_of_a_run_without_its_config_are_no_new_runs(tmp_path: Path) -> None:
+    """As a copy leaves them that was cut short: they would be read as the new run's results."""
+    await (await begun(tmp_path, 0)).aclose()
+    for left in ("config.yaml", "metrics.jsonl"):
+        (tmp_path / left).unlink()
+        with pytest.raises(RunFolderError, match=r"is not empty \(.*trajectories/00000\.jsonl\)"):
+            await RunWriter.create(tmp_path, {}, [TASK])
+    (tmp_path / "trajectories/00000.jsonl").unlink()  # as a start that was killed leaves it
+    await (await begun(tmp_path, 0)).aclose()
+    assert len(RunReader(tmp_path).attempts) == 1
+
+
 async def test_a_folder_that_is_no_run_is_named(tmp_path: Path) -> None:
     with pytest.raises(RunFolderError, match="is not a run"):
         RunReader(tmp_path)

@@ -40,17 +40,14 @@ from webgym.core.task import Task
 from webgym.core.trajectory import Trajectory
 from webgym.rollout.files import (
     CONFIG,
-    LIVE,
     LOCK,
     METRICS,
-    REPORT,
     SCREENSHOTS,
     SET_ASIDE,
     SUMMARY,
     TASKS,
     TORN,
     TRAJECTORIES,
-    VERDICTS,
     Log,
     check_run,
     delete_torn,
@@ -75,7 +72,8 @@ from webgym.rollout.records import (
 from webgym.rollout.verdicts import read_verdicts
 from webgym.settings import Settings
 
-_KNOWN_FILES = {CONFIG, TASKS, TRAJECTORIES, SCREENSHOTS, METRICS, LIVE, SUMMARY, REPORT, LOCK, VERDICTS}
+_LEFT_BY_A_START = {TASKS, TRAJECTORIES, SCREENSHOTS, LOCK}
+"""What a process that was killed while it created a run may leave, the folders empty."""
 
 T = TypeVar("T")
 
@@ -84,17 +82,18 @@ def refuse_taken(path: Path) -> None:
     """Refuse a folder in which no run can be created.
 
     Raises:
-        RunFolderError: it already holds a run or other files, or cannot be read.
+        RunFolderError: it already holds a run, a part of one or other files, or cannot be read.
     """
     try:
         names = {entry.name for entry in path.iterdir()} if path.exists() else set()
+        names |= {f"{TRAJECTORIES}/{shard.name}" for shard in (path / TRAJECTORIES).glob("*")}
     except OSError as error:
         raise RunFolderError(f"cannot create the run folder {path}: {error.strerror}") from error
     if CONFIG in names:
         raise RunFolderError(
             f"{path} holds a run already", hint="resume with --resume, or choose another folder"
         )
-    if foreign := sorted(name for name in names - _KNOWN_FILES if not name.endswith(TORN)):
+    if foreign := sorted(name for name in names - _LEFT_BY_A_START if not name.endswith(TORN)):
         raise RunFolderError(f"{path} is not empty ({', '.join(foreign[:3])})", hint="choose another folder")
 
 

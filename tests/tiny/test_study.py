@@ -214,12 +214,27 @@ async def test_the_first_weights_are_evaluated_once_for_all_rows_with_the_same_a
 
     @asynccontextmanager
     async def opened(held: TrainConfig, out: Path, **_: Any) -> AsyncIterator[Evaluating]:
-        yield Evaluating(TrainingFolder(out))
+        out.mkdir(parents=True, exist_ok=True)
+        with TrainingFolder(out).locked():
+            yield Evaluating(TrainingFolder(out))
+
+    copied = shutil.copytree
+
+    def killed(source: Path, target: Path, **_: Any) -> None:
+        copied(source, target, dirs_exist_ok=True)
+        raise MemoryError
 
     monkeypatch.setattr(study, "open_training", opened)
     monkeypatch.setattr(study, "result_of", lambda _, row, seed: Result(row, seed, [0, 640], [0.25, 0.5]))
     (first := tmp_path / "weights").mkdir()
     rows = ["reference", "without memory", "shorter horizon, uniform", "groups with importance weights"]
+    with monkeypatch.context() as killing:
+        killing.setattr(shutil, "copytree", killed)
+        with pytest.raises(MemoryError):
+            await carry_out(STUDY, first, rows, 2, tmp_path, print)
+    part = tmp_path / "trainings/shorter-horizon-uniform/seed-1/evaluations/0000"
+    assert not part.exists(), "it would be continued as a run"
     await carry_out(STUDY, first, rows, 2, tmp_path, print)
+    assert not list(part.parent.glob(".*"))
     assert evaluated == ["reference", "without-memory"]  # which has a prompt of its own
     assert (tmp_path / "trainings/reference/seed-2/evaluations/0000/summary.json").is_file()

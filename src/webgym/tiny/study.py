@@ -25,7 +25,7 @@ from pydantic import Field
 
 from webgym.core.errors import RunFolderError, UsageError
 from webgym.plotting import CATEGORIES, PAGE, new_figure, save, styled
-from webgym.rollout.files import CONFIG, write_whole
+from webgym.rollout.files import CONFIG, TORN, write_whole
 from webgym.settings import Settings, load_settings, merged
 from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig
@@ -151,20 +151,19 @@ async def carry_out(
                 f"{out / RESULTS}: {row}, seed {seed} was made with other settings or first weights",
                 hint="give another folder, or take it out of that file and its folder out of trainings/",
             )
-        if result_so_far.success and result_so_far.settings:
-            continue
-        write(study, list(results.values()), out)
-        if folder.stage(config.loop.iterations) is not None:
-            resume = (folder.path / CONFIG).exists()
-            training_config = read_config(folder.path) if resume else config
-            async with open_training(training_config, folder.path, resume=resume, tell=tell) as training:
-                if reusable is not None and not folder.is_evaluated(0):
-                    _copy_evaluation(reusable, folder)
-                await training.run()
+        if not (result_so_far.success and result_so_far.settings):
+            write(study, list(results.values()), out)
+            if folder.stage(config.loop.iterations) is not None:
+                resume = (folder.path / CONFIG).exists()
+                training_config = read_config(folder.path) if resume else config
+                async with open_training(training_config, folder.path, resume=resume, tell=tell) as training:
+                    if reusable is not None and not folder.evaluation(0).exists():
+                        _copy_evaluation(reusable, folder)
+                    await training.run()
+            results[row, seed] = msgspec.structs.replace(result_of(folder, row, seed), settings=settings)
+            write(study, list(results.values()), out)
         if folder.is_evaluated(0):
             evaluated.setdefault(_evaluation_of(config), folder)
-        results[row, seed] = msgspec.structs.replace(result_of(folder, row, seed), settings=settings)
-        write(study, list(results.values()), out)
     return [results[result] for result in trainings]
 
 
@@ -176,8 +175,11 @@ def _evaluation_of(config: TrainConfig) -> str:
 
 
 def _copy_evaluation(made: TrainingFolder, folder: TrainingFolder) -> None:
+    """Copy an evaluation, of which no part appears if this is killed; the training deletes what it left."""
     source, own = made.evaluation(0), folder.evaluation(0)
-    shutil.copytree(source, own, dirs_exist_ok=True)
+    unfinished = own.with_name(f".{own.name}{TORN}")
+    shutil.copytree(source, unfinished)
+    unfinished.replace(own)
     # Last, because this file marks the evaluation as complete.
     shutil.copy(source.with_suffix(".json"), own.with_suffix(".json"))
 

@@ -84,6 +84,18 @@ def test_the_table_holds_means_and_spreads_and_the_papers_figures(tmp_path: Path
     assert (tmp_path / "study.png").stat().st_size > 1000
 
 
+def test_a_training_with_an_evaluation_that_was_not_judged_is_left_out(tmp_path: Path) -> None:
+    unjudged = Result("reference", 1, [0, 640], [None, 0.3])
+    write(STUDY, [unjudged], tmp_path)
+    assert not (tmp_path / "study.png").exists()
+    results = [unjudged, Result("reference", 2, [0, 640], [0.2, 0.3])]
+    write(STUDY, results, tmp_path)
+    assert study._read(tmp_path / "study.json") == results
+    (row,) = list(table(STUDY, results))[2:]
+    assert row.startswith("| reference | 1 | 20.0 | 30.0 |")
+    assert list(study.findings(STUDY, results))[2:] == []
+
+
 def test_a_finding_repeats_where_the_difference_is_beyond_its_interval() -> None:
     after = {
         "reference": (0.40, 0.41, 0.42),

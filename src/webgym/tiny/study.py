@@ -79,30 +79,37 @@ class Result(msgspec.Struct):
     Attributes:
         row, seed: of the training.
         trajectories: number collected before each evaluation.
-        success: success rate of each evaluation; empty until the training is finished.
+        success: success rate of each evaluation, ``None`` without a judged attempt; empty until the training
+            is finished.
         settings: hash of the training's settings and initial weights.
     """
 
     row: str
     seed: int
     trajectories: list[int]
-    success: list[float]
+    success: list[float | None]
     settings: str = ""
+
+    @property
+    def rates(self) -> list[float]:
+        """Success of all evaluations; empty, and so in no table or figure, if one is unknown."""
+        rates = [rate for rate in self.success if rate is not None]
+        return rates if len(rates) == len(self.success) else []
 
     @property
     def before(self) -> float:
         """Success of the initial weights."""
-        return self.success[0]
+        return self.rates[0]
 
     @property
     def peak(self) -> float:
         """The best success of an evaluation during training, as reported in the paper."""
-        return max(self.success[1:])
+        return max(self.rates[1:])
 
     @property
     def last(self) -> float:
         """Success of the final weights, free of selection bias."""
-        return self.success[-1]
+        return self.rates[-1]
 
 
 def read_study(files: Sequence[Path]) -> StudyConfig:
@@ -162,6 +169,11 @@ async def carry_out(
                     await training.run()
             results[row, seed] = msgspec.structs.replace(result_of(folder, row, seed), settings=settings)
             write(study, list(results.values()), out)
+        if None in results[row, seed].success:
+            tell(
+                f"{row}, seed {seed} is in no table or figure, as no attempt of an evaluation was judged; "
+                f"to repeat it, take it out of {out / RESULTS} and its folder out of trainings/"
+            )
         if folder.is_evaluated(0):
             evaluated.setdefault(_evaluation_of(config), folder)
     return [results[result] for result in trainings]
@@ -221,10 +233,9 @@ def result_of(folder: TrainingFolder, row: str, seed: int) -> Result:
 def write(study: StudyConfig, results: Sequence[Result], out: Path) -> None:
     """Write the results so far, their table and their figure."""
     write_whole(out / RESULTS, msgspec.json.format(msgspec.json.encode(results)))
-    finished = [result for result in results if result.success]
-    (out / "study.md").write_text("\n".join([*table(study, finished), "", *findings(study, finished)]) + "\n")
-    if finished:
-        _draw(finished, out / "study.png")
+    (out / "study.md").write_text("\n".join([*table(study, results), "", *findings(study, results)]) + "\n")
+    if any(result.rates for result in results):
+        _draw(results, out / "study.png")
 
 
 def table(study: StudyConfig, results: Sequence[Result]) -> Iterator[str]:
@@ -278,8 +289,9 @@ def _spread(values: Sequence[float]) -> str:
 
 
 def _by_row(results: Sequence[Result]) -> Mapping[str, list[Result]]:
+    """The finished results whose evaluations all have a success rate."""
     by_row: dict[str, list[Result]] = {}
-    for result in results:
+    for result in filter(lambda result: result.rates, results):
         by_row.setdefault(result.row, []).append(result)
     return by_row
 
@@ -289,7 +301,7 @@ def _draw(results: Sequence[Result], path: Path) -> None:
         figure = new_figure(PAGE, 3.0)
         axes = figure.subplots()
         for number, (row, row_results) in enumerate(_by_row(results).items()):
-            points = list(zip(*(result.success for result in row_results), strict=True))
+            points = list(zip(*(result.rates for result in row_results), strict=True))
             axes.plot(
                 row_results[0].trajectories,
                 [100 * mean(point) for point in points],

@@ -123,6 +123,10 @@ def test_a_recipe_that_was_killed_ends_with_the_same_weights(
     with pytest.raises(Killed):
         asyncio.run(follow(config, tmp_path / "killed", tell=killed, advance=advance))
     del told[:]
+    faster = config.model_copy(update={"pretrain": config.pretrain.model_copy(update={"muon_rate": 0.5})})
+    for name in ("whole", "killed"):  # a model, and a checkpoint
+        with pytest.raises(ConfigError, match=f"the model in .*{name} was made with other settings"):
+            asyncio.run(follow(faster, tmp_path / name, tell=tell, advance=advance))
     again = asyncio.run(follow(config, tmp_path / "killed", tell=tell, advance=advance))
     assert told == [5, 6]  # it went on from the checkpoint after update 4
     assert set(again) == {"train", "test"}

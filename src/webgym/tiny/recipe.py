@@ -2,6 +2,7 @@
 
     out/pictures/*.png    screenshots of the training websites' pages
     out/demonstrations.msgpack   training data from the demonstrators' attempts
+    out/pretraining.json  settings of the pretraining
     out/checkpoint.pt     the latest checkpoint of the pretraining
     out/model/            the model
     out/examination.json  the model's success on training and test websites
@@ -34,7 +35,7 @@ from webgym.judge.offline import OfflineJudge
 from webgym.offline.small.wording import small_vocabulary
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.config import AttemptConfig, CollectorConfig
-from webgym.rollout.files import write_whole
+from webgym.rollout.files import make_folder, write_whole
 from webgym.rollout.judging import judge_episode
 from webgym.rollout.plan import Planned
 from webgym.rollout.summary import Tally, digest_of
@@ -42,7 +43,7 @@ from webgym.settings import Settings
 from webgym.static_browsers import StaticBrowsers, StaticCollector
 from webgym.tiny.demonstrators import Demonstrators
 from webgym.tiny.model import make_model
-from webgym.tiny.pretrain import PretrainConfig, Tell, TrainingSet, pretrain
+from webgym.tiny.pretrain import CHECKPOINT, PretrainConfig, Tell, TrainingSet, pretrain
 from webgym.tiny.training_sequences import Signs, TrainingSequence, acting, signs_of
 
 PROFILE: Final = "tiny"
@@ -98,7 +99,12 @@ async def follow(config: RecipeConfig, out: Path, *, tell: Tell, advance: Advanc
         out: output folder; steps whose results are in it are not repeated.
         tell: called with figures of the training.
         advance: called with the current phase, the number of items done, and their total.
+
+    Raises:
+        ConfigError: demonstrations, checkpoint or model in the folder were made with other settings.
     """
+    make_folder(out)
+    _keep_settings(config.pretrain, out)
     web = OfflineWeb(config.seed, per_family=config.per_family, collection="small")
     loaded = make_model(small_vocabulary(), config.pretrain.model, seed=config.seed)
     async with StaticBrowsers(web, out / "pictures") as browsers:
@@ -123,6 +129,21 @@ async def follow(config: RecipeConfig, out: Path, *, tell: Tell, advance: Advanc
         }
     write_whole(out / "examination.json", msgspec.json.format(msgspec.json.encode(examined)))
     return examined
+
+
+def _keep_settings(config: PretrainConfig, out: Path) -> None:
+    """Write the settings of the pretraining that the model depends on.
+
+    Raises:
+        ConfigError: there are a checkpoint or a model of other settings.
+    """
+    path = out / "pretraining.json"
+    free = {"threads", "device", "checkpoint_steps", "report_steps"}
+    settings = config.model_dump(mode="json", exclude=free)
+    if not any((out / made).exists() for made in (CHECKPOINT, "model")):
+        write_whole(path, msgspec.json.format(msgspec.json.encode(settings)))
+    elif path.exists() and msgspec.json.decode(path.read_bytes()) != settings:
+        raise ConfigError(f"the model in {out} was made with other settings", hint="choose another folder")
 
 
 def _tasks(web: OfflineWeb, split: str, seed: int) -> list[Task]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import io
 import json
+import math
+import os
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +19,18 @@ from tests.documented import ROOT, documented
 
 pytest.importorskip("torch")
 
-from webgym.core.errors import ConfigError
+from webgym.core.errors import ConfigError, StoreLocked
+from webgym.core.outcome import Outcome
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.config import AttemptConfig
+from webgym.rollout.files import take_lock
 from webgym.rollout.plan import Planned
 from webgym.rollout.store import RunReader
 from webgym.run_config import RunConfig
 from webgym.runs import collect
 from webgym.settings import load_settings
 from webgym.static_browsers import StaticBrowsers, StaticCollector
+from webgym.tiny import recipe
 from webgym.tiny.demonstrators import Demonstrators
 from webgym.tiny.recipe import RecipeConfig, agent_of, follow
 
@@ -139,3 +144,33 @@ def test_a_recipe_that_was_killed_ends_with_the_same_weights(
     other = config.model_copy(update={"attempts": 4})
     with pytest.raises(ConfigError, match=r"demonstrations\.msgpack was made with other settings"):
         asyncio.run(follow(other, tmp_path / "whole", tell=tell, advance=advance))
+
+
+def test_what_the_command_prints_and_writes_is_right(
+    tmp_path: Path, calls: Calls, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outcomes = dict.fromkeys(Outcome, 0) | {Outcome.TRUNCATED: 1, Outcome.POLICY_ERROR: 3}
+    figures = {
+        "attempts": 4,
+        "outcomes": outcomes,
+        "success_rate": {"overall": 0.0, "easy": 0.0, "medium": None, "hard": None},
+        "success_interval": {"overall": (0.0, 0.793)},
+    }
+
+    async def followed(_: RecipeConfig, out: Path, *, tell: Any, **__: Any) -> dict[str, Any]:
+        with pytest.raises(StoreLocked, match="is writing to"):
+            take_lock(out)
+        tell({"step": 1, "pointing": 1.5, "acting": math.nan})
+        return {"train": figures}
+
+    monkeypatch.setattr(recipe, "follow", followed)
+    code, said = calls.run("pretrain", "--out", tmp_path)
+    assert code == 0, said
+    assert "train, 4 attempts: success 0.0% (0.0% to 79.3%) of 1 judged attempts, easy 0.0%" in said
+    assert '"acting":null' in (tmp_path / "metrics.jsonl").read_text()
+    lock = take_lock(tmp_path)
+    for command in ("pretrain", "study"):
+        code, said = calls.run(command, "--out", tmp_path)
+        assert code == 1
+        assert "is writing to" in said
+    os.close(lock)

@@ -21,13 +21,13 @@ def command(
     last checkpoint.
     """
     import asyncio
-    import json
     import time
 
+    import msgspec
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     from webgym.core.errors import ConfigError
-    from webgym.rollout.files import make_folder
+    from webgym.rollout.files import locked, make_folder
     from webgym.settings import load_settings
 
     try:
@@ -36,6 +36,7 @@ def command(
         raise ConfigError("training needs torch", hint="pip install 'webgym-rl[train]'") from error
     from webgym.cli._run import lasting_console
     from webgym.tiny.recipe import RecipeConfig, follow
+    from webgym.train.figures import success_line
 
     settings = load_settings(RecipeConfig, config or [], hint="see configs/tiny/recipe.yaml")
     make_folder(out)
@@ -47,7 +48,11 @@ def command(
         TimeRemainingColumn(),
         TextColumn("{task.fields[details]}"),
     )
-    with Progress(*columns, console=console) as progress, (out / "metrics.jsonl").open("a") as log:
+    with (
+        locked(out),
+        Progress(*columns, console=console) as progress,
+        (out / "metrics.jsonl").open("ab") as log,
+    ):
         bars = {}
 
         def advance(name: str, done: int, total: int, details: str = "") -> None:
@@ -57,14 +62,11 @@ def command(
 
         def write_metrics(figures: object) -> None:
             assert isinstance(figures, dict)
-            print(json.dumps({"at": time.time(), **figures}), file=log, flush=True)
+            log.write(msgspec.json.encode({"at": time.time(), **figures}) + b"\n")  # NaN as null
+            log.flush()
             losses = f"loss {figures['pointing']:.2f} pointing, {figures['acting']:.2f} acting"
             advance("pretraining", figures["step"], settings.pretrain.steps, losses)
 
         summaries = asyncio.run(follow(settings, out, tell=write_metrics, advance=advance))
     for split, summary in summaries.items():
-        for level, interval in summary["success_interval"].items():
-            if interval is not None:
-                (low, high), rate = interval, summary["success_rate"][level]
-                planned = summary["planned"][level]
-                console.print(f"{split} {level}: {rate:.1%} ({low:.1%}-{high:.1%}) of {planned} tasks")
+        console.print(f"{split}, {summary['attempts']} attempts: {success_line(summary)}")

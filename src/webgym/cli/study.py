@@ -39,7 +39,7 @@ def command(
 
     from webgym.cli import _run
     from webgym.core.errors import ConfigError, UsageError
-    from webgym.rollout.files import make_folder
+    from webgym.rollout.files import locked, make_folder
 
     try:
         import torch
@@ -65,6 +65,7 @@ def command(
         console.print(line, highlight=False, soft_wrap=True, markup=False)
 
     initial = weights or WEIGHTS
-    results = _run.run(lambda: carry_out(study, initial, rows, seeds, out, print_line))
+    with locked(out):
+        results = _run.run(lambda: carry_out(study, initial, rows, seeds, out, print_line))
     for line in (*table(study, results), "", *findings(study, results)):
         print_line(line)

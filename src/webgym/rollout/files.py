@@ -228,3 +228,18 @@ def take_lock(path: Path) -> int:
         os.close(fd)
         raise
     return fd
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Lock a folder for this process.
+
+    Raises:
+        StoreLocked: another process has the lock.
+    """
+    with disk_errors(f"opening {path}"):
+        lock = take_lock(path)
+    try:
+        yield
+    finally:
+        os.close(lock)

@@ -19,7 +19,6 @@ TRAINING/
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -39,8 +38,8 @@ from webgym.rollout.files import (
     TORN,
     delete_torn,
     disk_errors,
+    locked,
     make_folder,
-    take_lock,
     write_whole,
 )
 from webgym.train.replay import ReplaySample, StepRef
@@ -153,14 +152,10 @@ class TrainingFolder:
         Raises:
             StoreLocked: another process trains in it.
         """
-        with disk_errors(f"opening {self.path}"):
-            lock = take_lock(self.path)
-        try:
+        with locked(self.path):
             with disk_errors(f"clearing {self.path}"):
                 delete_torn(self.path, "", f"{ITERATIONS}/*/", f"{EVALUATIONS}/")
             yield
-        finally:
-            os.close(lock)
 
     def write_sample(self, number: int, tasks: Sequence[Task], sampler: Mapping[str, Any]) -> None:
         """Write the results of stage 1: drawn tasks and sampler state."""

@@ -16,6 +16,7 @@ import pytest
 from tests.rollout.running import Run, World, a_world, books, outcomes, until
 from tests.rollout.stand_in_judge import ADDRESS
 from tests.rollout.test_plan import entry
+from tests.rollout.test_store import begun, made
 from tests.rollout.test_summary import task
 from tests.rollout.test_verify import Judge as Passing
 
@@ -92,14 +93,31 @@ async def test_what_its_own_run_wants_to_attempt_again_is_no_others(tmp_path: Pa
     assert not again.elsewhere
 
 
-def test_what_a_dead_collector_has_on_its_disk_stays_its_own(tmp_path: Path) -> None:
+async def test_what_a_dead_collector_has_on_its_disk_stays_its_own(tmp_path: Path) -> None:
     """It is another that says so for it, and it may still find that its record is lost."""
     dead, other = collector(tmp_path, "dead"), collector(tmp_path, "other")
-    assert dead.claim("t0", 0) is Claim.OURS
-    dead.leave()
-    other._finished_by = lambda owner: frozenset({("t0", 0)} if owner == "dead" else ())  # type: ignore[method-assign]
-    assert other.claim("t0", 0) is Claim.DONE
-    assert dead.claim("t0", 0) is Claim.OURS
+    async with await begun(tmp_path / "dead", 0) as writer:
+        for sample in range(3):
+            assert dead.claim("t/1", sample) is Claim.OURS
+        dead.leave()
+        assert other.claim("t/1", 0) is Claim.DONE
+        assert dead.claim("t/1", 0) is Claim.OURS
+        dead.beat()  # it is resumed, and stopped after the record and before it is marked as done
+        await writer.append(made(1))
+        dead.leave()
+        assert other.claim("t/1", 1) is Claim.DONE
+        assert other.claim("t/1", 2) is Claim.OURS
+
+
+def test_what_was_done_after_all_is_not_held_by_who_took_it_over(tmp_path: Path) -> None:
+    slow, other = collector(tmp_path, "slow"), collector(tmp_path, "other")
+    assert slow.claim("t0", 0) is Claim.OURS
+    assert slow.holds("t0", 0)
+    os.utime(tmp_path / "shared/collectors/slow", (1, 1))  # its machine sleeps before it records
+    assert other.claim("t0", 0) is Claim.OURS
+    slow.finish("t0", 0)
+    assert not other.holds("t0", 0)
+    assert slow.holds("t0", 0)
 
 
 def test_collectors_of_different_lists_do_not_share(tmp_path: Path) -> None:

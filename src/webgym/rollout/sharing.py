@@ -80,8 +80,8 @@ class Claims:
         self._folder = config.folder
         self._name = name
         self._heartbeat_file = self._folder / COLLECTORS / name
-        self._finished: dict[tuple[str, int], frozenset[tuple[str, int]]] = {}
-        """Samples that dead collectors had finished, by name and last heartbeat."""
+        self._readers: dict[str, RunReader] = {}
+        """Readers of the runs of dead collectors, by path."""
 
     def join(self, tasks: Sequence[Task], samples: int, run: Path, *, is_resumed: bool = False) -> None:
         """Join the collectors of a list.
@@ -142,7 +142,7 @@ class Claims:
             if owner is not None:
                 if self._is_alive(owner):
                     return Claim.TAKEN
-                if (task_id, sample) in self._finished_by(owner):
+                if self._has_recorded(owner, task_id, sample):
                     self._mark_done(key, owner)
                     return Claim.DONE
             if not self._link_new(self._claim(key, number), self._name.encode()):
@@ -151,10 +151,12 @@ class Claims:
             return Claim.DONE if self._done(key).exists() else Claim.OURS
 
     def holds(self, task_id: str, sample: int) -> bool:
-        """Whether this collector still holds its claim on a sample. Sends a heartbeat, too."""
+        """Whether a sample is still this collector's: done by it, or else claimed by nobody later. Sends a
+        heartbeat, too."""
         self.beat()
+        key = _key(task_id, sample)
         with disk_errors(f"sharing tasks in {self._folder}"):
-            return self._newest(_key(task_id, sample))[1] == self._name
+            return (self._finisher(key) or self._newest(key)[1]) == self._name
 
     def finish(self, task_id: str, sample: int) -> None:
         """Mark a sample as done; its record must be on disk."""
@@ -188,19 +190,19 @@ class Claims:
             return False
         return age < self.config.dead_seconds
 
-    def _finished_by(self, owner: str) -> frozenset[tuple[str, int]]:
-        """Samples recorded by a dead collector, which may have died before it marked them as done."""
-        heartbeat_file = self._heartbeat_file.parent / owner
+    def _has_recorded(self, owner: str, task_id: str, sample: int) -> bool:
+        """Whether a dead collector recorded a sample; it may have died before it marked it as done."""
         try:
-            key = owner, heartbeat_file.stat().st_mtime_ns
-            if key not in self._finished:
-                entries = RunReader(Path(heartbeat_file.read_text()), skip_corrupt=True).attempts.values()
-                self._finished[key] = frozenset(
-                    (entry.task_id, entry.sample) for entry in entries if not entry.outcome.is_retried
-                )
+            run = (self._heartbeat_file.parent / owner).read_text()
+            if run not in self._readers:
+                self._readers[run] = RunReader(run, skip_corrupt=True)
+            entries = self._readers[run].refresh().values()  # reads only what is new
         except (FileNotFoundError, RunFolderError, StoreError):
-            return frozenset()  # its run folder is gone
-        return self._finished[key]
+            return False  # its run folder is gone
+        return any(
+            (entry.task_id, entry.sample) == (task_id, sample) and not entry.outcome.is_retried
+            for entry in entries
+        )
 
     def _claim(self, key: str, number: int) -> Path:
         return self._folder / "claims" / key[:2] / f"{key}.{number}"

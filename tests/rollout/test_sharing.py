@@ -215,6 +215,23 @@ async def test_what_an_abandoned_run_had_claimed_is_done_by_another_and_what_it_
     assert len(books(tmp_path / "all")) == len(books(tmp_path / "a")) + len(books(tmp_path / "b"))
 
 
+async def test_what_is_recorded_during_a_merge_is_left_out(tmp_path: Path, world: World) -> None:
+    one, two = tmp_path / "one", tmp_path / "two"
+    await Run().start(world.config(tmp_path, 3), one).end()
+    shutil.copytree(one, two)
+    shard = "trajectories/00000.jsonl"
+    first, second, third = (one / shard).read_bytes().splitlines(keepends=True)
+    (one / shard).write_bytes(first)
+    (two / shard).write_bytes(second)
+
+    def record(done: int, _: int) -> None:
+        if done == 1:
+            (two / shard).write_bytes(second + third)
+
+    merged = await merge_runs([one, two], tmp_path / "all", progress=record)
+    assert (merged.attempts, merged.missing) == (2, 1)
+
+
 async def test_runs_that_did_not_share_a_list_are_not_merged(tmp_path: Path, world: World) -> None:
     (tmp_path / "other").mkdir()
     for name, folder, count in (("a", tmp_path, 2), ("b", tmp_path, 2), ("c", tmp_path / "other", 3)):

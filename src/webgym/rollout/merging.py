@@ -105,7 +105,9 @@ async def _write(readers: Sequence[RunReader], out: Path, progress: Callable[[in
     config |= {"run_id": uuid.uuid4().hex, "merged_runs": [reader.config["run_id"] for reader in readers]}
     async with await RunWriter.create(out, config, first.drawn) as writer:
         for reader in readers:
-            for trajectory in reader.trajectories():
+            # A collector may still write to the run: what it has recorded since is not numbered.
+            numbered = [attempt_id for attempt_id in reader.attempts if (reader.path, attempt_id) in retries]
+            for trajectory in reader.trajectories(numbered):
                 for name in pictures(trajectory):
                     await writer.put_image(name, reader.image(name))
                 episode = trajectory.episode

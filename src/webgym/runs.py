@@ -258,7 +258,7 @@ async def _carry_out(
     retry_errors: bool = False,
 ) -> Summary:
     shared, is_resumed = config.collector.sharing, bool(store.attempts)
-    async with sharing(shared, run_id, tasks, config.samples, store.path, is_resumed=is_resumed) as claims:
+    async with sharing(shared, run_id, tasks, store.path, is_resumed=is_resumed) as claims:
         plan = Plan(
             tasks,
             samples=config.samples,

@@ -32,6 +32,9 @@ from webgym.rollout.summary import digest_of
 from webgym.rollout.verify import verify
 
 TASKS = [task(f"t{number}", 1) for number in range(4)]
+SETTINGS = {"seed": 1, "samples": 2, "agent": {}, "judge": {}, "attempt": {}} | {
+    "policy": {"chat": {"base_url": "http://one/", "model": "m"}}
+}
 
 
 @pytest.fixture
@@ -42,7 +45,7 @@ async def world() -> AsyncIterator[World]:
 
 def collector(folder: Path, name: str, dead_seconds: float = 60.0) -> Claims:
     claims = Claims(SharingConfig(folder=folder / "shared", dead_seconds=dead_seconds), name)
-    claims.join(TASKS, 2, folder / name)
+    claims.join(TASKS, SETTINGS, folder / name)
     return claims
 
 
@@ -120,11 +123,16 @@ def test_what_was_done_after_all_is_not_held_by_who_took_it_over(tmp_path: Path)
     assert slow.holds("t0", 0)
 
 
-def test_collectors_of_different_lists_do_not_share(tmp_path: Path) -> None:
+def test_collectors_of_different_lists_or_settings_do_not_share(tmp_path: Path) -> None:
     collector(tmp_path, "one")
     other = Claims(SharingConfig(folder=tmp_path / "shared"), "two")
     with pytest.raises(ConfigError, match="another list"):
-        other.join(TASKS[:3], 2, tmp_path / "two")
+        other.join(TASKS[:3], SETTINGS, tmp_path / "two")
+    elsewhere = {"policy": {"chat": {"base_url": "http://other/", "model": "m"}}}
+    other.join(TASKS, SETTINGS | elsewhere, tmp_path / "two")
+    random = {"policy": {"name": "random"}}
+    with pytest.raises(ConfigError, match="other settings of 'policy'"):
+        Claims(other.config, "three").join(TASKS, SETTINGS | random, tmp_path / "three")
 
 
 def shared(tmp_path: Path, **more: Any) -> dict[str, Any]:

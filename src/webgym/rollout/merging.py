@@ -8,21 +8,16 @@ import uuid
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 
 from webgym.core.errors import ConfigError, RunFolderError
 from webgym.rollout.files import TORN, disk_errors
 from webgym.rollout.records import Entry, pictures
-from webgym.rollout.sharing import COLLECTORS
+from webgym.rollout.sharing import COLLECTORS, difference, shared_settings
 from webgym.rollout.store import RunReader, RunWriter, refuse_taken
 from webgym.rollout.summary import Summary, summarise
-
-_SAME: Final = ("seed", "samples", "policy", "agent", "judge", "attempt")
-"""Settings that influence attempts and rewards; machines, browsers and limits may differ between runs."""
-_LOCAL: Final = frozenset({"base_url", "cache", "concurrency", "adapt"})
-"""Settings of a model's endpoint that may differ between machines: its address and its limits."""
 
 
 class Merged(NamedTuple):
@@ -143,17 +138,8 @@ def _refuse_different(first: RunReader, other: RunReader) -> None:
     """
     if [task.id for task in first.drawn] != [task.id for task in other.drawn]:
         raise ConfigError(f"{first.path} and {other.path} have different tasks")
-    ours, theirs = first.config, other.config
-    for name in _SAME:
-        if _shared_part(ours[name]) != _shared_part(theirs[name]):
-            raise ConfigError(f"{first.path} and {other.path} differ in their settings of {name!r}")
-
-
-def _shared_part(settings: Any) -> Any:
-    """Settings without those that may differ between machines."""
-    if isinstance(settings, dict):
-        return {name: _shared_part(value) for name, value in settings.items() if name not in _LOCAL}
-    return settings
+    if name := difference(shared_settings(first.config), shared_settings(other.config)):
+        raise ConfigError(f"{first.path} and {other.path} differ in their settings of {name!r}")
 
 
 def _new_numbers(readers: Sequence[RunReader]) -> dict[tuple[Path, str], int]:

@@ -7,6 +7,7 @@ modification times. The collectors' clocks do not matter.
 
     DIR/
       tasks                digest of the list: collectors of another list are refused
+      settings.json        settings that influence attempts and rewards; with others, too
       collectors/ID        the run folder of a collector; its modification time is the last heartbeat
       claims/ab/KEY.N      the collector that claimed a sample; the highest N counts
       done/ab/KEY          the collector whose run finished the sample
@@ -20,13 +21,14 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
+import json
 import os
 import uuid
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 from pydantic import AfterValidator, Field
 
@@ -38,6 +40,27 @@ from webgym.settings import Settings
 
 COLLECTORS: Final = "collectors"
 """Subfolder with a file for every collector, which holds the path of its run folder."""
+
+_SAME: Final = ("seed", "samples", "policy", "agent", "judge", "attempt")
+"""Settings that influence attempts and rewards; machines, browsers and limits may differ between runs."""
+_LOCAL: Final = frozenset({"base_url", "cache", "concurrency", "adapt"})
+"""Settings of a model's endpoint that may differ between machines: its address and its limits."""
+
+
+def shared_settings(config: Mapping[str, Any]) -> dict[str, Any]:
+    """The part of a run's resolved config that must be the same for all collectors of a list."""
+
+    def shared_part(settings: Any) -> Any:
+        if isinstance(settings, dict):
+            return {name: shared_part(value) for name, value in settings.items() if name not in _LOCAL}
+        return settings
+
+    return {name: shared_part(config[name]) for name in _SAME}
+
+
+def difference(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> str | None:
+    """The first of the shared settings that differs."""
+    return next((name for name in _SAME if ours.get(name) != theirs.get(name)), None)
 
 
 class SharingConfig(Settings):
@@ -83,20 +106,23 @@ class Claims:
         self._readers: dict[str, RunReader] = {}
         """Readers of the runs of dead collectors, by path."""
 
-    def join(self, tasks: Sequence[Task], samples: int, run: Path, *, is_resumed: bool = False) -> None:
+    def join(
+        self, tasks: Sequence[Task], config: Mapping[str, Any], run: Path, *, is_resumed: bool = False
+    ) -> None:
         """Join the collectors of a list.
 
         Args:
             tasks: the list, in order.
-            samples: number of samples per task.
+            config: the resolved config of this collector's run.
             run: this collector's run folder.
             is_resumed: whether this collector has joined before; the folder must then exist.
 
         Raises:
-            ConfigError: the folder is shared for another list, or is missing for a resumed run.
+            ConfigError: the folder is shared for another list or with other settings, or is missing for a
+                resumed run.
             StoreError: the folder cannot be written to.
         """
-        listing = "\n".join([str(samples), *(task.id for task in tasks)]).encode()
+        listing = "\n".join([str(config["samples"]), *(task.id for task in tasks)]).encode()
         digest = hashlib.sha256(listing).hexdigest().encode()
         with disk_errors(f"sharing tasks in {self._folder}"):
             if is_resumed and not (self._folder / "tasks").exists():
@@ -110,6 +136,13 @@ class Claims:
                 raise ConfigError(
                     f"{self._folder} is shared for another list of tasks",
                     hint="give all collectors the same tasks, seed and samples, or another folder",
+                )
+            settings = shared_settings(config)
+            self._link_new(self._folder / "settings.json", json.dumps(settings, indent=1).encode())
+            if name := difference(settings, json.loads((self._folder / "settings.json").read_bytes())):
+                raise ConfigError(
+                    f"{self._folder} is shared by collectors with other settings of {name!r}",
+                    hint="give all collectors the same settings, or another folder",
                 )
             write_whole(self._heartbeat_file, str(run.resolve()).encode())
 
@@ -233,7 +266,6 @@ async def sharing(
     config: SharingConfig,
     name: str,
     tasks: Sequence[Task],
-    samples: int,
     run: Path,
     *,
     is_resumed: bool = False,
@@ -244,7 +276,6 @@ async def sharing(
         config: the shared folder and times.
         name: of the collector; the same when its run is resumed.
         tasks: the list, in order.
-        samples: number of samples per task.
         run: the collector's run folder.
         is_resumed: whether the run holds attempts already.
 
@@ -256,7 +287,8 @@ async def sharing(
         yield None
         return
     claims = Claims(config, name)
-    await asyncio.to_thread(claims.join, tasks, samples, run, is_resumed=is_resumed)
+    settings = await asyncio.to_thread(lambda: RunReader(run).config)
+    await asyncio.to_thread(claims.join, tasks, settings, run, is_resumed=is_resumed)
     try:
         async with asyncio.TaskGroup() as group:
             heartbeats = group.create_task(_beat(claims))

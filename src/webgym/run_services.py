@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence, Set
 from contextlib import (
     AsyncExitStack,
     asynccontextmanager,
@@ -127,7 +127,10 @@ async def _sites(
             )
         token = secrets.sites_token.get_secret_value()
         async with SitesClient(config.server.sites_url, token) as client:
-            await client.websites()  # fails now, in one line, rather than once per attempt
+            # Fails now, in one line, rather than once per attempt.
+            served = {site["host"]: site.get("digest") for site in await client.websites()}
+            _check_served(tasks, served.keys())
+            _check_digests(config, tasks, served)
             yield ServedState(client), ()
     elif config.server.url is not None:
         raise ConfigError(
@@ -136,17 +139,33 @@ async def _sites(
         )
     else:
         async with serving(config.sites) as sites, SitesClient(sites.url, sites.token) as client:
-            _check_served(tasks, set(sites.web.specs))
+            _check_served(tasks, sites.web.specs.keys())
             yield ServedState(client), tuple(sites.allowed_hosts)
 
 
-def _check_served(tasks: Sequence[Task], hosts: set[str]) -> None:
+def _check_served(tasks: Sequence[Task], hosts: Set[str]) -> None:
     """Refuse tasks whose websites are not served: every attempt would end as an error of the environment."""
     for task in tasks:
         if task.truth is not None and (missing := sorted(task.truth.hosts - hosts)):
             raise ConfigError(
                 f"the task {task.id} is on {missing[0]}, which is not served",
-                hint="sites.collection, seed and per_family must be what the tasks were made with",
+                hint="sites.collection, seed and per_family, or the options of webgym sites serve, must be "
+                "what the tasks were made with",
+            )
+
+
+def _check_digests(config: RunConfig, tasks: Sequence[Task], served: Mapping[str, str | None]) -> None:
+    """Refuse websites that have only their names in common with those that the tasks were made for: every
+    attempt would fail."""
+    if config.tasks.file is not None:
+        return  # it does not say what its tasks were made for
+    sites = config.sites
+    web = OfflineWeb(sites.seed, per_family=sites.per_family, collection=sites.collection)
+    for host in sorted({host for task in tasks if task.truth is not None for host in task.truth.hosts}):
+        if host in web.specs and web.specs[host].digest != served[host]:
+            raise ConfigError(
+                f"{host} is another website on the offline web at {config.server.sites_url} than here",
+                hint="start webgym sites serve with sites.seed, and in the same version of WebGym",
             )
 
 

@@ -162,7 +162,7 @@ async def resume(
         out: the run folder.
         policy: one of your own, if the run was started with one.
         secrets: tokens of servers that run elsewhere.
-        server: other servers than before.
+        server: other servers than before; what is not set in it stays as it was.
         skip_corrupt: continue without records whose checksum does not match.
         retry_errors: attempt again what ended in an error of the environment or the policy as often as the
             run allows; else what has exhausted its retries stays as it is.
@@ -179,7 +179,8 @@ async def resume(
     reader = RunReader(out)
     config, run_id = read_config(reader)
     if server is not None:
-        config = config.model_copy(update={"server": server})
+        given = {name: getattr(server, name) for name in server.model_fields_set}
+        config = config.model_copy(update={"server": config.server.model_copy(update=given)})
     tasks = await asyncio.to_thread(lambda: reader.drawn)
     refuse_unjudgeable(config.judge, tasks)
     async with (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import subprocess
 from collections.abc import AsyncIterator, Iterator
 from contextlib import closing
@@ -21,7 +22,7 @@ from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.offline.config import CollectionName
 from webgym.offline.web import OfflineWeb
-from webgym.rollout.store import RunReader
+from webgym.rollout.store import RunReader, RunWriter
 from webgym.run_config import RunConfig, Secrets, ServerChoice
 from webgym.run_services import services
 from webgym.runs import collect
@@ -92,6 +93,47 @@ def test_options_that_make_no_run(
     code, said = calls.run("rollout", *few_websites, *given)
     assert code == 2
     assert expected in one_line(said)
+
+
+SHARED = "/nowhere/claims"
+
+
+@pytest.mark.parametrize(
+    ("command", "options", "unused"),
+    [
+        ("rollout", ("--samples", "3", "--seed", "9", "--policy", "random"), "--samples, --policy, --seed"),
+        ("rollout", ("--coordinates", "--sessions", "2"), "--sessions, --marks/--coordinates"),
+        ("rollout", ("--config", "none.yaml", "--server", "http://127.0.0.1:9"), "--config"),
+        ("rollout", ("--share", "/nowhere/else"), "--share"),
+        ("eval", ("--base-url", "http://127.0.0.1:9/v1", "--model", "B", "--json"), "--base-url, --model"),
+        ("eval", ("--budget", "1,2,3"), "--budget"),
+        ("rollout", ("--server", "http://127.0.0.1:9", "--sites", "http://127.0.0.1:9"), ""),
+        ("rollout", ("--retry-errors", "--skip-corrupt", "--no-report", "--share", SHARED), ""),
+        ("eval", ("--no-report", "--markdown"), ""),
+    ],
+)
+def test_options_that_a_resumed_run_would_ignore_are_refused(
+    tmp_path: Path,
+    calls: Calls,
+    monkeypatch: pytest.MonkeyPatch,
+    command: str,
+    options: tuple[str, ...],
+    unused: str,
+) -> None:
+    async def make() -> None:
+        settings = RunConfig.model_validate({"collector": {"sharing": {"folder": SHARED}}})
+        async with await RunWriter.create(tmp_path / "run", settings.model_dump(mode="json"), []):
+            pass
+
+    async def resumed(*_: object, **__: object) -> None:
+        raise StoreFull("it was resumed")
+
+    asyncio.run(make())
+    monkeypatch.setattr("webgym.runs.resume", resumed)
+    code, said = calls.run(command, "--resume", tmp_path / "run", *options)
+    expected = f"--resume keeps the run's settings, and excludes {unused} (" if unused else "it was resumed"
+    assert expected in one_line(said)
+    assert code == (2 if unused else 1)
 
 
 @pytest.mark.parametrize(

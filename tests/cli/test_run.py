@@ -23,9 +23,13 @@ import yaml
 from benchmarks.stand_ins import TOKEN, StandInModel
 from tests.rollout.running import World, a_world, until
 
+from webgym import runs
 from webgym.cli import _run
 from webgym.core.errors import RunFolderError, StoreFull
 from webgym.judge.config import JudgeChoice
+from webgym.offline.web import OfflineWeb
+from webgym.rollout.store import RunWriter
+from webgym.run_config import RunConfig, Secrets, ServerChoice
 
 
 async def interrupted(number: int = signal.SIGINT) -> None:
@@ -79,6 +83,29 @@ def test_a_stopped_run_says_how_to_go_on(
     with pytest.raises(RunFolderError):
         _run.run(refused, resumed_by=("webgym rollout", run))
     assert not capsys.readouterr().err
+
+
+async def test_a_resumed_run_keeps_the_servers_that_are_not_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server = ServerChoice(url="http://127.0.0.1:9", sites_url="http://127.0.0.1:10", queues="global")
+    tasks = [next(OfflineWeb(per_family=2, collection="small").tasks())]
+    settings = RunConfig(server=server).model_dump(mode="json")
+    async with await RunWriter.create(tmp_path / "run", {"run_id": "a", **settings}, tasks):
+        pass
+    chosen = []
+
+    def start(config: RunConfig, *_: object) -> None:
+        chosen.append(config.server)
+        raise StoreFull("that will do")
+
+    monkeypatch.setattr(runs, "_run_services", start)
+    for given in ({}, {"server": {"sites_url": "http://127.0.0.1:11"}}, {"server": {"url": "http://b.test"}}):
+        job = _run.resume_job(tmp_path / "run", given, skip_corrupt=False, retry_errors=False)
+        with pytest.raises(StoreFull):
+            await job(secrets=Secrets())
+    new_sites = server.model_copy(update={"sites_url": "http://127.0.0.1:11"})
+    assert chosen == [server, new_sites, server.model_copy(update={"url": "http://b.test"})]
 
 
 def test_under_nohup_a_hangup_does_not_stop_a_run() -> None:

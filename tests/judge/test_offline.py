@@ -230,6 +230,29 @@ async def test_no_verdict_without_what_it_needs() -> None:
 
 
 @pytest.mark.parametrize(
+    ("answer", "seen"), [(None, (FRONT,)), ("Done.", (FRONT,)), (RIGHT, (FRONT, PRODUCT))]
+)
+async def test_a_state_that_the_server_lost_is_no_failure_whatever_else_is(
+    answer: str | None, seen: tuple[Observation, ...]
+) -> None:
+    """Pages that come after a restart lack what was done before it, and the agent goes astray."""
+    with pytest.raises(JudgeError, match="state"):
+        await judged(episode(*seen, answer=answer, state=None))
+
+
+@pytest.mark.parametrize("answer", [None, "Done.", RIGHT])
+async def test_a_website_that_the_agent_never_opened_has_no_state_to_lose(answer: str | None) -> None:
+    """Its task begins on another one: the agent could spare itself the failure."""
+    assert TASK.truth is not None
+    other = "other.webgym.test"
+    shown, done = TASK.truth.facts
+    there = msgspec.structs.replace(shown, evidence=(Evidence(("Blue Mug", "$12.50"), host=other),))
+    task = msgspec.structs.replace(TASK, truth=msgspec.structs.replace(TASK.truth, facts=(there, done)))
+    product = msgspec.structs.replace(PRODUCT, url=f"http://{other}/p/1")
+    assert (await judged(episode(product, answer=answer, state=None), task)).reward == 0
+
+
+@pytest.mark.parametrize(
     ("answer", "reward"),
     [
         ("7, 12", 1),

@@ -11,11 +11,13 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from pydantic import SecretStr
 from tests.conftest import Calls
 
-from webgym.core.errors import ConfigError, SitesError
+from webgym.core.errors import ConfigError, SitesError, WebGymError
 from webgym.core.task import Task
 from webgym.core.truth import AnswerTruth, Click, Done, Evidence, Give, Remember, StateCheck
+from webgym.offline.app import serving
 from webgym.offline.config import SitesConfig
 from webgym.offline.data import load
 from webgym.offline.parts import Assignment, Fact, Part, Place, write
@@ -33,7 +35,7 @@ from webgym.offline.static_browser import StaticBrowser, read_page
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Split, Visit, Website
 from webgym.rollout.config import AttemptConfig
-from webgym.run_config import RunConfig, TaskChoice, resolved
+from webgym.run_config import RunConfig, Secrets, ServerChoice, TaskChoice, resolved
 from webgym.runs import collect
 from webgym.tasks.formats import write_tasks
 from webgym.testing import check_family, check_tasks, play
@@ -437,6 +439,41 @@ async def test_tasks_whose_websites_are_not_served_are_refused(tasks: list[Task]
     config = RunConfig(tasks=TaskChoice(file=file), sites=SitesConfig(per_family=1, latency=0))
     with pytest.raises(ConfigError, match="not served"):
         await collect(config, tmp_path / "run")
+
+
+@pytest.mark.parametrize(
+    ("served", "expected"),
+    [
+        (SitesConfig(collection="small", seed=8), "not served"),
+        (SitesConfig(collection="small", seed=5), "browser server"),  # the next thing that is looked for
+        (SitesConfig(collection="large", seed=5), "not served"),
+    ],
+)
+async def test_an_offline_web_elsewhere_must_serve_the_websites_of_the_tasks(
+    tasks: list[Task], tmp_path: Path, served: SitesConfig, expected: str
+) -> None:
+    await _refused_there(served, SitesConfig(), tasks[:1], expected, tmp_path)
+
+
+async def test_an_offline_web_elsewhere_must_not_serve_others_of_the_same_names(tmp_path: Path) -> None:
+    served, own = (SitesConfig(collection="small", seed=seed) for seed in (0, 7))
+    web = OfflineWeb(7, collection="small")
+    host = next(host for host in web.specs if host in OfflineWeb(0, collection="small").specs)
+    tasks = list(web.tasks_of(host))[:1]
+    await _refused_there(served, own, tasks, f"{host} is another website .* than here", tmp_path)
+    await _refused_there(own, own, tasks, "browser server", tmp_path)
+
+
+async def _refused_there(
+    served: SitesConfig, own: SitesConfig, tasks: list[Task], expected: str, path: Path
+) -> None:
+    token = SecretStr("the-token-of-the-sites")
+    async with serving(served.model_copy(update={"token": token})) as sites:
+        where = ServerChoice(url="http://127.0.0.1:9", sites_url=sites.url)
+        config = RunConfig(tasks=TaskChoice(split="all"), sites=own, server=where)
+        with pytest.raises(WebGymError, match=expected):
+            await collect(config, path / "run", tasks=tasks, secrets=Secrets(sites_token=token))
+    assert not (path / "run").exists()
 
 
 def test_the_viewport_follows_the_collection_unless_it_is_set() -> None:

@@ -16,7 +16,7 @@ from webgym.agent.config import AgentConfig
 from webgym.agent.policy import BasePolicy, PolicyInput
 from webgym.browser.config import Cookie
 from webgym.core.action import BrowserAction
-from webgym.core.errors import PolicyTimeout
+from webgym.core.errors import NavigationFailed, PolicyTimeout
 from webgym.core.observation import Notice, Observation
 from webgym.core.outcome import Ending
 from webgym.core.trajectory import Episode, Reply
@@ -37,10 +37,11 @@ class Pages:
 
     id = "s"
 
-    def __init__(self, failures: Mapping[int, str]) -> None:
+    def __init__(self, failures: Mapping[int, str], status: int = 200) -> None:
         self.looks = 0
         self.kept: set[str] = set()
         self._failures = failures
+        self._status = status
 
     async def open(self, options: SessionOptions | None = None) -> Pages:
         del options
@@ -54,7 +55,7 @@ class Pages:
         failed = self._failures.get(self.looks)
         notices = (Notice("navigation_failed", failed),) if failed else ()
         url = f"http://a.test/{self.looks}"
-        status = None if failed else 200
+        status = None if failed else self._status
         return View(Observation(name, url, "A", (1280, 768), status=status, notices=notices), image)
 
     async def close(self) -> None:
@@ -121,6 +122,21 @@ async def test_a_start_page_that_the_egress_policy_refuses_names_the_setting() -
     episode, _, _ = await made(Says(), failures=dict.fromkeys(range(1, 9), "http://a.test/: net::ERR_FAILED"))
     assert episode.failure is not None
     assert "browser.egress" not in episode.failure.message
+
+
+@pytest.mark.parametrize("is_offline", [True, False])
+async def test_an_offline_website_that_is_not_served_is_no_failure_of_the_agents(is_offline: bool) -> None:
+    """Its server was started again with another seed. On the web, a start page may be gone for good."""
+    pages = Pages({}, status=404)
+    context = EpisodeContext(store=pages, config=AttemptConfig(), site_state=None, seed=0)
+    truth = Truth("a.test", (FactTruth(1, 0),), AnswerTruth(), ()) if is_offline else None
+    planned = Planned(msgspec.structs.replace(task("t", 1), truth=truth), 0)
+    driver = EpisodeDriver(context, planned, AgentTraits("p", "marks"))
+    if not is_offline:
+        assert (await driver.start(pages)).observation.status == 404
+        return
+    with pytest.raises(NavigationFailed, match="not among the websites that are served"):
+        await driver.start(pages)
 
 
 async def test_one_valid_reply_is_enough_to_be_judged() -> None:

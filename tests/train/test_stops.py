@@ -240,6 +240,7 @@ def test_what_cannot_be_trained_is_refused_before_browsers_start(
     assert "unknown objective 'ppo'" in refused(learn={"model": str(model), "objective": {"name": "ppo"}})
     alone = refused(learn={"model": str(model), "objective": {"name": "group_is"}})
     assert "rollout.samples is 1" in alone
+    assert "shares no tasks" in refused(rollout={"collector": {"sharing": {"folder": str(tmp_path)}}})
     groups = {"model": str(model), "objective": {"name": "group_is"}}
     held = yaml.safe_load(settings_file(tmp_path, model).read_text())["rollout"] | {"samples": 2}
     local = {"path": str(model), "sampling": {"top_p": 0.99, "extra_body": {"top_k": 2}}}

@@ -13,14 +13,14 @@ from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
 from functools import partial
 from pathlib import Path
-from typing import Any, TextIO, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Final, TextIO, TypeVar, cast
 
 import uvloop
 from pydantic import SecretStr
 from rich.console import Console
 from rich.text import Text
 
-from webgym.core.errors import ConfigError, RunFolderError
+from webgym.core.errors import ConfigError, RunFolderError, UsageError
 from webgym.core.outcome import Outcome
 from webgym.core.text import plain
 from webgym.report.write import write_report
@@ -32,10 +32,20 @@ from webgym.rollout.summary import Summary
 from webgym.run_config import RunConfig, Secrets
 from webgym.settings import merged, read_files, validated, without_none
 
+if TYPE_CHECKING:
+    import typer
+
 T = TypeVar("T")
 
 SERVER_TOKEN = "WEBGYM_TOKEN"  # noqa: S105 - a variable's name
 SITES_TOKEN = "WEBGYM_SITES_TOKEN"  # noqa: S105 - a variable's name
+
+
+_WITH_RESUME: Final = (
+    *("resume", "server", "sites", "token_file", "skip_corrupt", "retry_errors", "report"),
+    *("as_json", "as_markdown", "as_latex"),
+)
+"""Parameters of ``rollout`` and ``eval`` that apply to a resumed run."""
 
 
 def run(
@@ -139,6 +149,35 @@ def resume_job(
 
     server = ServerChoice.model_validate(settings["server"]) if "server" in settings else None
     return partial(resume, folder, server=server, skip_corrupt=skip_corrupt, retry_errors=retry_errors)
+
+
+def refuse_unused_with_resume(context: typer.Context, folder: Path) -> None:
+    """Refuse options that a resumed run would ignore.
+
+    Args:
+        context: of the command.
+        folder: the run folder.
+
+    Raises:
+        RunFolderError: it is not one.
+        UsageError: there is such an option.
+    """
+    sharing = RunReader(folder).config.get("collector", {}).get("sharing", {}).get("folder")
+    shared = context.params.get("share")
+    is_same = shared is not None and str(shared.absolute()) == sharing
+    unused = [
+        "/".join((*parameter.opts, *parameter.secondary_opts))
+        for parameter in context.command.params
+        if (name := parameter.name) is not None
+        and name not in (*_WITH_RESUME, *(["share"] if is_same else []))
+        and (source := context.get_parameter_source(name)) is not None
+        and source.name == "COMMANDLINE"
+    ]
+    if unused:
+        raise UsageError(
+            f"--resume keeps the run's settings, and excludes {', '.join(unused)}",
+            hint="leave out the latter, or give --out for a new run",
+        )
 
 
 def raise_if_interrupted(finishing: asyncio.Event, resumed_by: tuple[str, Path]) -> None:

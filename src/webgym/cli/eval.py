@@ -29,6 +29,7 @@ RUN = options.run_options(
 
 @takes(settings=RUN)
 def command(
+    context: typer.Context,
     *,
     out: Path | None = typer.Option(
         None, "--out", help="Run folder to make.", show_default="a new folder in runs/"
@@ -81,6 +82,7 @@ def command(
         return
     if resume is not None:
         folder = resume
+        _run.refuse_unused_with_resume(context, folder)
         job = _run.resume_job(folder, settings, skip_corrupt=skip_corrupt, retry_errors=retry_errors)
     else:
         folder = out or _new_folder()

@@ -20,6 +20,7 @@ RUN = options.run_options(
 
 @takes(settings=RUN)
 def command(
+    context: typer.Context,
     *,
     out: Path | None = typer.Option(None, "--out", help="Run folder to make.", show_default=False),
     resume: options.Resume = None,
@@ -46,6 +47,7 @@ def command(
     console = _run.lasting_console()
     if resume is not None and out is None:
         folder = resume
+        _run.refuse_unused_with_resume(context, folder)
         job = _run.resume_job(folder, settings, skip_corrupt=skip_corrupt, retry_errors=retry_errors)
     elif out is not None and resume is None:
         folder = out

@@ -52,14 +52,14 @@ def command(
 
     console = _run.lasting_console()
     files = list(config or ())
+    if (resume and (files or out)) or not (explain or resume or (files and out)):
+        hint = "webgym train CONFIG --out FOLDER starts one, webgym train --resume FOLDER continues it"
+        raise UsageError("give either settings and --out, or --resume", hint=hint)
     if explain:
         settings = read_config(resume) if resume else load_train_config(files)
         for line in _explanation(settings, gpus):
             console.print(line, highlight=False, soft_wrap=True)
         return
-    if (out is None) == (resume is None) or bool(files) != bool(out):
-        hint = "webgym train CONFIG --out FOLDER starts one, webgym train --resume FOLDER continues it"
-        raise UsageError("give either settings and --out, or --resume", hint=hint)
     folder = out or resume
     assert folder is not None
     settings = read_config(folder) if resume else load_train_config(files)

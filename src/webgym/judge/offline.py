@@ -18,7 +18,7 @@ from webgym.core.task import Task
 from webgym.core.text import fold, mentions, says
 from webgym.core.trajectory import Episode
 from webgym.core.truth import AnswerTruth, Evidence, FactTruth, Give, StateCheck, Truth
-from webgym.core.verdict import FactJudgement, Judgement, Verdict, all_hold
+from webgym.core.verdict import FactJudgement, Judgement, Verdict
 from webgym.judge.base import Pictures
 from webgym.judge.blocking import find_block
 from webgym.judge.claims import claims, numeral, spelled, swapped, without_denied
@@ -65,8 +65,8 @@ class OfflineJudge:
             pictures: not used.
 
         Raises:
-            JudgeError: the task has no truth, visible text was not recorded, or the website's final state is
-                needed and was not recorded.
+            JudgeError: the task has no truth, visible text was not recorded, or the final state of a website
+                that was visited is needed and was not recorded.
         """
         del pictures  # what they show was recorded as text when they were taken
         truth = task.truth
@@ -75,6 +75,15 @@ class OfflineJudge:
                 f"task {task.id} has no hidden truth", hint="the offline judge is for the offline web's tasks"
             )
         views = _views(truth, episode)
+        if (
+            episode.final_state is None
+            and any(fact.state for fact in truth.facts)
+            and any(view.host == truth.host for view in views)
+        ):  # whatever else failed: pages that were shown after the loss are without it, too
+            raise JudgeError(
+                "the state of the website's server was not recorded",
+                hint="the offline web lost it, or the collector did not request it",
+            )
         facts = tuple(
             FactJudgement(
                 group.id, index, text, self._fact(truth, group.id, index, views, episode.final_state)
@@ -86,12 +95,7 @@ class OfflineJudge:
             response = _response(task, truth, views, episode)
             reference = _reference(task, truth, episode.answer, {view.text for view in views})
         criteria = (*(fact.judgement for fact in facts), response, reference)
-        passed = all_hold(judgement for judgement in criteria if judgement is not None) if response else False
-        if passed is None:
-            undecided = next(fact.judgement for fact in facts if fact.judgement.passed is None)
-            raise JudgeError(
-                undecided.reason, hint="the offline web lost it, or the collector did not request it"
-            )
+        passed = bool(response and all(criterion.passed for criterion in criteria if criterion))
         blocked = find_block(task, episode) if not passed else Judgement(False, "the task was done")
         return Verdict(
             judge=self.name,
@@ -121,8 +125,8 @@ class OfflineJudge:
                 return Judgement(False, f"no screenshot shows {wanted}")
             reasons.append(f"shown at step {steps[0] + 1}")
         for check in fact.state:
-            if state is None:
-                return Judgement(None, "the state of the website's server was not recorded", steps)
+            if state is None:  # no page of it was opened
+                return Judgement(False, f"nothing was done on {truth.host}", steps)
             actual = _look_up(check, state)
             if actual != check.value:
                 name = " / ".join(check.key)

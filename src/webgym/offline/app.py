@@ -163,7 +163,13 @@ class SitesApp:
 
     def _directory(self) -> list[dict[str, str]]:
         return [
-            {"host": host, "brand": spec.brand, "family": spec.family.family, "split": spec.split}
+            {
+                "host": host,
+                "brand": spec.brand,
+                "family": spec.family.family,
+                "split": spec.split,
+                "digest": spec.digest,
+            }
             for host, spec in self.web.specs.items()
         ]
 

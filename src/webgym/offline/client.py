@@ -44,7 +44,7 @@ class SitesClient:
         return state
 
     async def websites(self) -> list[dict[str, str]]:
-        """The websites: ``host``, ``brand``, ``family`` and ``split`` of each.
+        """The websites: ``host``, ``brand``, ``family``, ``split`` and ``digest`` of each.
 
         Raises:
             SitesError: the offline web does not respond, or responds with an error.

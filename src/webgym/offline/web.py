@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
+from importlib.metadata import version
 
 from webgym.core.errors import ConfigError
 from webgym.core.task import Task
@@ -77,6 +78,16 @@ class Spec:
     label: str
     split: Split
     behaviour: Behaviour
+
+    @property
+    def digest(self) -> str:
+        """Differs if the website does: of its parameters, and of the version of WebGym."""
+        return f"{number(_version(), self.family.family, self.seed, self.brand, self.behaviour):016x}"
+
+
+@cache
+def _version() -> str:
+    return version("webgym-rl")
 
 
 class OfflineWeb:

@@ -11,6 +11,7 @@ import re
 import secrets
 import time
 from dataclasses import dataclass
+from http import HTTPStatus
 from typing import Any, Protocol
 
 from webgym.agent.agent import AgentTraits
@@ -203,6 +204,8 @@ class EpisodeDriver:
             notices = view.observation.notices
             refused = next((notice.text for notice in notices if notice.kind == "navigation_failed"), "")
             if not refused or view.observation.status is not None:
+                if view.observation.status == HTTPStatus.NOT_FOUND and self.planned.task.truth is not None:
+                    raise NavigationFailed(f"{url} is not among the websites that are served")
                 return await self._record_view(view)
         # For the user alone: the agent sees notices, and this ends the episode before its first request.
         allow = (

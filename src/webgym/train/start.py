@@ -61,6 +61,11 @@ async def open_training(
     folder = TrainingFolder(out)
     if not resume:
         folder.refuse_used()
+    if config.rollout.collector.sharing.folder is not None:
+        raise ConfigError(
+            "a training shares no tasks: rollout.collector.sharing.folder is for one run",
+            hint="leave it out; each evaluation and iteration has tasks of its own",
+        )
     await asyncio.to_thread(load_renderer, config.learn.model)  # before tasks are made, which takes longer
     tasks = all_tasks(config.rollout, tell)
     objective = make_objective(config.learn.objective)

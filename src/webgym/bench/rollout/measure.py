@@ -263,6 +263,7 @@ def _run_config(
         "seed": plan.seed,
         "retries": 0,
         "tasks": {"split": "all"},
+        "sites": {"seed": plan.network.sites.seed},
         "policy": {"name": "openai", "chat": chat, "check": False},
         "agent": {"mode": "marks", "rounds": 3},
         "server": {"url": browsers.url, "sites_url": sites.url},

@@ -95,6 +95,13 @@ def test_options_that_make_no_run(
     assert expected in one_line(said)
 
 
+def test_options_that_printing_a_runs_results_would_ignore_are_refused(calls: Calls) -> None:
+    given = ("--model", "B", "--retry-errors", "--judge", "offline", "--json")
+    code, said = calls.run("eval", "--of", "none", *given)
+    assert code == 2
+    assert "--of prints a run's results, and excludes --model, --retry-errors" in one_line(said)
+
+
 SHARED = "/nowhere/claims"
 
 

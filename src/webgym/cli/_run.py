@@ -9,7 +9,7 @@ import os
 import shlex
 import signal
 import sys
-from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Coroutine, Iterator, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
 from functools import partial
 from pathlib import Path
@@ -165,17 +165,32 @@ def refuse_unused_with_resume(context: typer.Context, folder: Path) -> None:
     sharing = RunReader(folder).config.get("collector", {}).get("sharing", {}).get("folder")
     shared = context.params.get("share")
     is_same = shared is not None and str(shared.absolute()) == sharing
+    used = (*_WITH_RESUME, *(["share"] if is_same else []))
+    refuse_unused(context, used, "--resume keeps the run's settings")
+
+
+def refuse_unused(context: typer.Context, used: Collection[str], reason: str) -> None:
+    """Refuse options that have no effect.
+
+    Args:
+        context: of the command.
+        used: names of the parameters that have one.
+        reason: why the others have none.
+
+    Raises:
+        UsageError: there is such an option.
+    """
     unused = [
         "/".join((*parameter.opts, *parameter.secondary_opts))
         for parameter in context.command.params
         if (name := parameter.name) is not None
-        and name not in (*_WITH_RESUME, *(["share"] if is_same else []))
+        and name not in used
         and (source := context.get_parameter_source(name)) is not None
         and source.name == "COMMANDLINE"
     ]
     if unused:
         raise UsageError(
-            f"--resume keeps the run's settings, and excludes {', '.join(unused)}",
+            f"{reason}, and excludes {', '.join(unused)}",
             hint="leave out the latter, or give --out for a new run",
         )
 

@@ -77,6 +77,8 @@ def command(
         raise UsageError("--json, --markdown and --latex exclude each other", hint="give one of them")
     console = _run.lasting_console(stderr=as_json or as_markdown or as_latex)
     if of:
+        formats = ("as_json", "as_markdown", "as_latex")
+        _run.refuse_unused(context, ("of", "judge", *formats), "--of prints a run's results")
         judge = settings.get("judge", {}).get("name", RECORDED)
         _print_results([evaluate(run, judge) for run in of], console, as_json, as_markdown, as_latex)
         return

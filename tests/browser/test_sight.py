@@ -89,6 +89,10 @@ UNSEEN = {
     "behind its parent": (
         "seen<div style='background:#fff'><p style='position:relative;z-index:-1;margin:0'>hidden</p></div>"
     ),
+    "cut off in a drawing": (
+        "<svg width=200 height=60><foreignObject width=60 height=30><div style='white-space:nowrap'>seen"
+        "<b style='margin-left:60px'>hidden</b></div></foreignObject></svg>"
+    ),
     "masked letters": "seen<div style='-webkit-text-security:disc'>hidden</div>",
     "typed": "seen<div contenteditable>hidden</div>",
     "a value": "seen <input value=hidden>",
@@ -167,6 +171,10 @@ SEEN = {
     "a drawing": (
         "<svg width=200 height=40><rect width=200 height=40 fill=navy /><text y=20 fill=#fff>"
         "shown</text></svg>"
+    ),
+    "a paragraph in a drawing": (
+        "<svg width=200 height=60><rect width=200 height=60 fill=navy /><g><foreignObject width=200 height=60>"
+        "<p style='color:#fff'><b>shown</b></p></foreignObject></g></svg>"
     ),
     "a button": "<input type=submit value=shown>",
     "a choice": "<select><option>other<option selected>shown</select>",

@@ -89,6 +89,26 @@ UNSEEN = {
     "behind its parent": (
         "seen<div style='background:#fff'><p style='position:relative;z-index:-1;margin:0'>hidden</p></div>"
     ),
+    **{
+        f"below a part of a drawing, {part}": (
+            f"seen<br><svg width=200 height=40><text y=20>hidden</text><g fill=none>{part}</g></svg>"
+        )
+        for part in (
+            "<rect width=200 height=40 fill=red />",
+            "<rect width=200 height=40 fill=url(#ink) /><linearGradient id=ink><stop /></linearGradient>",
+            "<path d='M0 15H200' stroke=red stroke-width=30 />",
+        )
+    },
+    **{
+        f"below a drawing, {style}": (
+            "seen<div style='position:relative'><p style='margin:0'>hidden</p><svg width=200 height=40 "
+            f"style='position:absolute;left:0;top:0;{style}'>{part}</svg></div>"
+        )
+        for style, part in {
+            "": "<rect width=200 height=40 fill=red />",
+            "background:red": "",
+        }.items()
+    },
     "cut off in a drawing": (
         "<svg width=200 height=60><foreignObject width=60 height=30><div style='white-space:nowrap'>seen"
         "<b style='margin-left:60px'>hidden</b></div></foreignObject></svg>"
@@ -172,6 +192,27 @@ SEEN = {
         "<svg width=200 height=40><rect width=200 height=40 fill=navy /><text y=20 fill=#fff>"
         "shown</text></svg>"
     ),
+    **{
+        f"below a clear part of a drawing, {part}": (
+            f"<svg width=200 height=40><text y=20>shown</text><g>{part}</g></svg>"
+        )
+        for part in (
+            "<rect width=200 height=40 fill=none pointer-events=all />",
+            "<rect width=200 height=40 fill=transparent />",
+            "<path d='M0 0H200V40H0Z' fill-opacity=.2 stroke=red />",
+            "<line x1=0 y1=15 x2=200 y2=15 stroke-width=20 stroke=red stroke-opacity=0 />",
+        )
+    },
+    **{
+        f"below a drawing of {what}": (
+            "<div style='position:relative'><p style='margin:0'>shown</p>"
+            f"<svg width=200 height=40 style='position:absolute;left:0;top:0'>{part}</svg></div>"
+        )
+        for what, part in {
+            "nothing": "",
+            "a clear box": "<g><rect width=200 height=40 fill=none pointer-events=all /></g>",
+        }.items()
+    },
     "a paragraph in a drawing": (
         "<svg width=200 height=60><rect width=200 height=60 fill=navy /><g><foreignObject width=200 height=60>"
         "<p style='color:#fff'><b>shown</b></p></foreignObject></g></svg>"

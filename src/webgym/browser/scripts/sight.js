@@ -91,14 +91,32 @@
   const isPicture = (element) =>
     PICTURES.has(localName(element)) || (localName(element) === 'input' && DRAWN.has(element.type));
 
-  // What an element paints below its content: {colour, alpha}; null for a picture, or what one cannot tell.
-  const paintOf = (element) => {
+  // Does a part of a drawing hide what lies below? What only holds others does not.
+  const THIN = 3; // CSS pixels: a line that hides no text
+  const SHAPES = new Set(['rect', 'circle', 'ellipse', 'path', 'line', 'polyline', 'polygon']);
+  const HOLDERS = new Set(['g', 'a', 'svg', 'switch']);
+  const isFilled = (shape) => {
+    if (HOLDERS.has(localName(shape))) return false;
+    if (!SHAPES.has(localName(shape))) return true;
+    const { style, alpha } = sightOf(shape);
+    const isOpaque = (paint, opacity) =>
+      paint !== 'none' && (/^(url|context)/.test(paint) ? 1 : colourOf(paint)[3]) * opacity * alpha >= VEIL;
+    const isInked = localName(shape) !== 'line' && isOpaque(style.fill, style.fillOpacity);
+    const isDrawn = parseFloat(style.strokeWidth) >= THIN && isOpaque(style.stroke, style.strokeOpacity);
+    return style.visibility === 'visible' && (isInked || isDrawn);
+  };
+
+  // What an element paints below its content: {colour, alpha}; null for a picture, or what one cannot tell. `isHit`:
+  // of a drawing what it paints itself, as its parts would be hit before it.
+  const paintOf = (element, isHit = false) => {
     const { style, alpha } = sightOf(element);
     const colour = colourOf(style.backgroundColor);
     if (alpha < LEAST_ALPHA) return { colour, alpha: 0 }; // a box to tick, say, over what is drawn for it
     if (style.backgroundImage !== 'none' || style.mixBlendMode !== 'normal') return null;
-    if (isPicture(element) || style.backdropFilter !== 'none') return null;
-    if (ofKind(element, 'ownerSVGElement')) return null;
+    if (isPicture(element) && !(isHit && localName(element) === 'svg')) return null;
+    if (style.backdropFilter !== 'none') return null;
+    if (ofKind(element, 'ownerSVGElement') && localName(element) !== 'foreignObject')
+      return isFilled(element) ? null : { colour, alpha: 0 };
     return { colour, alpha: colour[3] * alpha };
   };
 
@@ -197,7 +215,7 @@
   // Does any element from `inner` up to `outer`, that one left out, hide what lies below?
   const hides = (inner, outer) => {
     for (let node = inner; node && node !== outer; node = parentOf(node)) {
-      const paint = paintOf(node);
+      const paint = paintOf(node, true);
       if (!paint || paint.alpha >= VEIL || hasPaintedParts(node)) return true;
     }
     return false;

@@ -28,11 +28,19 @@
     return outer !== 'hidden' && outer !== 'clip';
   };
 
-  // A page that is written from right to left begins at 0 and goes on below it.
+  // What is written from right to left, or put in reverse order, begins at 0 and goes on below it.
+  const isReverse = (element, side) => {
+    const { direction, display, flexDirection, flexWrap, writingMode } = getComputedStyle(element);
+    const isInline = (side.overflow === 'overflowX') === writingMode.startsWith('horizontal');
+    const isBackwards = isInline ? direction === 'rtl' : writingMode.endsWith('-rl');
+    if (!display.includes('flex')) return isBackwards;
+    const isMain = flexDirection.startsWith(isInline ? 'row' : 'column');
+    return isBackwards !== (isMain ? flexDirection.endsWith('reverse') : flexWrap === 'wrap-reverse');
+  };
   const hasRoom = (element, side) => {
     const room = side.extent(element) - side.shown(element) - 1;
     const at = side.at(element);
-    const passed = at < 0 || getComputedStyle(element).direction === 'rtl' && side.overflow === 'overflowX' ? room + at : at;
+    const passed = at < 0 || isReverse(element, side) ? room + at : at;
     return side.isBack ? passed > 0 : passed < room;
   };
 

@@ -9,7 +9,7 @@
   } = webgym.dom;
   const { fold } = webgym;
   const { near } = webgym.boxes;
-  const { intersect, middle, moved, parentOf, contains, hit, clipWithin, isBox } = webgym.geometry;
+  const { intersect, middle, moved, parentOf, contains, hit, clipAround, clipWithin, isBox } = webgym.geometry;
 
   const LEAST_ALPHA = 0.1; // of text on a ground whose colour is not known
   const LEAST_CONTRAST = 1.2; // of a text and its ground, by WCAG's ratio; #eee on white has 1.16
@@ -126,7 +126,8 @@
       const style = getComputedStyle(element, name);
       if (name !== '::backdrop' && (style.content === 'none' || style.position === 'static')) return false;
       if (name === '::backdrop' && !matches(element, ':modal')) return false;
-      return style.backgroundImage !== 'none' || colourOf(style.backgroundColor)[3] >= VEIL;
+      if (style.backgroundImage !== 'none' || style.backdropFilter !== 'none') return true;
+      return colourOf(style.backgroundColor)[3] * style.opacity >= VEIL;
     });
 
   // The colour below all: of the page itself; null if the browser may choose a dark one, or in a frame.
@@ -169,9 +170,16 @@
     return ground;
   };
 
+  const pathOf = (element) => {
+    const path = [];
+    for (let node = element; node; node = parentOf(node)) path.push(node);
+    return path;
+  };
+
   // The elements at a point that text in `element` lies on, the uppermost first.
   const layersBelow = (element, x, y) => {
     const layers = elementsFromPoint(getRootNode(element), x, y);
+    if (layers[0] && modalOver(layers[0], element)) return paintedAt(element, x, y).length ? null : pathOf(element);
     const first = layers.findIndex((layer) => contains(layer, element));
     return first < 0 ? null : layers.slice(first);
   };
@@ -243,10 +251,44 @@
     return Boolean(compareDocumentPosition(element, other) & Node.DOCUMENT_POSITION_FOLLOWING);
   };
 
+  // Does something lift an element over text that has the place which the page's flow gives it?
+  const isLifted = (element, other) =>
+    pathOf(element).some((node) => !contains(node, other) && sightOf(node).style.position !== 'static');
+
+  // The modal dialog that is hit instead of an element behind it; null for none.
+  const modalOver = (found, element) => {
+    if (ownerDocument(found) !== ownerDocument(element)) return null;
+    const modal = pathOf(found).find((node) => matches(node, ':modal'));
+    return modal && !contains(modal, element) ? modal : null;
+  };
+
+  // What is there behind a dialog is not hit: its box tells where it lies.
+  const isAt = ({ left, top, right, bottom }, x, y) => x >= left && x <= right && y >= top && y <= bottom;
+  const paintedAt = (element, x, y) => {
+    const isPainted = ([other, box]) => {
+      if (!isAt(box, x, y) || contains(other, element) || ofKind(other, 'ownerSVGElement')) return false;
+      const { visibility, pointerEvents } = sightOf(other).style;
+      const isShown = visibility === 'visible' && pointerEvents !== 'none' && isAt(clipAround(other), x, y);
+      return isShown && hides(other, parentOf(other));
+    };
+    return [...new Set([getRootNode(element), ownerDocument(element)])].flatMap((root) => near(root).filter(isPainted));
+  };
+  const isBuried = (element, at) =>
+    paintedAt(element, ...at).some(([other]) => {
+      if (!isLifted(other, element)) return false;
+      return isOver(other, element) || (!isLifted(element, other) && levelOf(other, element) >= 0);
+    });
+
   // Whether the text in `element` shows at a point of this world's viewport, which is `at` in its own.
   const showsAt = (element, x, y, at) => {
     const found = hit(x, y);
     if (!found || found === element) return Boolean(found);
+    const modal = modalOver(found, element);
+    if (modal) {
+      const isBeside = found === modal && !isAt(getBoundingClientRect(modal), ...at);
+      const isVeiled = isBeside ? hasPaintedParts(modal) : hides(found, parentOf(modal));
+      return !isVeiled && !isBuried(element, at);
+    }
     const { cut, sunk, style } = sightOf(element);
     if (contains(element, found)) return !hides(found, element);
     if (contains(found, element)) {

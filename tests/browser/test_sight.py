@@ -202,6 +202,8 @@ SEEN = {
         "background:#000'></div>"
         "<span style='position:relative;color:#fff'>shown</span></div>" + DIALOG.format("", "")
     ),
+    "with soft hyphens": "<p>sh&shy;own</p>",
+    "broken at a soft hyphen": "<p style='width:30px'>sh&shy;own</p>",
     "a parent without a box": "<div style='display:contents'>shown</div>",
     "what a slot holds by itself": (
         "<div id=host></div><script>host.attachShadow({mode:'open'}).innerHTML = '<slot>shown</slot>"

@@ -145,6 +145,21 @@ async def test_a_box_for_numbers_is_no_sign_of_loading(site: Site, tab: Tab) -> 
     assert reason(tab) == "loading"
 
 
+_IDLE_NAMES = (
+    "ant-spin-nested-loading", "lazy-loading", "lazy-loader loaded", "infinite-loading", "loading-lazy",
+    "not-loading", "no-skeleton", "loading-done", "card loader--hidden",
+)  # fmt: skip
+
+
+async def test_a_name_of_what_does_not_load_now_is_no_sign_of_loading(site: Site, open_tab: Open) -> None:
+    tab = await open_tab(config=BrowserConfig(linger_seconds=0.2))
+    await tab.goto(site.page("".join(f"<p class='{name}'>text</p>" for name in _IDLE_NAMES)))
+    assert reason(tab) == "quiet"
+    for name in ("casino-loader", "lazy-loading-skeleton", "ant-spin-nested-loading is-loading"):
+        await tab.goto(site.page(f"<p class='{name}'>text</p>"))
+        assert reason(tab) == "loading"
+
+
 _SHADOW = """<x-s></x-s><script>customElements.define('x-s', class extends HTMLElement {{
   constructor() {{ super(); this.attachShadow({{ mode: 'open' }}).innerHTML = `{content}` }}
 }})</script>"""

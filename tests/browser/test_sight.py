@@ -10,6 +10,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 
 BOX = "width:100px;overflow:hidden;white-space:nowrap;"
+DIALOG = "<dialog id=d style='{}'>seen</dialog><style>{}</style><script>d.showModal()</script>"
 
 UNSEEN = {
     "clipped by a box": "<div style='width:60px;overflow:hidden;white-space:nowrap'>seen <b>hidden</b></div>",
@@ -89,6 +90,42 @@ UNSEEN = {
     "behind its parent": (
         "seen<div style='background:#fff'><p style='position:relative;z-index:-1;margin:0'>hidden</p></div>"
     ),
+    **{
+        f"below a part of a drawing, {part}": (
+            f"seen<br><svg width=200 height=40><text y=20>hidden</text><g fill=none>{part}</g></svg>"
+        )
+        for part in (
+            "<rect width=200 height=40 fill=red />",
+            "<rect width=200 height=40 fill=url(#ink) /><linearGradient id=ink><stop /></linearGradient>",
+            "<path d='M0 15H200' stroke=red stroke-width=30 />",
+        )
+    },
+    **{
+        f"below a drawing, {style}": (
+            "seen<div style='position:relative'><p style='margin:0'>hidden</p><svg width=200 height=40 "
+            f"style='position:absolute;left:0;top:0;{style}'>{part}</svg></div>"
+        )
+        for style, part in {
+            "": "<rect width=200 height=40 fill=red />",
+            "background:red": "",
+        }.items()
+    },
+    "cut off in a drawing": (
+        "<svg width=200 height=60><foreignObject width=60 height=30><div style='white-space:nowrap'>seen"
+        "<b style='margin-left:60px'>hidden</b></div></foreignObject></svg>"
+    ),
+    "behind a dialog, on a level below": (
+        "<h1 style='position:fixed;margin:0;width:100%;background:#fff'>seen</h1><p style='margin:0'>hidden"
+        + DIALOG.format("", "")
+    ),
+    "behind a dialog, white on white": ("<div style='color:#fff'>hidden</div>" + DIALOG.format("", "")),
+    "below a dialog": "hidden" + DIALOG.format("margin:0;width:300px", ""),
+    "below a box in a clear dialog": (
+        "hidden<dialog id=d style='margin:0;padding:0;width:300px;background:none'>"
+        "<p style='margin:0;background:#ddd'>seen</dialog><script>d.showModal()</script>"
+    ),
+    "behind a dark backdrop": "hidden" + DIALOG.format("", "::backdrop { background: #000c }"),
+    "behind a blurred backdrop": "hidden" + DIALOG.format("", "::backdrop { backdrop-filter: blur(5px) }"),
     "masked letters": "seen<div style='-webkit-text-security:disc'>hidden</div>",
     "typed": "seen<div contenteditable>hidden</div>",
     "a value": "seen <input value=hidden>",
@@ -154,6 +191,19 @@ SEEN = {
         "<input type=checkbox style='position:absolute;left:0;width:90px;opacity:0'></div>"
     ),
     "below a thin veil": "<p>shown</p><div style='position:fixed;inset:0;background:#0004'></div>",
+    "behind a dialog": "<p>shown</p>" + DIALOG.format("", ""),
+    "behind a dialog, in what holds it": "shown" + DIALOG.format("", ""),
+    "behind a clear part of a dialog": (
+        "<p>shown</p>" + DIALOG.format("inset:0;width:100%;height:90%;background:none;padding-top:90px", "")
+    ),
+    "behind a faded backdrop": ("shown" + DIALOG.format("", "::backdrop { background: #000; opacity: .5 }")),
+    "white over a sibling behind a dialog": (
+        "<div style='position:relative;height:30px'><div style='position:absolute;inset:0;"
+        "background:#000'></div>"
+        "<span style='position:relative;color:#fff'>shown</span></div>" + DIALOG.format("", "")
+    ),
+    "with soft hyphens": "<p>sh&shy;own</p>",
+    "broken at a soft hyphen": "<p style='width:30px'>sh&shy;own</p>",
     "a parent without a box": "<div style='display:contents'>shown</div>",
     "what a slot holds by itself": (
         "<div id=host></div><script>host.attachShadow({mode:'open'}).innerHTML = '<slot>shown</slot>"
@@ -167,6 +217,31 @@ SEEN = {
     "a drawing": (
         "<svg width=200 height=40><rect width=200 height=40 fill=navy /><text y=20 fill=#fff>"
         "shown</text></svg>"
+    ),
+    **{
+        f"below a clear part of a drawing, {part}": (
+            f"<svg width=200 height=40><text y=20>shown</text><g>{part}</g></svg>"
+        )
+        for part in (
+            "<rect width=200 height=40 fill=none pointer-events=all />",
+            "<rect width=200 height=40 fill=transparent />",
+            "<path d='M0 0H200V40H0Z' fill-opacity=.2 stroke=red />",
+            "<line x1=0 y1=15 x2=200 y2=15 stroke-width=20 stroke=red stroke-opacity=0 />",
+        )
+    },
+    **{
+        f"below a drawing of {what}": (
+            "<div style='position:relative'><p style='margin:0'>shown</p>"
+            f"<svg width=200 height=40 style='position:absolute;left:0;top:0'>{part}</svg></div>"
+        )
+        for what, part in {
+            "nothing": "",
+            "a clear box": "<g><rect width=200 height=40 fill=none pointer-events=all /></g>",
+        }.items()
+    },
+    "a paragraph in a drawing": (
+        "<svg width=200 height=60><rect width=200 height=60 fill=navy /><g>"
+        "<foreignObject width=200 height=60><p style='color:#fff'><b>shown</b></p></foreignObject></g></svg>"
     ),
     "a button": "<input type=submit value=shown>",
     "a choice": "<select><option>other<option selected>shown</select>",

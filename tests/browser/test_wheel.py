@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from webgym.core.action import LeftClick, Scroll, Target
+from webgym.core.action import LeftClick, Scroll, Side, Target
 
 from .conftest import VIEWPORT, Site, Tab
 
@@ -101,3 +101,46 @@ async def test_a_page_that_scrolls_itself_later_is_scrolled_once(site: Site, tab
     await tab.goto(site.page(f"<script>{script}</script>{BELOW}"))
     look = await tab.step(Scroll("down"))
     assert look.observation.scroll[0] == VIEWPORT[1] * 0.75
+
+
+@pytest.mark.parametrize(
+    ("side", "style"),
+    [
+        ("up", "display:flex;flex-direction:column-reverse"),
+        ("left", "display:flex;flex-direction:row-reverse"),
+        ("left", "writing-mode:vertical-rl"),
+        ("right", "direction:rtl;display:flex;flex-direction:row-reverse"),
+    ],
+)
+async def test_a_box_that_begins_at_its_end_is_scrolled_from_there(
+    site: Site, tab: Tab, side: Side, style: str
+) -> None:
+    rows = "<p style='flex:none;min-width:90px;min-height:90px'>row</p>" * 9
+    report = "onscroll='document.title=scrollLeft+scrollTop'"
+    await tab.goto(
+        site.page(f"<div {report} style='width:200px;height:200px;overflow:auto;{style}'>{rows}</div>")
+    )
+    look = await tab.step(Scroll(side))
+    assert abs(float(look.observation.title)) == 150
+
+
+@pytest.mark.parametrize(
+    "move",
+    ["box.scrollTop = at", "list.style.transform = `translateY(${-at}px)`"],
+    ids=["scrolled", "moved in a third of a second"],
+)
+async def test_a_box_that_a_script_scrolls_moves_by_what_it_shows(site: Site, tab: Tab, move: str) -> None:
+    rows = "".join(f"<p style='margin:0;height:20px'>row {number}</p>" for number in range(90))
+    script = (
+        "let at = 0; box.addEventListener('wheel', (event) => { event.preventDefault();"
+        f"at = Math.max(0, at + event.deltaY); {move}; document.title = at }}, {{ passive: false }})"
+    )
+    await tab.goto(
+        site.page(
+            "<div id=box style='width:300px;height:200px;overflow:hidden'>"
+            f"<div id=list style='transition:transform .3s'>{rows}</div></div><script>{script}</script>"
+            f"{BELOW}"
+        )
+    )
+    look = await tab.step(Scroll("down", at(100, 100)))
+    assert (look.observation.title, look.observation.scroll[0]) == ("150", 0)

@@ -22,6 +22,7 @@ from webgym.core.text import fold, mentions, says
         ("10–12 May", "10-12 may"),
         ("3 items, 4 left.", "4"),
         ("日本語 の 本", "日本語"),
+        ("Die Do\xadnau\xaddampf\xadfahrt", "Donaudampffahrt"),
     ],
 )
 def test_says(text: str, phrase: str) -> None:

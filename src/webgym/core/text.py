@@ -18,7 +18,7 @@ THOUGHT: Final = re.compile(r"<(?:think|thinking|thought)\s*>|(?-i:\[THINK\])|�
 THOUGHT_END: Final = re.compile(r"</(?:think|thinking|thought)\s*>|(?-i:\[/THINK\])|◁/think▷", re.IGNORECASE)
 """Where it ends."""
 
-_QUOTES = str.maketrans("’‘′“”–—−‐", "'''\"\"----")
+_TYPOGRAPHY = str.maketrans("’‘′“”–—−‐", "'''\"\"----", "\N{SOFT HYPHEN}")
 
 
 def plain(text: str) -> str:
@@ -30,8 +30,9 @@ def plain(text: str) -> str:
 
 
 def fold(text: str) -> str:
-    """The text with compatibility forms, typographic quotes and dashes, case and white space normalised."""
-    return " ".join(unicodedata.normalize("NFKC", text).translate(_QUOTES).casefold().split())
+    """The text with compatibility forms, typographic quotes and dashes, case and white space normalised,
+    without soft hyphens."""
+    return " ".join(unicodedata.normalize("NFKC", text).translate(_TYPOGRAPHY).casefold().split())
 
 
 @lru_cache(maxsize=20_000)

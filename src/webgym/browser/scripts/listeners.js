@@ -1,7 +1,7 @@
 // Runs in the page's own world before its scripts, with the command line's `getEventListeners`: our isolated worlds
 // cannot see what listens there. They ask by an event of a secret name, which is cancelled where a press of the mouse
-// would be heard; one that bubbles asks whether more is heard than the button going down, as by what is only dragged.
-// No page can see this listener; what it changes in its own world can only make answers "no".
+// would be heard; one that bubbles asks whether more is heard than the button going down, as by what is only dragged. Another
+// asks for the wheel. No page can see these listeners; what it changes in its own world can only make answers "no".
 ((question) => {
   const listenersOf = getEventListeners;
   const { call } = Function.prototype;
@@ -21,6 +21,7 @@
   const PROPS = [
     'onClick', 'onMouseUp', 'onPointerUp', 'onDoubleClick', 'onContextMenu', 'onMouseDown', 'onPointerDown',
   ];
+  const WHEELS = ['wheel', 'mousewheel'];
   const FIRST_DOWN = 5; // the two above in which the button goes down
   const [DOWN, CLICK] = [1, 2]; // what is heard at most
 
@@ -104,4 +105,13 @@
     }
   };
   addEventListener(question, answer, true);
+
+  const answerWheel = (event) => {
+    try {
+      if (most(listenersOf(pathOf(event)[0]), WHEELS)) cancel(event);
+    } catch {
+      // nothing can be told
+    }
+  };
+  addEventListener(`${question}-wheel`, answerWheel, true);
 })

@@ -59,7 +59,11 @@
     for (let child = firstElementChild(shape); child; child = nextElementSibling(child)) {
       if (localName(child) === 'text' && sink.wantsText) walkText(child, place, sink);
       if (sink.wantsElements && sink.shapes++ < MAX_SHAPES) sink.consider(child, place, getComputedStyle(child));
-      walkShapes(child, place, sink);
+      if (localName(child) === 'foreignObject') {
+        sink.flush();
+        walkNodes(childNodes(child), place, sink);
+        sink.flush();
+      } else walkShapes(child, place, sink);
       sink.around = outer;
     }
   };

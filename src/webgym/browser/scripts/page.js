@@ -14,7 +14,7 @@
   };
   webgym.state = state;
 
-  const fold = (text) => (text || '').replace(/\s+/g, ' ').trim();
+  const fold = (text) => (text || '').replace(/\u00ad/g, '').replace(/\s+/g, ' ').trim(); // soft hyphens show none
   webgym.fold = fold;
   // The shadow root below an element: an open one, one of ours, or a closed one that was opened to us.
   webgym.rootOf = (element) => shadowRoot(element) || state.roots.get(element) || null;

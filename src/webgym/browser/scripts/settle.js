@@ -85,6 +85,12 @@
   const word = (...words) => new RegExp(`(^|[\\s_-])(${words.join('|')})([\\s_-]|$)`, 'i');
   const isNamed = word(...WORDS);
   const isNamedSpinner = word('spinner');
+  // "lazy-loading", "ant-spin-nested-loading" and "loader-hidden" are names of what does not load now.
+  const ONE = `(?:${WORDS.join('|')})`;
+  const UNMEANT = new RegExp(
+    `(?<![^\\s_-])(?:(?:no|not|lazy|nested|infinite)[_-]+${ONE}|${ONE}[_-]+(?:lazy|done|hidden))(?![^\\s_-])`,
+    'gi',
+  );
   const SAID = '[aria-busy="true" i], [role="progressbar" i]:not([aria-valuenow]), progress:not([value])';
   // "Processing time" and "Searching tips" are headings: these words count alone, or with what they bring. "Checking"
   // is an account, and "Saving for later" a link: such words count with dots behind them.
@@ -177,7 +183,7 @@
   };
   const isSaid = (element) => matches(element, SAID);
   const isCalled = (element) => {
-    const name = getAttribute(element, 'class');
+    const name = (getAttribute(element, 'class') || '').replace(UNMEANT, '');
     return isNamed.test(name) || (isNamedSpinner.test(name) && !isNumberBox(element));
   };
   const isTold = (element) => TELLS.test(textContent(element).slice(0, TEXT_LENGTH));

@@ -9,7 +9,7 @@
   } = webgym.dom;
   const { fold } = webgym;
   const { near } = webgym.boxes;
-  const { intersect, middle, moved, parentOf, contains, hit, clipWithin, isBox } = webgym.geometry;
+  const { intersect, middle, moved, parentOf, contains, hit, clipAround, clipWithin, isBox } = webgym.geometry;
 
   const LEAST_ALPHA = 0.1; // of text on a ground whose colour is not known
   const LEAST_CONTRAST = 1.2; // of a text and its ground, by WCAG's ratio; #eee on white has 1.16
@@ -91,14 +91,32 @@
   const isPicture = (element) =>
     PICTURES.has(localName(element)) || (localName(element) === 'input' && DRAWN.has(element.type));
 
-  // What an element paints below its content: {colour, alpha}; null for a picture, or what one cannot tell.
-  const paintOf = (element) => {
+  // Does a part of a drawing hide what lies below? What only holds others does not.
+  const THIN = 3; // CSS pixels: a line that hides no text
+  const SHAPES = new Set(['rect', 'circle', 'ellipse', 'path', 'line', 'polyline', 'polygon']);
+  const HOLDERS = new Set(['g', 'a', 'svg', 'switch']);
+  const isFilled = (shape) => {
+    if (HOLDERS.has(localName(shape))) return false;
+    if (!SHAPES.has(localName(shape))) return true;
+    const { style, alpha } = sightOf(shape);
+    const isOpaque = (paint, opacity) =>
+      paint !== 'none' && (/^(url|context)/.test(paint) ? 1 : colourOf(paint)[3]) * opacity * alpha >= VEIL;
+    const isInked = localName(shape) !== 'line' && isOpaque(style.fill, style.fillOpacity);
+    const isDrawn = parseFloat(style.strokeWidth) >= THIN && isOpaque(style.stroke, style.strokeOpacity);
+    return style.visibility === 'visible' && (isInked || isDrawn);
+  };
+
+  // What an element paints below its content: {colour, alpha}; null for a picture, or what one cannot tell. `isHit`:
+  // of a drawing what it paints itself, as its parts would be hit before it.
+  const paintOf = (element, isHit = false) => {
     const { style, alpha } = sightOf(element);
     const colour = colourOf(style.backgroundColor);
     if (alpha < LEAST_ALPHA) return { colour, alpha: 0 }; // a box to tick, say, over what is drawn for it
     if (style.backgroundImage !== 'none' || style.mixBlendMode !== 'normal') return null;
-    if (isPicture(element) || style.backdropFilter !== 'none') return null;
-    if (ofKind(element, 'ownerSVGElement')) return null;
+    if (isPicture(element) && !(isHit && localName(element) === 'svg')) return null;
+    if (style.backdropFilter !== 'none') return null;
+    if (ofKind(element, 'ownerSVGElement') && localName(element) !== 'foreignObject')
+      return isFilled(element) ? null : { colour, alpha: 0 };
     return { colour, alpha: colour[3] * alpha };
   };
 
@@ -108,7 +126,8 @@
       const style = getComputedStyle(element, name);
       if (name !== '::backdrop' && (style.content === 'none' || style.position === 'static')) return false;
       if (name === '::backdrop' && !matches(element, ':modal')) return false;
-      return style.backgroundImage !== 'none' || colourOf(style.backgroundColor)[3] >= VEIL;
+      if (style.backgroundImage !== 'none' || style.backdropFilter !== 'none') return true;
+      return colourOf(style.backgroundColor)[3] * style.opacity >= VEIL;
     });
 
   // The colour below all: of the page itself; null if the browser may choose a dark one, or in a frame.
@@ -151,9 +170,16 @@
     return ground;
   };
 
+  const pathOf = (element) => {
+    const path = [];
+    for (let node = element; node; node = parentOf(node)) path.push(node);
+    return path;
+  };
+
   // The elements at a point that text in `element` lies on, the uppermost first.
   const layersBelow = (element, x, y) => {
     const layers = elementsFromPoint(getRootNode(element), x, y);
+    if (layers[0] && modalOver(layers[0], element)) return paintedAt(element, x, y).length ? null : pathOf(element);
     const first = layers.findIndex((layer) => contains(layer, element));
     return first < 0 ? null : layers.slice(first);
   };
@@ -197,7 +223,7 @@
   // Does any element from `inner` up to `outer`, that one left out, hide what lies below?
   const hides = (inner, outer) => {
     for (let node = inner; node && node !== outer; node = parentOf(node)) {
-      const paint = paintOf(node);
+      const paint = paintOf(node, true);
       if (!paint || paint.alpha >= VEIL || hasPaintedParts(node)) return true;
     }
     return false;
@@ -225,10 +251,44 @@
     return Boolean(compareDocumentPosition(element, other) & Node.DOCUMENT_POSITION_FOLLOWING);
   };
 
+  // Does something lift an element over text that has the place which the page's flow gives it?
+  const isLifted = (element, other) =>
+    pathOf(element).some((node) => !contains(node, other) && sightOf(node).style.position !== 'static');
+
+  // The modal dialog that is hit instead of an element behind it; null for none.
+  const modalOver = (found, element) => {
+    if (ownerDocument(found) !== ownerDocument(element)) return null;
+    const modal = pathOf(found).find((node) => matches(node, ':modal'));
+    return modal && !contains(modal, element) ? modal : null;
+  };
+
+  // What is there behind a dialog is not hit: its box tells where it lies.
+  const isAt = ({ left, top, right, bottom }, x, y) => x >= left && x <= right && y >= top && y <= bottom;
+  const paintedAt = (element, x, y) => {
+    const isPainted = ([other, box]) => {
+      if (!isAt(box, x, y) || contains(other, element) || ofKind(other, 'ownerSVGElement')) return false;
+      const { visibility, pointerEvents } = sightOf(other).style;
+      const isShown = visibility === 'visible' && pointerEvents !== 'none' && isAt(clipAround(other), x, y);
+      return isShown && hides(other, parentOf(other));
+    };
+    return [...new Set([getRootNode(element), ownerDocument(element)])].flatMap((root) => near(root).filter(isPainted));
+  };
+  const isBuried = (element, at) =>
+    paintedAt(element, ...at).some(([other]) => {
+      if (!isLifted(other, element)) return false;
+      return isOver(other, element) || (!isLifted(element, other) && levelOf(other, element) >= 0);
+    });
+
   // Whether the text in `element` shows at a point of this world's viewport, which is `at` in its own.
   const showsAt = (element, x, y, at) => {
     const found = hit(x, y);
     if (!found || found === element) return Boolean(found);
+    const modal = modalOver(found, element);
+    if (modal) {
+      const isBeside = found === modal && !isAt(getBoundingClientRect(modal), ...at);
+      const isVeiled = isBeside ? hasPaintedParts(modal) : hides(found, parentOf(modal));
+      return !isVeiled && !isBuried(element, at);
+    }
     const { cut, sunk, style } = sightOf(element);
     if (contains(element, found)) return !hides(found, element);
     if (contains(found, element)) {

@@ -5,9 +5,10 @@
   const {
     ownerDocument, clientHeight, clientWidth, scrollHeight, scrollWidth, scrollTop, scrollLeft, getBoundingClientRect,
     scrollBy, body, documentElement, scrollingElement, defaultView, querySelectorAll, isConnected, activeElement,
+    dispatchEvent, getAnimations,
   } = webgym.dom;
   const { state, rootOf, isFrame } = webgym;
-  const { intersect, middle, parentOf, hit, begin, clipWithin } = webgym.geometry;
+  const { intersect, middle, parentOf, contains, hit, begin, clipWithin } = webgym.geometry;
 
   const LEAST_SHARE = 0.005; // of the viewport: smaller boxes are not what one scrolls for
 
@@ -28,11 +29,19 @@
     return outer !== 'hidden' && outer !== 'clip';
   };
 
-  // A page that is written from right to left begins at 0 and goes on below it.
+  // What is written from right to left, or put in reverse order, begins at 0 and goes on below it.
+  const isReverse = (element, side) => {
+    const { direction, display, flexDirection, flexWrap, writingMode } = getComputedStyle(element);
+    const isInline = (side.overflow === 'overflowX') === writingMode.startsWith('horizontal');
+    const isBackwards = isInline ? direction === 'rtl' : writingMode.endsWith('-rl');
+    if (!display.includes('flex')) return isBackwards;
+    const isMain = flexDirection.startsWith(isInline ? 'row' : 'column');
+    return isBackwards !== (isMain ? flexDirection.endsWith('reverse') : flexWrap === 'wrap-reverse');
+  };
   const hasRoom = (element, side) => {
     const room = side.extent(element) - side.shown(element) - 1;
     const at = side.at(element);
-    const passed = at < 0 || getComputedStyle(element).direction === 'rtl' && side.overflow === 'overflowX' ? room + at : at;
+    const passed = at < 0 || isReverse(element, side) ? room + at : at;
     return side.isBack ? passed > 0 : passed < room;
   };
 
@@ -62,12 +71,18 @@
     return null;
   };
 
+  // Does a script scroll what an element cuts off? The page's own world tells whether it listens (listeners.js).
+  const isScripted = (element, side) =>
+    side.extent(element) - side.shown(element) > 1 && /hidden|clip/.test(getComputedStyle(element)[side.overflow]) &&
+    !dispatchEvent(element, new Event(`${webgym.question}-wheel`, { cancelable: true, composed: true }));
+
   // How much is shown of what the wheel scrolls here: of a box in the page less than of the page.
   const shownAt = (point, side) => {
     const whole = side.whole();
     for (let node = hit(...point); node; node = parentOf(node)) {
       if (node === scrollingElement(document)) return whole;
-      if (isFrame(node) || (isScroller(node, side) && hasRoom(node, side))) return Math.min(side.shown(node), whole);
+      if (isFrame(node) || (isScroller(node, side) && hasRoom(node, side)) || isScripted(node, side))
+        return Math.min(side.shown(node), whole);
     }
     return whole;
   };
@@ -136,9 +151,17 @@
     return true;
   };
 
+  // Is an element moved by a transition? Then it has not yet gone as far as it will.
+  const MOVES = /^(transform|translate|top|left|margin)/;
+  const glides = (element) =>
+    getAnimations(ownerDocument(element)).some(
+      ({ transitionProperty, playState, effect }) =>
+        MOVES.test(transitionProperty) && playState === 'running' && contains(effect.target, element),
+    );
+
   // {by, extent, taken}: how far a script moved what lies there, and how long the box is. 0 where the browser
-  // itself scrolled, and where things did not all move the same way: a map that is drawn larger, say. `taken`:
-  // nothing was scrolled, as a listener of the page prevented it, but the page could be.
+  // itself scrolled, where a transition moves them still, and where things did not all move the same way: a map that is
+  // drawn larger, say. `taken`: nothing was scrolled, as a listener of the page prevented it, but the page could be.
   webgym.turned = () => {
     const { side, box, around, page, places } = turned;
     const isAcross = side.overflow === 'overflowX';
@@ -149,6 +172,7 @@
     const moves = [];
     for (const [element, was] of places) {
       if (!isConnected(element)) continue;
+      if (glides(element)) return { by: 0, extent, taken };
       const is = getBoundingClientRect(element);
       const [along, aside] = isAcross ? [was.left - is.left, was.top - is.top] : [was.top - is.top, was.left - is.left];
       if (Math.abs(aside) >= 1 || Math.abs(is.width - was.width) + Math.abs(is.height - was.height) >= 1)

@@ -289,7 +289,7 @@ def test_the_collector_alone_takes_the_pages_numbers_of_sessions(
 def test_figures_become_shares_tables_and_a_drawing(tmp_path: Path) -> None:
     found = [measured(cell, 30.0) for cell in PLAN.cells(PARTS)]
     one = found[1]
-    assert (one.ended, one.crashed, one.per_minute) == (6, 0.25, 12.0)
+    assert (one.ended, one.lost_share, one.per_minute) == (6, 0.25, 12.0)
     assert one.cpu == pytest.approx(20 / 30)
     tables = list(rollout_tables(found))
     assert tables[0].title.startswith("Schedules")
@@ -333,6 +333,16 @@ def test_rounds_become_a_median_and_a_range_of_ratios_within_a_round() -> None:
     assert len(table.rows) == len(MODES)
 
 
+def test_attempts_whose_policy_failed_are_no_speed() -> None:
+    plan = msgspec.structs.replace(PLAN, rounds=1, cpus=(1,))
+    whole, short = [measured(cell, 30.0) for cell in plan.cells(["schedules"], ["async", "step barrier"])]
+    short = msgspec.structs.replace(short, outcomes={"failure": 2, "policy_error": 6}, seconds=9.0, steps=12)
+    (table,) = rollout_tables([whole, short])
+    assert [(row[2], row[6]) for row in table.rows] == [("1.00", "25.0%"), ("–", "75.0%")]
+    stopped = msgspec.structs.replace(whole, outcomes={"failure": 6, "cancelled": 2})
+    assert stopped.lost == 0, "by the time limit"
+
+
 def test_the_simulation_is_held_against_the_measurement() -> None:
     found = [measured(cell, 30.0) for cell in PLAN.cells(["calibration", "schedules"])]
     costs = service_times(PLAN, found)
@@ -373,7 +383,7 @@ def test_a_cell_is_measured_with_everything_real(tmp_path: Path, schedule: str) 
     found = measure_into(tmp_path, plan, cell)
     assert os.sched_getaffinity(0) == before
     assert found.ended == 3
-    assert found.crashed == 0
+    assert found.lost == 0
     watched = sum(load.cpu_seconds for load in found.loads)
     assert found.cpu_seconds >= watched > 0, "processes that are gone with their session included"
     assert found.policy_seconds > 0

@@ -92,14 +92,14 @@ class Measured(msgspec.Struct, frozen=True):
         return sum(count for name, count in self.outcomes.items() if Outcome(name).is_rewarded)
 
     @property
-    def crashes(self) -> int:
-        """The number of attempts that ended in an error of the environment."""
-        return self.outcomes.get(Outcome.ENVIRONMENT_ERROR, 0)
+    def lost(self) -> int:
+        """The number of attempts that ended without a reward, before the time limit."""
+        return sum(self.outcomes.values()) - self.ended - self.outcomes.get(Outcome.CANCELLED, 0)
 
     @property
-    def crashed(self) -> float:
-        """The share of attempts that ended in an error of the environment."""
-        return self.crashes / max(1, sum(self.outcomes.values()))
+    def lost_share(self) -> float:
+        """The share of attempts that ended without a reward."""
+        return self.lost / max(1, sum(self.outcomes.values()))
 
     @property
     def per_minute(self) -> float:
@@ -141,15 +141,19 @@ def by_cell(measured: Sequence[Measured]) -> list[CellResult]:
 
 
 def over_async(result: CellResult, results: Sequence[CellResult]) -> list[float]:
-    """Wall time of a cell over that of async with a queue per operation and as many processors, by round."""
+    """Wall time of a cell over that of async with a queue per operation and as many processors, by round.
+
+    Rounds with another number of steps than that of async, which are other work, have no ratio.
+    """
     bases = {
-        (measured.cell.round, measured.cell.cpus): measured.seconds
+        (measured.cell.round, measured.cell.cpus, measured.steps): measured.seconds
         for other in results
         if other.cell.mode == "async"
         for measured in other.rounds
     }
     pairs = (
-        (measured.seconds, bases.get((measured.cell.round, measured.cell.cpus))) for measured in result.rounds
+        (measured.seconds, bases.get((measured.cell.round, measured.cell.cpus, measured.steps)))
+        for measured in result.rounds
     )
     return [seconds / base for seconds, base in pairs if base]
 

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from webgym.bench.rollout.measure import CellResult, Measured, by_cell, over_async
 from webgym.core.errors import UsageError
 from webgym.plotting import CATEGORIES, COLUMN, PAGE, new_figure, save, styled
-from webgym.tables import Table
+from webgym.tables import DASH, Table
 
 
 def rollout_tables(measured: Sequence[Measured]) -> Iterator[Table]:
@@ -43,17 +43,17 @@ def _schedules(results: Sequence[CellResult]) -> Table:
         (
             f"{result.cell.cpus} CPUs, {result.cell.mode}",
             _spread(result.of("seconds"), ".0f"),
-            _spread(ratios, ".2f") if (ratios := over_async(result, results)) else "–",
+            _spread(ratios, ".2f") if (ratios := over_async(result, results)) else DASH,
             _spread(result.of("per_minute"), ".1f"),
             f"{1 - median(result.of('cpu')):.0%}",
             f"{1 - median(result.of('policy')):.0%}",
-            f"{max(result.of('crashed')):.1%}",
+            f"{max(result.of('lost_share')):.1%}",
             f"{max(result.of('machine_load')):.1f}",
         )
         for result in results
     ]
     columns = (
-        "", "wall, s", "over async", "per minute", "CPU idle", "policy idle", "crashed, most", "load, most",
+        "", "wall, s", "over async", "per minute", "CPU idle", "policy idle", "no reward, most", "load, most",
     )  # fmt: skip
     cell, steps = results[0].cell, results[0].rounds[0].steps
     title = f"Schedules: {cell.trajectories} trajectories, {steps} steps, {cell.sessions} environments"
@@ -79,7 +79,7 @@ def _overload(results: Sequence[CellResult]) -> Table:
         (
             result.cell.queues.replace("_", " "),
             _spread(result.of("ended"), ".0f"),
-            _spread(result.of("crashed"), ".1%"),
+            _spread(result.of("lost_share"), ".1%"),
             _spread(result.of("steps"), ".0f"),
             f"{1 - median(result.of('cpu')):.0%}",
         )
@@ -87,7 +87,7 @@ def _overload(results: Sequence[CellResult]) -> Table:
     ]
     cell = results[0].cell
     title = f"Overload: {cell.sessions} environments on {cell.cpus} CPUs, after {cell.seconds:g} s"
-    return Table(title, ("queues", "finished", "crashed", "steps", "CPU idle"), rows)
+    return Table(title, ("queues", "finished", "no reward", "steps", "CPU idle"), rows)
 
 
 def _calibration(result: Measured) -> Table:
@@ -171,12 +171,12 @@ def _smoothed(values: Sequence[float]) -> list[float]:
 
 
 def _draw_overload(panel: Axes, many: Sequence[CellResult]) -> None:
-    """Attempts that finished and crashed, by queues."""
+    """Attempts with and without a reward, by queues."""
     names = [result.cell.queues.replace("_", " ") for result in many]
     ended = [median(result.of("ended")) for result in many]
-    crashed = [median([once.crashes for once in result.rounds]) for result in many]
+    lost = [median(result.of("lost")) for result in many]
     panel.bar(names, ended, label="finished")
-    panel.bar(names, crashed, bottom=ended, label="crashed", color=CATEGORIES[3])
+    panel.bar(names, lost, bottom=ended, label="no reward", color=CATEGORIES[3])
     panel.legend(frameon=False)
     panel.set(title="Overload", ylabel="attempts")
 

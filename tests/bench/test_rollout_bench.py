@@ -343,6 +343,36 @@ def test_attempts_whose_policy_failed_are_no_speed() -> None:
     assert stopped.lost == 0, "by the time limit"
 
 
+def test_cells_in_which_no_attempt_made_a_step_are_told_and_measured_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan = RolloutPlan(trajectories=12, sessions=6, cpus=(1,), mean_steps=5.0, rounds=1)
+    cells = list(plan.cells(["calibration", "schedules"], ["async", "step barrier"]))
+    whole = [measured(cell, 30.0) for cell in cells]
+    empty = [
+        msgspec.structs.replace(one, outcomes={"environment_error": 8}, steps=0, between=[]) for one in whole
+    ]
+    assert list(compare(plan, [whole[0], *empty[1:]])) == []
+    assert loaded_service_times(plan, [whole[0], *empty[1:]]) == service_times(plan, whole[:1])
+    begin(plan, tmp_path)
+    file_of(tmp_path, cells[0]).write_bytes(msgspec.json.encode(empty[0]))
+    again: list[Cell] = []
+
+    def measure_again(folder: Path, plan: RolloutPlan, cell: Cell) -> Measured:
+        again.append(cell)
+        return empty[0]
+
+    monkeypatch.setattr("webgym.bench.rollout.measure.measure_into", measure_again)
+    options = ["--quick", "--only", "calibration", "--cpus", "1", "--markdown"]
+    with pytest.raises(SystemExit) as ended:
+        main(["bench", "rollout", *options, "--out", str(tmp_path)])
+    assert ended.value.code == 0
+    assert again == [cells[0]]
+    said = capsys.readouterr().out
+    assert "| CPU seconds of a step | – |" in said
+    assert "| attempts without a reward | 100.0% |" in said
+
+
 def test_the_simulation_is_held_against_the_measurement() -> None:
     found = [measured(cell, 30.0) for cell in PLAN.cells(["calibration", "schedules"])]
     costs = service_times(PLAN, found)

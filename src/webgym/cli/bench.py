@@ -319,7 +319,7 @@ def _results(plan: RolloutPlan, cells: Sequence[Cell], folder: Path, *, measures
         plan: of the benchmark.
         cells: the measurements.
         folder: of the results.
-        measures: whether to run those that are missing.
+        measures: whether to run those that are missing, or in which no attempt made a step.
     """
     from rich.console import Console
     from rich.progress import track
@@ -327,7 +327,8 @@ def _results(plan: RolloutPlan, cells: Sequence[Cell], folder: Path, *, measures
     from webgym.bench.rollout.measure import begin, measure_into
 
     results = {result.cell.name: result for result in begin(plan, folder)}
-    missing = [cell for cell in cells if cell.name not in results] if measures else []
+    made = {name for name, result in results.items() if result.steps}
+    missing = [cell for cell in cells if cell.name not in made] if measures else []
     for cell in track(missing, "measurements", console=Console(stderr=True), transient=True):
         results[cell.name] = measure_into(folder, plan, cell)
     return [results[cell.name] for cell in cells if cell.name in results]

@@ -9,6 +9,7 @@ from statistics import median
 from matplotlib.axes import Axes
 
 from webgym.bench.rollout.measure import CellResult, Measured, by_cell, over_async
+from webgym.bench.stepping import quantile
 from webgym.core.errors import UsageError
 from webgym.plotting import CATEGORIES, COLUMN, PAGE, new_figure, save, styled
 from webgym.tables import DASH, Table
@@ -91,13 +92,16 @@ def _overload(results: Sequence[CellResult]) -> Table:
 
 
 def _calibration(result: Measured) -> Table:
-    ordered = sorted(result.between)
-    half, tail = (ordered[int(share * (len(ordered) - 1))] for share in (0.5, 0.95))
+    def of_a_step(amount: float, written: str) -> str:
+        return format(amount / result.steps, written) if result.steps else DASH
+
+    half, tail = (f"{quantile(result.between, share):.2f}" for share in (0.5, 0.95))
     rows = [
-        ("CPU seconds of a step", f"{result.cpu_seconds / result.steps:.3f}"),
-        ("from reply to next look, median / 95 %, s", f"{half:.2f} / {tail:.2f}"),
-        ("prompt tokens of a step", f"{result.prompt_tokens / result.steps:.0f}"),
-        ("of them not in the prefix cache", f"{result.read_tokens / result.steps:.0f}"),
+        ("CPU seconds of a step", of_a_step(result.cpu_seconds, ".3f")),
+        ("from reply to next look, median / 95 %, s", f"{half} / {tail}" if result.between else DASH),
+        ("prompt tokens of a step", of_a_step(result.prompt_tokens, ".0f")),
+        ("of them not in the prefix cache", of_a_step(result.read_tokens, ".0f")),
+        ("attempts without a reward", f"{result.lost_share:.1%}"),
     ]
     return Table("Service times: a few episodes at a time", ("", "measured"), rows)
 

@@ -13,6 +13,7 @@ import msgspec
 import pytest
 import simpy
 from benchmarks import collector
+from tests.conftest import Calls
 from tests.documented import documented
 
 from webgym.agent.parser import ParsedReply, parse_reply
@@ -270,6 +271,29 @@ def test_an_unfinished_one_prints_what_it_has(tmp_path: Path, capsys: pytest.Cap
     assert not list(tmp_path.glob("*.run"))
 
 
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--cpus", "100000"], "100000 processors are requested, but only"),
+        (["--cpus", "1"], "there is no browser at"),
+        (["--cpus", "1", "--no-measure"], "contains no results of webgym bench rollout"),
+        (["--out", "file"], "file cannot be written: File exists"),
+    ],
+)
+def test_what_cannot_be_measured_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, calls: Calls, options: list[str], reason: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("file").touch()
+    if "--out" in options:
+        monkeypatch.setattr("webgym.bench.rollout.measure.check_machine", lambda cells: None)
+    code, said = calls.run("bench", "rollout", *options, WEBGYM_BROWSER="none")
+    assert code > 0
+    (line,) = said.splitlines()
+    assert reason in line
+    assert [each.name for each in tmp_path.iterdir()] == ["file"]
+
+
 def test_the_collector_alone_takes_the_pages_numbers_of_sessions(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -363,6 +387,7 @@ def test_cells_in_which_no_attempt_made_a_step_are_told_and_measured_again(
         return empty[0]
 
     monkeypatch.setattr("webgym.bench.rollout.measure.measure_into", measure_again)
+    monkeypatch.setattr("webgym.bench.rollout.measure.check_machine", lambda cells: None)
     options = ["--quick", "--only", "calibration", "--cpus", "1", "--markdown"]
     with pytest.raises(SystemExit) as ended:
         main(["bench", "rollout", *options, "--out", str(tmp_path)])

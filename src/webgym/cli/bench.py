@@ -324,9 +324,11 @@ def _results(plan: RolloutPlan, cells: Sequence[Cell], folder: Path, *, measures
     from rich.console import Console
     from rich.progress import track
 
-    from webgym.bench.rollout.measure import begin, measure_into
+    from webgym.bench.rollout.measure import begin, check_machine, measure_into
 
-    results = {result.cell.name: result for result in begin(plan, folder)}
+    if measures:
+        check_machine(cells)
+    results = {result.cell.name: result for result in begin(plan, folder, new=measures)}
     made = {name for name, result in results.items() if result.steps}
     missing = [cell for cell in cells if cell.name not in made] if measures else []
     for cell in track(missing, "measurements", console=Console(stderr=True), transient=True):

@@ -22,6 +22,7 @@ from webgym.bench.server_process import ServerAddress, start_server, stop_server
 from webgym.bench.stepping import wait_until
 from webgym.bench.usage import CpuTimes
 from webgym.browser.config import BrowserConfig
+from webgym.browser.find import find_browser
 from webgym.core.errors import ConfigError, RunFolderError
 from webgym.core.outcome import Outcome
 from webgym.offline.app import RunningSites, serving
@@ -160,16 +161,8 @@ def over_async(result: CellResult, results: Sequence[CellResult]) -> list[float]
 
 @contextmanager
 def _confined(cpus: int) -> Iterator[None]:
-    """Confine processes that are started in the block to the first ``cpus`` of our processors.
-
-    Raises:
-        ConfigError: there are fewer processors.
-    """
+    """Confine processes that are started in the block to the first ``cpus`` of our processors."""
     available = os.sched_getaffinity(0)
-    if cpus > len(available):
-        raise ConfigError(
-            f"{cpus} processors are requested, but only {len(available)} available", hint="give --cpus"
-        )
     os.sched_setaffinity(0, sorted(available)[:cpus])
     try:
         yield
@@ -338,15 +331,39 @@ def read_bench(folder: Path) -> tuple[RolloutPlan, list[Measured]]:
         ) from error
 
 
-def begin(plan: RolloutPlan, folder: Path) -> list[Measured]:
-    """Make the folder of the benchmark, or read the results that it contains.
+def check_machine(cells: Sequence[Cell]) -> None:
+    """Refuse what cannot be measured here.
 
     Raises:
-        RunFolderError: the folder contains another plan, or something else.
+        ConfigError: there are fewer processors than a cell has.
+        BrowserNotFound: there is no browser.
     """
-    if not (folder / PLAN).exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / PLAN).write_bytes(msgspec.json.format(msgspec.json.encode(plan)))
+    available, most = len(os.sched_getaffinity(0)), max(cell.cpus for cell in cells)
+    if most > available:
+        raise ConfigError(
+            f"{most} processors are requested, but only {available} available", hint="give --cpus"
+        )
+    find_browser()
+
+
+def begin(plan: RolloutPlan, folder: Path, *, new: bool = True) -> list[Measured]:
+    """Make the folder of the benchmark, or read the results that it contains.
+
+    Args:
+        plan: of the benchmark.
+        folder: of the results.
+        new: whether the folder may be made.
+
+    Raises:
+        RunFolderError: the folder contains another plan, or something else, or cannot be written.
+    """
+    if new and not (folder / PLAN).exists():
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / PLAN).write_bytes(msgspec.json.format(msgspec.json.encode(plan)))
+        except OSError as error:
+            reason = f"{folder} cannot be written: {error.strerror}"
+            raise RunFolderError(reason, hint="give another --out") from error
     stored, results = read_bench(folder)
     if stored != plan:
         raise RunFolderError(

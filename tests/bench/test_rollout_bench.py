@@ -278,6 +278,7 @@ def test_an_unfinished_one_prints_what_it_has(tmp_path: Path, capsys: pytest.Cap
         (["--cpus", "1"], "there is no browser at"),
         (["--cpus", "1", "--no-measure"], "contains no results of webgym bench rollout"),
         (["--out", "file"], "file cannot be written: File exists"),
+        (["--figure", "drawn.doc"], "drawn.doc has no suffix of a figure format"),
     ],
 )
 def test_what_cannot_be_measured_leaves_nothing_behind(

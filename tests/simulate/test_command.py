@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from webgym.cli import build
 from webgym.cli._simulation_tables import sizes_table
-from webgym.core.errors import ConfigError
+from webgym.core.errors import ConfigError, UsageError
 from webgym.simulate import paper
 from webgym.simulate.config import Costs, System, Workload
 from webgym.simulate.paper import Point, reproduce
@@ -75,6 +75,25 @@ def test_the_papers_measurements_in_small(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert ran.exit_code == 0
     assert "128 CPUs, step barrier" in ran.output
     assert Path("paper.svg").read_bytes().startswith(b"<?xml")
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--json", "none/found.json"], "none/found.json cannot be written"),
+        (["--figure", "none/drawn.svg"], "none/drawn.svg cannot be written"),
+        (["--figure", "drawn.doc"], "drawn.doc has no suffix of a figure format"),
+        (["--figure", "drawn.svg", "--compare", "none"], "no figure of a comparison"),
+    ],
+)
+def test_what_cannot_be_written_is_refused_before_anything_is_computed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, options: list[str], reason: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError, match=reason):
+        CliRunner().invoke(
+            build("simulate"), ["simulate", *options, "--config", "none"], catch_exceptions=False
+        )
 
 
 def test_without_simpy_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from rich.console import Console
+from tests.conftest import Calls
 from tests.documented import documented
 from typer.testing import CliRunner
 
@@ -39,6 +40,26 @@ def test_one_table_one_figure_and_the_figures_behind_them(tmp_path: Path) -> Non
     assert large["rates"]["async"] > small["rates"]["async"]
     assert "| 4 / 2 / 16 |" in ran.output
     assert drawn.read_bytes().startswith(b"<?xml")
+
+
+def test_environments_for_which_there_is_no_memory_are_told(tmp_path: Path, calls: Calls) -> None:
+    (tmp_path / "sim.yaml").write_text(SMALL)
+    options = ("--cpus", 2, "--gpus", 1, "--config", tmp_path / "sim.yaml", "--markdown")
+    code, out, err = calls.apart("simulate", *options, "--environments", 100_000_000)
+    assert (code, "| 2 / 1 / 16 |" in out) == (0, True)
+    assert "memory allows 8 environments per CPU (system.browsers_per_cpu)\n" in err
+    assert "memory" not in calls.run("simulate", *options)[1]
+
+
+@pytest.mark.parametrize("more", [("--gpus", "inf"), ("--config", "sim.yaml")])
+def test_endless_numbers_are_refused(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, calls: Calls, more: tuple[str, str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("sim.yaml").write_text("system: {gpus: .inf}")
+    code, said = calls.run("simulate", *more)
+    assert code == 2
+    assert said.endswith("gpus: Input should be a finite number\n")
 
 
 def test_no_word_of_its_table_is_cut_and_in_a_pipe_nothing_wraps() -> None:

@@ -99,6 +99,9 @@ def command(
         table = paper_table(reproduced.points)
     else:
         systems = list(questions.sizes(cpus, gpus, environments))
+        if any(system.environments > system.sessions for system in systems):
+            most = f"{questions.system.browsers_per_cpu:g} environments per CPU"
+            progress.print(f"memory allows {most} (system.browsers_per_cpu)", soft_wrap=True, highlight=False)
         tracked = track(systems, "simulating", console=progress, transient=True)
         sizes = [questions.answer(system) for system in tracked]
         results, table = sizes, sizes_table(sizes)

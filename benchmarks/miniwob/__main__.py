@@ -17,7 +17,6 @@ from benchmarks.miniwob.pages import install, serving
 from benchmarks.miniwob.registry import SOLVERS
 from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
 
 from webgym.browser.config import BrowserConfig
 from webgym.browser.egress.config import EgressConfig
@@ -26,6 +25,7 @@ from webgym.browser.find import find_browser
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.slot import Slot
 from webgym.core.action import Mode, Space
+from webgym.tables import Table, show
 
 _ = clicks, drawings, fields, widgets  # importing them registers their solvers
 MODES: tuple[Mode, ...] = ("coordinates", "marks")
@@ -100,7 +100,7 @@ def print_tables(options: argparse.Namespace, results: dict[str, Result]) -> Non
     console = Console()
     columns = list(product(options.spaces, options.modes))
     headings = [f"{space}, {mode}" for space, mode in columns]
-    each = Table("solved, full reward", *headings, title=f"{options.seeds} episodes per task")
+    each: list[tuple[str, ...]] = []
     counts = {column: [0, 0] for column in columns}
     for task in options.tasks:
         row = []
@@ -115,14 +115,14 @@ def print_tables(options: argparse.Namespace, results: dict[str, Result]) -> Non
             counts[space, mode][0] += solved
             counts[space, mode][1] += full
         if options.all or set(row) != {f"{options.seeds}, {options.seeds}"}:
-            each.add_row(task, *row)
+            each.append((task, *row))
     whole = len(options.tasks) * options.seeds
-    total = Table("", *headings, title=f"{len(options.tasks)} tasks, {whole} episodes each")
+    total = []
     for index, name in enumerate(("solved (reward > 0)", f"paid in full (reward >= {FULL_REWARD})")):
         shares = [f"{counts[column][index]} ({counts[column][index] / whole:.1%})" for column in columns]
-        total.add_row(name, *shares)
-    console.print(each)
-    console.print(total)
+        total.append((name, *shares))
+    show([Table(f"{options.seeds} episodes per task", ("solved, full reward", *headings), each)], console)
+    show([Table(f"{len(options.tasks)} tasks, {whole} episodes each", ("", *headings), total)], console)
     for space in options.spaces:
         by = [counts[space, mode][0] for mode in MODES] if len(options.modes) == len(MODES) else [0, 0]
         if by[0]:

@@ -82,16 +82,26 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
+def check_suffix(path: Path) -> str:
+    """The suffix of a figure's file.
+
+    Raises:
+        UsageError: it is unknown.
+    """
+    suffix = path.suffix.casefold()
+    if suffix not in _METADATA:
+        known = ", ".join(_METADATA)
+        raise UsageError(f"{path.name} has no suffix of a figure format", hint=f"use one of {known}")
+    return suffix
+
+
 def save(figure: Figure, path: Path) -> None:
     """Write a figure to a file, in the format of the suffix (``.png``, ``.svg``, ``.pdf``).
 
     Raises:
         UsageError: the suffix is unknown, or the file cannot be written.
     """
-    suffix = path.suffix.casefold()
-    if suffix not in _METADATA:
-        known = ", ".join(_METADATA)
-        raise UsageError(f"{path.name} has no suffix of a figure format", hint=f"use one of {known}")
+    suffix = check_suffix(path)
     try:
         figure.savefig(path, dpi=_DPI, metadata=_METADATA[suffix])
     except OSError as error:

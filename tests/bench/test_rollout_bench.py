@@ -13,6 +13,7 @@ import msgspec
 import pytest
 import simpy
 from benchmarks import collector
+from tests.conftest import Calls
 from tests.documented import documented
 
 from webgym.agent.parser import ParsedReply, parse_reply
@@ -270,6 +271,30 @@ def test_an_unfinished_one_prints_what_it_has(tmp_path: Path, capsys: pytest.Cap
     assert not list(tmp_path.glob("*.run"))
 
 
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--cpus", "100000"], "100000 processors are requested, but only"),
+        (["--cpus", "1"], "there is no browser at"),
+        (["--cpus", "1", "--no-measure"], "contains no results of webgym bench rollout"),
+        (["--out", "file"], "file cannot be written: File exists"),
+        (["--figure", "drawn.doc"], "drawn.doc has no suffix of a figure format"),
+    ],
+)
+def test_what_cannot_be_measured_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, calls: Calls, options: list[str], reason: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("file").touch()
+    if "--out" in options:
+        monkeypatch.setattr("webgym.bench.rollout.measure.check_machine", lambda cells: None)
+    code, said = calls.run("bench", "rollout", *options, WEBGYM_BROWSER="none")
+    assert code > 0
+    (line,) = said.splitlines()
+    assert reason in line
+    assert [each.name for each in tmp_path.iterdir()] == ["file"]
+
+
 def test_the_collector_alone_takes_the_pages_numbers_of_sessions(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -289,7 +314,7 @@ def test_the_collector_alone_takes_the_pages_numbers_of_sessions(
 def test_figures_become_shares_tables_and_a_drawing(tmp_path: Path) -> None:
     found = [measured(cell, 30.0) for cell in PLAN.cells(PARTS)]
     one = found[1]
-    assert (one.ended, one.crashed, one.per_minute) == (6, 0.25, 12.0)
+    assert (one.ended, one.lost_share, one.per_minute) == (6, 0.25, 12.0)
     assert one.cpu == pytest.approx(20 / 30)
     tables = list(rollout_tables(found))
     assert tables[0].title.startswith("Schedules")
@@ -333,6 +358,47 @@ def test_rounds_become_a_median_and_a_range_of_ratios_within_a_round() -> None:
     assert len(table.rows) == len(MODES)
 
 
+def test_attempts_whose_policy_failed_are_no_speed() -> None:
+    plan = msgspec.structs.replace(PLAN, rounds=1, cpus=(1,))
+    whole, short = [measured(cell, 30.0) for cell in plan.cells(["schedules"], ["async", "step barrier"])]
+    short = msgspec.structs.replace(short, outcomes={"failure": 2, "policy_error": 6}, seconds=9.0, steps=12)
+    (table,) = rollout_tables([whole, short])
+    assert [(row[2], row[6]) for row in table.rows] == [("1.00", "25.0%"), ("–", "75.0%")]
+    stopped = msgspec.structs.replace(whole, outcomes={"failure": 6, "cancelled": 2})
+    assert stopped.lost == 0, "by the time limit"
+
+
+def test_cells_in_which_no_attempt_made_a_step_are_told_and_measured_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan = RolloutPlan(trajectories=12, sessions=6, cpus=(1,), mean_steps=5.0, rounds=1)
+    cells = list(plan.cells(["calibration", "schedules"], ["async", "step barrier"]))
+    whole = [measured(cell, 30.0) for cell in cells]
+    empty = [
+        msgspec.structs.replace(one, outcomes={"environment_error": 8}, steps=0, between=[]) for one in whole
+    ]
+    assert list(compare(plan, [whole[0], *empty[1:]])) == []
+    assert loaded_service_times(plan, [whole[0], *empty[1:]]) == service_times(plan, whole[:1])
+    begin(plan, tmp_path)
+    file_of(tmp_path, cells[0]).write_bytes(msgspec.json.encode(empty[0]))
+    again: list[Cell] = []
+
+    def measure_again(folder: Path, plan: RolloutPlan, cell: Cell) -> Measured:
+        again.append(cell)
+        return empty[0]
+
+    monkeypatch.setattr("webgym.bench.rollout.measure.measure_into", measure_again)
+    monkeypatch.setattr("webgym.bench.rollout.measure.check_machine", lambda cells: None)
+    options = ["--quick", "--only", "calibration", "--cpus", "1", "--markdown"]
+    with pytest.raises(SystemExit) as ended:
+        main(["bench", "rollout", *options, "--out", str(tmp_path)])
+    assert ended.value.code == 0
+    assert again == [cells[0]]
+    said = capsys.readouterr().out
+    assert "| CPU seconds of a step | – |" in said
+    assert "| attempts without a reward | 100.0% |" in said
+
+
 def test_the_simulation_is_held_against_the_measurement() -> None:
     found = [measured(cell, 30.0) for cell in PLAN.cells(["calibration", "schedules"])]
     costs = service_times(PLAN, found)
@@ -373,7 +439,7 @@ def test_a_cell_is_measured_with_everything_real(tmp_path: Path, schedule: str) 
     found = measure_into(tmp_path, plan, cell)
     assert os.sched_getaffinity(0) == before
     assert found.ended == 3
-    assert found.crashed == 0
+    assert found.lost == 0
     watched = sum(load.cpu_seconds for load in found.loads)
     assert found.cpu_seconds >= watched > 0, "processes that are gone with their session included"
     assert found.policy_seconds > 0

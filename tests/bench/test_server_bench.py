@@ -12,7 +12,10 @@ import pytest
 from tests.conftest import Calls, webgym
 from tests.documented import documented
 
-from webgym.bench.ceiling import APART, SERVER, SHARED
+from webgym.bench.ceiling import APART, SERVER, SHARED, Ceiling
+from webgym.bench.server import ServerFigures
+from webgym.bench.stepping import BenchPlan, StepTimes
+from webgym.bench.tables import server_tables
 
 SMALL = (
     "--sessions 2 --rounds 1 --seconds 0.2 --thinkers 2 --think 0.2 --thinking 0.5 "
@@ -53,6 +56,13 @@ def test_every_part_runs(tmp_path: Path) -> None:
         assert title in said
     costs = {cost["operation"]: cost for cost in figures["costs"]}
     assert costs["navigate"]["cpu"]["renderer"] > 0
+
+
+def test_rounds_in_which_no_step_ends_have_no_times_and_no_ratio() -> None:
+    none, some = StepTimes(0.1, [], 2), StepTimes(0.1, [0.05], 2)
+    ceiling = Ceiling("static", {SHARED: [some], APART: [none], SERVER: [none]})
+    table = next(server_tables(ServerFigures(BenchPlan(), "1.0", 2, ceiling=[ceiling])))
+    assert [row[2:] for row in table.rows] == [("–", "50 / 50"), ("–", "– / –"), ("", "– / –")]
 
 
 def test_a_part_that_is_not_there_is_named(calls: Calls) -> None:

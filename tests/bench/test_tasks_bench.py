@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
+from argparse import Namespace
 from collections import Counter
+from itertools import product
 from pathlib import Path
 
 import pytest
+from benchmarks.miniwob import __main__ as miniwob
 from benchmarks.task_set.__main__ import command
 from benchmarks.task_set.stages import (
     STAGES,
@@ -101,3 +105,15 @@ def test_more_websites_than_tasks_make_no_sense(benchmark: Benchmark) -> None:
     code, output = benchmark(command, "--tasks", 100, "--websites", 200)
     assert code == 2
     assert "100 tasks cannot be on more websites" in output
+
+
+def test_miniwob_s_tables_cut_no_name(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    tasks = ["daily-calendar", "email-inbox-forward-nl-turk"]
+    options = Namespace(tasks=tasks, seeds=1, spaces=miniwob.SPACES, modes=miniwob.MODES, all=False)
+    runs = product(tasks, miniwob.SPACES, miniwob.MODES)
+    miniwob.print_tables(options, {f"{' '.join(run)} 0": (0.5, "") for run in runs})
+    printed = capsys.readouterr().out
+    assert {*tasks, "extended, coordinates"} <= set(re.split(r"\s{2,}|\n", printed))

@@ -95,6 +95,14 @@ def test_options_that_make_no_run(
     assert expected in one_line(said)
 
 
+@pytest.mark.parametrize("verb", ["serve", "check"])
+@pytest.mark.parametrize("factor", ["inf", "nan", "101"])
+def test_a_latency_that_websites_do_not_take(calls: Calls, verb: str, factor: str) -> None:
+    code, said = calls.run("sites", verb, "--latency", factor)
+    assert code == 2
+    assert "'--latency'" in one_line(said)
+
+
 def test_options_that_printing_a_runs_results_would_ignore_are_refused(calls: Calls) -> None:
     given = ("--model", "B", "--retry-errors", "--judge", "offline", "--json")
     code, said = calls.run("eval", "--of", "none", *given)

@@ -9,12 +9,13 @@ from pathlib import Path
 
 import pytest
 from rich.console import Console
+from tests.conftest import Calls
 from tests.documented import documented
 from typer.testing import CliRunner
 
 from webgym.cli import build
 from webgym.cli._simulation_tables import sizes_table
-from webgym.core.errors import ConfigError
+from webgym.core.errors import ConfigError, UsageError
 from webgym.simulate import paper
 from webgym.simulate.config import Costs, System, Workload
 from webgym.simulate.paper import Point, reproduce
@@ -39,6 +40,26 @@ def test_one_table_one_figure_and_the_figures_behind_them(tmp_path: Path) -> Non
     assert large["rates"]["async"] > small["rates"]["async"]
     assert "| 4 / 2 / 16 |" in ran.output
     assert drawn.read_bytes().startswith(b"<?xml")
+
+
+def test_environments_for_which_there_is_no_memory_are_told(tmp_path: Path, calls: Calls) -> None:
+    (tmp_path / "sim.yaml").write_text(SMALL)
+    options = ("--cpus", 2, "--gpus", 1, "--config", tmp_path / "sim.yaml", "--markdown")
+    code, out, err = calls.apart("simulate", *options, "--environments", 100_000_000)
+    assert (code, "| 2 / 1 / 16 |" in out) == (0, True)
+    assert "memory allows 8 environments per CPU (system.browsers_per_cpu)\n" in err
+    assert "memory" not in calls.run("simulate", *options)[1]
+
+
+@pytest.mark.parametrize("more", [("--gpus", "inf"), ("--config", "sim.yaml")])
+def test_endless_numbers_are_refused(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, calls: Calls, more: tuple[str, str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("sim.yaml").write_text("system: {gpus: .inf}")
+    code, said = calls.run("simulate", *more)
+    assert code == 2
+    assert said.endswith("gpus: Input should be a finite number\n")
 
 
 def test_no_word_of_its_table_is_cut_and_in_a_pipe_nothing_wraps() -> None:
@@ -75,6 +96,25 @@ def test_the_papers_measurements_in_small(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert ran.exit_code == 0
     assert "128 CPUs, step barrier" in ran.output
     assert Path("paper.svg").read_bytes().startswith(b"<?xml")
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--json", "none/found.json"], "none/found.json cannot be written"),
+        (["--figure", "none/drawn.svg"], "none/drawn.svg cannot be written"),
+        (["--figure", "drawn.doc"], "drawn.doc has no suffix of a figure format"),
+        (["--figure", "drawn.svg", "--compare", "none"], "no figure of a comparison"),
+    ],
+)
+def test_what_cannot_be_written_is_refused_before_anything_is_computed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, options: list[str], reason: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError, match=reason):
+        CliRunner().invoke(
+            build("simulate"), ["simulate", *options, "--config", "none"], catch_exceptions=False
+        )
 
 
 def test_without_simpy_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -49,9 +49,9 @@ class Ceiling(msgspec.Struct, frozen=True):
     rounds: dict[str, list[StepTimes]]
 
     def ratios(self, name: str) -> list[float]:
-        """Steps per second of the server over those of a contender, for each round in which it made any."""
+        """Steps per second of the server over those of a contender, for each round in which both made any."""
         pairs = zip(self.rounds[SERVER], self.rounds[name], strict=True)
-        return [server.rate / other.rate for server, other in pairs if other.rate]
+        return [server.rate / other.rate for server, other in pairs if server.rate and other.rate]
 
 
 class _Contender:

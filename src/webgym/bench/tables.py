@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 from webgym.bench.ceiling import SERVER, Ceiling
 from webgym.bench.server import Burst, Cost, Density, ServerFigures, Thinking
 from webgym.bench.stepping import StepTimes, quantile
 from webgym.bench.usage import MEGABYTE
-from webgym.tables import Table
+from webgym.tables import DASH, Table
 
 _KINDS = {name: name for name in ("client", "server", "browser", "renderer")} | {"gpu-process": "gpu"}
 """Kinds of processes with a column; the others use little, and are included in the sum only."""
@@ -31,13 +32,13 @@ def server_tables(figures: ServerFigures) -> Iterator[Table]:
 
 def _spread(values: Sequence[float], digits: int = 1) -> str:
     if not values:  # rounds so short that not a step ended
-        return "–"
+        return DASH
     middle = quantile(values, 0.5)
     return f"{middle:.{digits}f} ({min(values):.{digits}f}-{max(values):.{digits}f})"
 
 
 def _ms(seconds: float) -> str:
-    return f"{seconds * 1000:.0f}"
+    return DASH if math.isnan(seconds) else f"{seconds * 1000:.0f}"
 
 
 def _latencies(runs: Sequence[StepTimes]) -> list[float]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, cast
 
 import typer
 
+from webgym.cli._outputs import check_figure, check_writable
 from webgym.core.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -26,16 +27,6 @@ app = typer.Typer(no_args_is_help=True, help=HELP)
 @app.callback()
 def _bench() -> None:
     pass
-
-
-def _check_writable(file: Path | None) -> None:
-    """Refuse an output file that cannot be written, before anything is measured.
-
-    Raises:
-        ConfigError: the path is a folder, or its folder does not exist.
-    """
-    if file is not None and (file.is_dir() or not file.parent.is_dir()):
-        raise ConfigError(f"{file} cannot be written", hint="give a file in a folder that exists")
 
 
 def _check_known(kind: str, given: Sequence[str], known: Sequence[str]) -> None:
@@ -94,7 +85,7 @@ def server(
     from webgym.bench.tables import server_tables
     from webgym.tables import markdown, show
 
-    _check_writable(json)
+    check_writable(json)
     logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
     _check_known("part", only, PARTS)
     plan = BenchPlan(
@@ -176,8 +167,8 @@ def soak(
     from webgym.bench.soak.progress import progress
     from webgym.tables import markdown, show
 
-    _check_writable(json)
-    _check_writable(log)
+    check_writable(json)
+    check_writable(log)
     logging.basicConfig(level=logging.CRITICAL, format="%(levelname)s %(message)s")
     plan = SoakPlan(
         seconds=minutes * 60,
@@ -287,7 +278,7 @@ def rollout(
     _check_known("part", only, PARTS)
     _check_known("mode", mode, MODE_NAMES)
     _check_known("page latency", [page_latency], tuple(PAGE_LATENCIES))
-    _check_writable(figure)
+    check_figure(figure)
     logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
     available = len(os.sched_getaffinity(0))
     plan = RolloutPlan(
@@ -319,15 +310,18 @@ def _results(plan: RolloutPlan, cells: Sequence[Cell], folder: Path, *, measures
         plan: of the benchmark.
         cells: the measurements.
         folder: of the results.
-        measures: whether to run those that are missing.
+        measures: whether to run those that are missing, or in which no attempt made a step.
     """
     from rich.console import Console
     from rich.progress import track
 
-    from webgym.bench.rollout.measure import begin, measure_into
+    from webgym.bench.rollout.measure import begin, check_machine, measure_into
 
-    results = {result.cell.name: result for result in begin(plan, folder)}
-    missing = [cell for cell in cells if cell.name not in results] if measures else []
+    if measures:
+        check_machine(cells)
+    results = {result.cell.name: result for result in begin(plan, folder, new=measures)}
+    made = {name for name, result in results.items() if result.steps}
+    missing = [cell for cell in cells if cell.name not in made] if measures else []
     for cell in track(missing, "measurements", console=Console(stderr=True), transient=True):
         results[cell.name] = measure_into(folder, plan, cell)
     return [results[cell.name] for cell in cells if cell.name in results]

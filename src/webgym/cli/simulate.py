@@ -6,6 +6,7 @@ from pathlib import Path
 
 import typer
 
+from webgym.cli._outputs import check_figure, check_writable
 from webgym.core.errors import ConfigError, UsageError
 
 
@@ -72,6 +73,10 @@ def command(
     from webgym.simulate.questions import read_questions
     from webgym.tables import markdown, show
 
+    if figure is not None and compare is not None:
+        raise UsageError("there is no figure of a comparison", hint="webgym bench rollout --figure draws one")
+    check_writable(json)
+    check_figure(figure)
     questions = read_questions(config)
     if bench is not None:
         from webgym.bench.rollout.compare import loaded_service_times
@@ -94,6 +99,9 @@ def command(
         table = paper_table(reproduced.points)
     else:
         systems = list(questions.sizes(cpus, gpus, environments))
+        if any(system.environments > system.sessions for system in systems):
+            most = f"{questions.system.browsers_per_cpu:g} environments per CPU"
+            progress.print(f"memory allows {most} (system.browsers_per_cpu)", soft_wrap=True, highlight=False)
         tracked = track(systems, "simulating", console=progress, transient=True)
         sizes = [questions.answer(system) for system in tracked]
         results, table = sizes, sizes_table(sizes)
@@ -103,8 +111,6 @@ def command(
         show([table], Console())
     if json is not None:
         json.write_bytes(msgspec.json.format(msgspec.json.encode(results)))
-    if figure is not None and compare is not None:
-        raise UsageError("there is no figure of a comparison", hint="webgym bench rollout --figure draws one")
     if figure is not None and paper:
         draw_paper(reproduced, figure)
     elif figure is not None:

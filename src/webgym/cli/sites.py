@@ -32,7 +32,7 @@ def serve(
         None, "--per-family", min=1, help="Number of websites per family.", show_default="50 large, 72 small"
     ),
     latency: float = typer.Option(
-        1.0, "--latency", min=0, help="Factor of the simulated latency; 0 for none."
+        1.0, "--latency", min=0, max=100, help="Factor of the simulated latency; 0 for none."
     ),
 ) -> None:
     """Serve the offline web until Ctrl-C, and print how browsers reach it.
@@ -136,7 +136,7 @@ def check(
     ),
     sessions: int = typer.Option(12, "--sessions", min=1, help="Number of browsers."),
     latency: float = typer.Option(
-        0.0, "--latency", min=0, help="Factor of the simulated latency; 0 for none."
+        0.0, "--latency", min=0, max=100, help="Factor of the simulated latency; 0 for none."
     ),
     marks: bool = typer.Option(False, "--marks", help="Use Set-of-Marks instead of coordinates."),
     quick: bool = typer.Option(False, "--quick", help="Only checks that need no browser."),

@@ -102,7 +102,7 @@ class Costs(Settings):
     """Of one update, on processors of its own."""
 
 
-class System(Settings):
+class System(Settings, allow_inf_nan=False):
     """How much there is of everything, and how it is scheduled."""
 
     cpus: int = Field(default=64, ge=1)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from webgym.settings import Section, load_settings
+from webgym.settings import Section, load_settings, validated
 from webgym.simulate.config import Costs, System, Workload
 from webgym.simulate.sizing import Prices, Sized, size
 
@@ -39,7 +39,11 @@ class Questions(Section):
     def sizes(
         self, cpus: Sequence[int], gpus: Sequence[float], environments: int | None = None
     ) -> Iterator[System]:
-        """The systems with every combination of the numbers of CPUs and GPUs."""
+        """The systems with every combination of the numbers of CPUs and GPUs.
+
+        Raises:
+            ConfigError: a number is out of range.
+        """
         given = self.system.model_fields_set
         for cpu_count in cpus or [self.system.cpus]:
             for gpu_count in gpus or [self.system.gpus]:
@@ -49,7 +53,7 @@ class Questions(Section):
                     "gpus": gpu_count,
                     "environments": configured or ENVIRONMENTS_PER_CPU * cpu_count,
                 }
-                yield self.system.model_copy(update=update)
+                yield validated(System, self.system.model_dump() | update)
 
     def answer(self, system: System) -> Sized:
         """Simulate a system of this size."""

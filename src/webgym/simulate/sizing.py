@@ -27,7 +27,7 @@ _MORE: Final = 0.25
 """Relative increase of a resource for measuring its gain; well above the noise of a simulation."""
 
 
-class Prices(Settings):
+class Prices(Settings, allow_inf_nan=False):
     """Prices per hour, in any currency. The defaults are only examples."""
 
     cpu: float = Field(default=0.05, ge=0)

@@ -86,8 +86,13 @@ def loaded_service_times(plan: RolloutPlan, measured: Sequence[Measured]) -> Cos
         ConfigError: the results contain no calibration.
     """
     costs = service_times(plan, measured)
-    loaded = _loaded_cpu_seconds([one for one in by_cell(measured) if one.cell.part == "schedules"])
+    loaded = _loaded_cpu_seconds(_schedules(measured))
     return costs.model_copy(update=_cpu_costs(mean(loaded.values()))) if loaded else costs
+
+
+def _schedules(measured: Sequence[Measured]) -> list[CellResult]:
+    """The cells of the part ``schedules``, without rounds in which no attempt made a step."""
+    return by_cell([one for one in measured if one.cell.part == "schedules" and one.steps])
 
 
 def _loaded_cpu_seconds(schedules: Sequence[CellResult]) -> dict[int, float]:
@@ -109,7 +114,7 @@ def compare(plan: RolloutPlan, measured: Sequence[Measured]) -> Iterator[Compare
         ConfigError: the results contain no calibration.
     """
     costs = service_times(plan, measured)
-    schedules = [result for result in by_cell(measured) if result.cell.part == "schedules"]
+    schedules = _schedules(measured)
     cpu_seconds = _loaded_cpu_seconds(schedules)
     simulated = {
         result.cell: _simulated(

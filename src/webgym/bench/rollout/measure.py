@@ -22,6 +22,7 @@ from webgym.bench.server_process import ServerAddress, start_server, stop_server
 from webgym.bench.stepping import wait_until
 from webgym.bench.usage import CpuTimes
 from webgym.browser.config import BrowserConfig
+from webgym.browser.find import find_browser
 from webgym.core.errors import ConfigError, RunFolderError
 from webgym.core.outcome import Outcome
 from webgym.offline.app import RunningSites, serving
@@ -92,14 +93,14 @@ class Measured(msgspec.Struct, frozen=True):
         return sum(count for name, count in self.outcomes.items() if Outcome(name).is_rewarded)
 
     @property
-    def crashes(self) -> int:
-        """The number of attempts that ended in an error of the environment."""
-        return self.outcomes.get(Outcome.ENVIRONMENT_ERROR, 0)
+    def lost(self) -> int:
+        """The number of attempts that ended without a reward, before the time limit."""
+        return sum(self.outcomes.values()) - self.ended - self.outcomes.get(Outcome.CANCELLED, 0)
 
     @property
-    def crashed(self) -> float:
-        """The share of attempts that ended in an error of the environment."""
-        return self.crashes / max(1, sum(self.outcomes.values()))
+    def lost_share(self) -> float:
+        """The share of attempts that ended without a reward."""
+        return self.lost / max(1, sum(self.outcomes.values()))
 
     @property
     def per_minute(self) -> float:
@@ -141,31 +142,27 @@ def by_cell(measured: Sequence[Measured]) -> list[CellResult]:
 
 
 def over_async(result: CellResult, results: Sequence[CellResult]) -> list[float]:
-    """Wall time of a cell over that of async with a queue per operation and as many processors, by round."""
+    """Wall time of a cell over that of async with a queue per operation and as many processors, by round.
+
+    Rounds with another number of steps than that of async, which are other work, have no ratio.
+    """
     bases = {
-        (measured.cell.round, measured.cell.cpus): measured.seconds
+        (measured.cell.round, measured.cell.cpus, measured.steps): measured.seconds
         for other in results
         if other.cell.mode == "async"
         for measured in other.rounds
     }
     pairs = (
-        (measured.seconds, bases.get((measured.cell.round, measured.cell.cpus))) for measured in result.rounds
+        (measured.seconds, bases.get((measured.cell.round, measured.cell.cpus, measured.steps)))
+        for measured in result.rounds
     )
     return [seconds / base for seconds, base in pairs if base]
 
 
 @contextmanager
 def _confined(cpus: int) -> Iterator[None]:
-    """Confine processes that are started in the block to the first ``cpus`` of our processors.
-
-    Raises:
-        ConfigError: there are fewer processors.
-    """
+    """Confine processes that are started in the block to the first ``cpus`` of our processors."""
     available = os.sched_getaffinity(0)
-    if cpus > len(available):
-        raise ConfigError(
-            f"{cpus} processors are requested, but only {len(available)} available", hint="give --cpus"
-        )
     os.sched_setaffinity(0, sorted(available)[:cpus])
     try:
         yield
@@ -334,15 +331,39 @@ def read_bench(folder: Path) -> tuple[RolloutPlan, list[Measured]]:
         ) from error
 
 
-def begin(plan: RolloutPlan, folder: Path) -> list[Measured]:
-    """Make the folder of the benchmark, or read the results that it contains.
+def check_machine(cells: Sequence[Cell]) -> None:
+    """Refuse what cannot be measured here.
 
     Raises:
-        RunFolderError: the folder contains another plan, or something else.
+        ConfigError: there are fewer processors than a cell has.
+        BrowserNotFound: there is no browser.
     """
-    if not (folder / PLAN).exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / PLAN).write_bytes(msgspec.json.format(msgspec.json.encode(plan)))
+    available, most = len(os.sched_getaffinity(0)), max(cell.cpus for cell in cells)
+    if most > available:
+        raise ConfigError(
+            f"{most} processors are requested, but only {available} available", hint="give --cpus"
+        )
+    find_browser()
+
+
+def begin(plan: RolloutPlan, folder: Path, *, new: bool = True) -> list[Measured]:
+    """Make the folder of the benchmark, or read the results that it contains.
+
+    Args:
+        plan: of the benchmark.
+        folder: of the results.
+        new: whether the folder may be made.
+
+    Raises:
+        RunFolderError: the folder contains another plan, or something else, or cannot be written.
+    """
+    if new and not (folder / PLAN).exists():
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / PLAN).write_bytes(msgspec.json.format(msgspec.json.encode(plan)))
+        except OSError as error:
+            reason = f"{folder} cannot be written: {error.strerror}"
+            raise RunFolderError(reason, hint="give another --out") from error
     stored, results = read_bench(folder)
     if stored != plan:
         raise RunFolderError(

@@ -9,9 +9,10 @@ from statistics import median
 from matplotlib.axes import Axes
 
 from webgym.bench.rollout.measure import CellResult, Measured, by_cell, over_async
+from webgym.bench.stepping import quantile
 from webgym.core.errors import UsageError
 from webgym.plotting import CATEGORIES, COLUMN, PAGE, new_figure, save, styled
-from webgym.tables import Table
+from webgym.tables import DASH, Table
 
 
 def rollout_tables(measured: Sequence[Measured]) -> Iterator[Table]:
@@ -43,17 +44,17 @@ def _schedules(results: Sequence[CellResult]) -> Table:
         (
             f"{result.cell.cpus} CPUs, {result.cell.mode}",
             _spread(result.of("seconds"), ".0f"),
-            _spread(ratios, ".2f") if (ratios := over_async(result, results)) else "–",
+            _spread(ratios, ".2f") if (ratios := over_async(result, results)) else DASH,
             _spread(result.of("per_minute"), ".1f"),
             f"{1 - median(result.of('cpu')):.0%}",
             f"{1 - median(result.of('policy')):.0%}",
-            f"{max(result.of('crashed')):.1%}",
+            f"{max(result.of('lost_share')):.1%}",
             f"{max(result.of('machine_load')):.1f}",
         )
         for result in results
     ]
     columns = (
-        "", "wall, s", "over async", "per minute", "CPU idle", "policy idle", "crashed, most", "load, most",
+        "", "wall, s", "over async", "per minute", "CPU idle", "policy idle", "no reward, most", "load, most",
     )  # fmt: skip
     cell, steps = results[0].cell, results[0].rounds[0].steps
     title = f"Schedules: {cell.trajectories} trajectories, {steps} steps, {cell.sessions} environments"
@@ -79,7 +80,7 @@ def _overload(results: Sequence[CellResult]) -> Table:
         (
             result.cell.queues.replace("_", " "),
             _spread(result.of("ended"), ".0f"),
-            _spread(result.of("crashed"), ".1%"),
+            _spread(result.of("lost_share"), ".1%"),
             _spread(result.of("steps"), ".0f"),
             f"{1 - median(result.of('cpu')):.0%}",
         )
@@ -87,17 +88,20 @@ def _overload(results: Sequence[CellResult]) -> Table:
     ]
     cell = results[0].cell
     title = f"Overload: {cell.sessions} environments on {cell.cpus} CPUs, after {cell.seconds:g} s"
-    return Table(title, ("queues", "finished", "crashed", "steps", "CPU idle"), rows)
+    return Table(title, ("queues", "finished", "no reward", "steps", "CPU idle"), rows)
 
 
 def _calibration(result: Measured) -> Table:
-    ordered = sorted(result.between)
-    half, tail = (ordered[int(share * (len(ordered) - 1))] for share in (0.5, 0.95))
+    def of_a_step(amount: float, written: str) -> str:
+        return format(amount / result.steps, written) if result.steps else DASH
+
+    half, tail = (f"{quantile(result.between, share):.2f}" for share in (0.5, 0.95))
     rows = [
-        ("CPU seconds of a step", f"{result.cpu_seconds / result.steps:.3f}"),
-        ("from reply to next look, median / 95 %, s", f"{half:.2f} / {tail:.2f}"),
-        ("prompt tokens of a step", f"{result.prompt_tokens / result.steps:.0f}"),
-        ("of them not in the prefix cache", f"{result.read_tokens / result.steps:.0f}"),
+        ("CPU seconds of a step", of_a_step(result.cpu_seconds, ".3f")),
+        ("from reply to next look, median / 95 %, s", f"{half} / {tail}" if result.between else DASH),
+        ("prompt tokens of a step", of_a_step(result.prompt_tokens, ".0f")),
+        ("of them not in the prefix cache", of_a_step(result.read_tokens, ".0f")),
+        ("attempts without a reward", f"{result.lost_share:.1%}"),
     ]
     return Table("Service times: a few episodes at a time", ("", "measured"), rows)
 
@@ -171,12 +175,12 @@ def _smoothed(values: Sequence[float]) -> list[float]:
 
 
 def _draw_overload(panel: Axes, many: Sequence[CellResult]) -> None:
-    """Attempts that finished and crashed, by queues."""
+    """Attempts with and without a reward, by queues."""
     names = [result.cell.queues.replace("_", " ") for result in many]
     ended = [median(result.of("ended")) for result in many]
-    crashed = [median([once.crashes for once in result.rounds]) for result in many]
+    lost = [median(result.of("lost")) for result in many]
     panel.bar(names, ended, label="finished")
-    panel.bar(names, crashed, bottom=ended, label="crashed", color=CATEGORIES[3])
+    panel.bar(names, lost, bottom=ended, label="no reward", color=CATEGORIES[3])
     panel.legend(frameon=False)
     panel.set(title="Overload", ylabel="attempts")
 

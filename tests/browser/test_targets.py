@@ -495,6 +495,19 @@ async def test_a_text_in_a_slot_is_part_of_the_button_around_the_slot(site: Site
     assert look.observation.title == "clicked"
 
 
+async def test_what_is_slotted_into_closed_roots_is_part_of_the_button_there(site: Site, tab: Tab) -> None:
+    page = (
+        "<x-two>Text</x-two> <x-two><b>Bold</b></x-two><script>"
+        "for (const [name, inner] of [['x-one', 'button'], ['x-two', 'x-one']])"
+        "customElements.define(name, class extends HTMLElement { connectedCallback() {"
+        "this.attachShadow({ mode: 'closed' }).innerHTML ="
+        "`<${inner} style='padding:9px'><slot></slot></${inner}>` } })</script>"
+    )
+    await tab.goto(site.page(page))
+    assert names(tab) == ["Text", "Bold"]
+    assert min(tab.find(name).box[3] for name in ("Text", "Bold")) > 30, "all of it"
+
+
 async def test_pages_cannot_tell_that_they_are_asked(site: Site, open_tab: Open) -> None:
     tab = await open_tab("marks")
     await tab.goto(

@@ -9,8 +9,9 @@
   const {
     nodeType, parentNode, ownerDocument, assignedSlot, clientLeft, clientTop, clientWidth, clientHeight, matches,
     getBoundingClientRect, body, documentElement, defaultView, elementFromPoint, offsetWidth, offsetHeight,
+    querySelectorAll,
   } = webgym.dom;
-  const { rootOf, frameIn } = webgym;
+  const { state, rootOf, frameIn } = webgym;
 
   const intersect = (a, b) => {
     const left = Math.max(a.left, b.left);
@@ -63,8 +64,21 @@
     ];
   };
 
+  // The slot that a child of `host` lies in. Where that has a closed root, only the slots themselves tell.
+  let slots = new Map(); // by host with a closed root and by child, in this look
+  const slotIn = (host, child) => {
+    const root = state.roots.get(host);
+    if (!root) return null;
+    if (!slots.has(host)) {
+      const filled = [...querySelectorAll(root, 'slot')].flatMap((slot) => slot.assignedNodes().map((node) => [node, slot]));
+      slots.set(host, new Map(filled));
+    }
+    return slots.get(host).get(child) || null;
+  };
+
   const parentOf = (element) => {
-    const parent = assignedSlot(element) || parentNode(element);
+    const holder = parentNode(element);
+    const parent = assignedSlot(element) || slotIn(holder, element) || holder;
     if (!parent || nodeType(parent) === Node.ELEMENT_NODE) return parent;
     return nodeType(parent) === Node.DOCUMENT_FRAGMENT_NODE ? parent.host || null : null;
   };
@@ -251,11 +265,12 @@
     maps = new Map();
     clips = new Map();
     hits = new Map();
+    slots = new Map();
     isScrolled = whole;
   };
 
   webgym.geometry = {
-    intersect, middle, apply, moved, compose, invert, parentOf, contains, mapOf, placeOf, hit, clipAround, clipWithin, isBox,
-    standing, outward, begin,
+    intersect, middle, apply, moved, compose, invert, slotIn, parentOf, contains, mapOf, placeOf, hit, clipAround, clipWithin,
+    isBox, standing, outward, begin,
   };
 })();

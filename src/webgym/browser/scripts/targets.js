@@ -12,7 +12,7 @@
   const { rootOf, shorten } = webgym;
   const { labelsOf, isName } = webgym.labels;
   const { widgetOf, roleOf, nameOf, valueOf, isStructure } = webgym.roles;
-  const { intersect, middle, moved, parentOf, contains, hit, clipAround } = webgym.geometry;
+  const { intersect, middle, moved, slotIn, parentOf, contains, hit, clipAround } = webgym.geometry;
 
   const contents = createRange(document);
 
@@ -70,9 +70,10 @@
   const slotAt = (host, x, y) => {
     if (!rootOf(host)) return null;
     for (const node of childNodes(host)) {
-      if (nodeType(node) !== Node.TEXT_NODE || !node.assignedSlot) continue;
+      const slot = nodeType(node) === Node.TEXT_NODE ? node.assignedSlot || slotIn(host, node) : null;
+      if (!slot) continue;
       contents.selectNodeContents(node);
-      if ([...contents.getClientRects()].some((rect) => isIn([x, y], rect))) return node.assignedSlot;
+      if ([...contents.getClientRects()].some((rect) => isIn([x, y], rect))) return slot;
     }
     return null;
   };

@@ -7,7 +7,7 @@
   const webgym = globalThis.webgym;
   if (webgym.geometry) return;
   const {
-    nodeType, parentNode, ownerDocument, assignedSlot, clientLeft, clientTop, clientWidth, clientHeight, matches,
+    nodeType, parentNode, localName, ownerDocument, assignedSlot, clientLeft, clientTop, clientWidth, clientHeight, matches,
     getBoundingClientRect, body, documentElement, defaultView, elementFromPoint, offsetWidth, offsetHeight,
     querySelectorAll,
   } = webgym.dom;
@@ -216,11 +216,15 @@
 
   const isBox = ({ display }) => display !== 'contents' && !display.startsWith('inline ') && display !== 'inline';
 
+  // Is this a dropdown whose list is a part of the page, above all else, and open?
+  const isOpenInPage = (element) =>
+    localName(element) === 'select' && getComputedStyle(element).appearance === 'base-select' && matches(element, ':open');
+
   // What the content of an element is clipped to.
   const clipWithin = (element) => {
     if (clips.has(element)) return clips.get(element);
     const style = getComputedStyle(element);
-    let clip = clipAround(element, style);
+    let clip = isOpenInPage(element) ? EVERYTHING : clipAround(element, style);
     const { overflowX, overflowY } = style;
     const owner = ownerDocument(element);
     const isContained = /paint|strict|content/.test(style.contain);
@@ -271,6 +275,6 @@
 
   webgym.geometry = {
     intersect, middle, apply, moved, compose, invert, slotIn, parentOf, contains, mapOf, placeOf, hit, clipAround, clipWithin,
-    isBox, standing, outward, begin,
+    isBox, isOpenInPage, standing, outward, begin,
   };
 })();

@@ -12,7 +12,7 @@
   const { rootOf, shorten } = webgym;
   const { labelsOf, isName } = webgym.labels;
   const { widgetOf, roleOf, nameOf, valueOf, isStructure } = webgym.roles;
-  const { intersect, middle, moved, slotIn, parentOf, contains, hit, clipAround } = webgym.geometry;
+  const { intersect, middle, moved, slotIn, parentOf, contains, hit, clipAround, isOpenInPage } = webgym.geometry;
 
   const contents = createRange(document);
 
@@ -506,7 +506,7 @@
     if (isPlain && (isGrip(element, style) || isIdlePart(element) || isCarousel(element))) return null;
     if (role === 'listbox' && localName(element) !== 'select') return null; // its options are what one clicks
     const list = role === 'option' && localName(element) === 'option' ? closest(element, 'select') : null;
-    if (list && roleOf(list) !== 'listbox') return null;
+    if (list && roleOf(list) !== 'listbox' && !isOpenInPage(list)) return null;
     const items = new Set(isControl ? [] : itemsOf(element));
     const heard = isPart || isTold || undefined;
     return {

@@ -466,6 +466,16 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         + LISTENS.format("click"),
         ["Size", "Tag x", "x"],
     ),
+    "the label of a field that nobody gets to": (
+        "<style>input{position:absolute;clip:rect(0,0,0,0);pointer-events:none}</style>"
+        "<label for=i>Plain</label><input id=i tabindex=-1>",
+        [],
+    ),
+    "a hint below the field in a label": (
+        "<label>Town <span style='position:relative'><input readonly tabindex=-1 value=Lisbon "
+        "style='position:absolute;left:0'><input style='position:relative'></span></label>",
+        ["Town"],
+    ),
     "a label's own name": ("<i id=l aria-label=Town>x</i><input aria-labelledby=l>", ["Town"]),
 }
 

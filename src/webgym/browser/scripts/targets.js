@@ -83,8 +83,9 @@
     if (!found) return false;
     if (contains(element, found) || contains(element, slotAt(found, ...middle(box)))) return true;
     const label = closest(found, 'label');
-    return Boolean(label && label.control === element);
+    return Boolean(label && label.control === element) && !closest(found, OF_LABEL);
   };
+  const OF_LABEL = 'a[href],button,input,select,textarea'; // in a label, it keeps the clicks on it to itself
 
   const isIn = ([x, y], box) => box.left <= x && x <= box.right && box.top <= y && y <= box.bottom;
 
@@ -172,18 +173,20 @@
       return style.content !== 'none' && !(/^"\s+"$/.test(style.content) && !hasPaint(style));
     });
 
-  // A control in a label keeps the clicks on it to itself.
-  const isOfLabelAlone = (part) => {
+  const isOfLabelOf = (element) => (part) => {
     const found = hit(...middle(part));
-    return Boolean(found) && !closest(found, 'a[href],button,select,textarea');
+    return Boolean(found) && [null, element].includes(closest(found, OF_LABEL));
   };
+
+  // A field for a hint, or for what is sent, below the one that is typed into: neither keys nor the mouse get there.
+  const isDecoy = (element) => tabIndex(element) < 0 && !answersItsLabel(element);
 
   // What is clicked instead of a control that is not seen itself: its label, what is drawn over it or around.
   const standIn = (element, place, most) => {
     if (localName(element) === 'textarea' && getClientRects(element).length) return editorAround(element, place, most);
     if (localName(element) !== 'input' && localName(element) !== 'select') return [];
-    for (const label of labelsOf(element)) {
-      const found = isShown(label) ? visibleParts(label, place, MAX_PARTS).filter(isOfLabelAlone) : [];
+    for (const label of isDecoy(element) ? [] : labelsOf(element)) {
+      const found = isShown(label) ? visibleParts(label, place, MAX_PARTS).filter(isOfLabelOf(element)) : [];
       if (found.length) return found.slice(0, most);
     }
     let parent = parentOf(element);

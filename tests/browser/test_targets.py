@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from webgym.core.action import LeftClick
+from webgym.core.action import LeftClick, Type
 
 from .conftest import Open, Site, Tab
 from .test_marks import evaluate
@@ -466,6 +466,13 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         + LISTENS.format("click"),
         ["Size", "Tag x", "x"],
     ),
+    "a field that is transparent until it has the focus": (
+        "<div role=group class=on aria-label=Day style='width:250px;height:50px;border:1px solid'>"
+        "<p tabindex=0 style='opacity:0'><s class=on><b role=spinbutton contenteditable aria-label=Month>"
+        "MM</b></s> <b role=spinbutton contenteditable aria-label=Year>YYYY</b></p>"
+        "<button>Choose</button></div>" + LISTENS.format("click"),
+        ["Day", "Choose"],
+    ),
     "the label of a field that nobody gets to": (
         "<style>input{position:absolute;clip:rect(0,0,0,0);pointer-events:none}</style>"
         "<label for=i>Plain</label><input id=i tabindex=-1>",
@@ -516,6 +523,16 @@ async def test_what_is_slotted_into_closed_roots_is_part_of_the_button_there(sit
     await tab.goto(site.page(page))
     assert names(tab) == ["Text", "Bold"]
     assert min(tab.find(name).box[3] for name in ("Text", "Bold")) > 30, "all of it"
+
+
+async def test_a_transparent_field_has_its_role_and_is_typed_into(site: Site, open_tab: Open) -> None:
+    body, _ = PAGES["a field that is transparent until it has the focus"]
+    tab = await open_tab("marks")
+    await tab.goto(site.page(f"<style>p:focus-within{{opacity:1 !important}}</style>{body}"))
+    assert tab.find("Day").role == "spinbutton"
+    await tab.step(Type(tab.at("Day"), "7"))
+    assert not tab.notices
+    assert names(tab) == ["Month", "Year", "Choose"]
 
 
 async def test_pages_cannot_tell_that_they_are_asked(site: Site, open_tab: Open) -> None:

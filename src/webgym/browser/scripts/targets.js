@@ -608,6 +608,18 @@
   const isThinField = ({ isControl, role, boxes: [box] }) => isControl && TEXTS.has(role) && box.right - box.left <= THIN;
   const THIN = 8; // pixels
 
+  // The first of the fields in it that are transparent until they have the focus: a click gets there.
+  const blindFieldOf = (one) => {
+    const isBlind = ({ element, place, isControl, role }) =>
+      isControl && TEXTS.has(role) && isTransparent(element) && visibleParts(element, place, 1).length > 0;
+    for (const kid of one.kids.filter(({ boxes }) => !boxes.length)) {
+      const found = isBlind(kid) ? kid : blindFieldOf(kid);
+      if (found) return found;
+    }
+    return null;
+  };
+  const isTransparent = (element) => !isShown(element) && checkVisibility(element, { visibilityProperty: true });
+
   // The arrow in a list or a button that opens: it does the same.
   const OPENS = new Set(['button', 'combobox', 'listbox', 'tab']);
   const OPENER = /(?<![a-z])(dropdown|caret|chevron|angle|arrow)(?![a-z])/i;
@@ -627,6 +639,11 @@
     if (!one.isControl) {
       const isHeading = ({ element, isPart }) => isPart && matches(element, HEADING);
       if (!one.isPointer && (isNothing(one) || within.some(isHeading))) return null;
+      const blind = within.some(({ role }) => TEXTS.has(role)) ? null : blindFieldOf(one);
+      if (blind && one.isHeard()) {
+        Object.assign(one, { role: blind.role, field: blind.element });
+        return kids;
+      }
       const isUnpointed = !one.isTold && (one.isText || (!one.isPointer && within.length && hasOtherText(one, within)));
       if (isUnpointed && within.some((kid) => [kid, ...kid.kids].some(({ isPointer }) => isPointer))) return null;
       if (!within.length) {
@@ -697,7 +714,7 @@
 
   const describe = ({ element, role, field }) => ({
     role,
-    name: shorten(nameOf(field || element, role) || (field ? nameOf(element, 'button') : ''), 'name'),
+    name: shorten(nameOf(element, role) || (field && (nameOf(field, role) || nameOf(element, 'button'))) || '', 'name'),
     value: valueOf(field || element, role) ?? undefined,
     href: role === 'link' ? hrefOf(element) : undefined,
   });

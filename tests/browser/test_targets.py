@@ -483,6 +483,14 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         "style='position:absolute;left:0'><input style='position:relative'></span></label>",
         ["Town"],
     ),
+    "cards that take the focus, with a control in each": (
+        "<style>div{width:300px;height:140px}</style>"
+        "<div tabindex=0 class=on>Lamp <button>Buy</button></div>"
+        "<div tabindex=0 class=on>Desk <a href=#x>More</a></div>"
+        "<div tabindex=0>Plain <button>On</button></div>"
+        "<div tabindex=0 role=toolbar class=on>Plain <button>Bold</button></div>" + LISTENS.format("click"),
+        ["Lamp Buy", "Buy", "Desk More", "More", "On", "Bold"],
+    ),
     "a label's own name": ("<i id=l aria-label=Town>x</i><input aria-labelledby=l>", ["Town"]),
 }
 

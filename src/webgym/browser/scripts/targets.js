@@ -600,6 +600,11 @@
     return Boolean(name) && nameOf(one.element, one.role).includes(name);
   };
 
+  // Does it take the focus, and hear clicks for itself, not for parts: a card that leads to what is shown on it?
+  const isCard = ({ element }, within) =>
+    hasAttribute(element, 'tabindex') && tabIndex(element) >= 0 && !isStructure(element) && hearsClicks(element) &&
+    within.every(({ isControl }) => isControl);
+
   // What is drawn as a whole, such as a board to play on. A drawing with texts is a chart: what it shows is in it.
   const isBoard = (element) =>
     WHOLE.has(localName(element)) && !(localName(element) === 'svg' && querySelector(element, 'text'));
@@ -645,7 +650,8 @@
         return kids;
       }
       const isUnpointed = !one.isTold && (one.isText || (!one.isPointer && within.length && hasOtherText(one, within)));
-      if (isUnpointed && within.some((kid) => [kid, ...kid.kids].some(({ isPointer }) => isPointer))) return null;
+      const isPointed = ({ isPointer, role }) => isPointer && !(role === 'link' && isCard(one, within)); // all links have one
+      if (isUnpointed && within.some((kid) => [kid, ...kid.kids].some(isPointed))) return null;
       if (!within.length) {
         const isLarge = area > LARGE * innerWidth * innerHeight && !isBoard(one.element);
         return isLarge && !one.isPointer ? null : kids;
@@ -662,9 +668,11 @@
       const isHandle = (kid) =>
         kid.role === 'slider' ||
         !(kid.isControl || nameOf(kid.element, kid.role) || (kid.isHeard() && !kid.isPart));
-      const isTrack = area < LARGE * innerWidth * innerHeight && within.every(isHandle);
+      const isLarge = area > LARGE * innerWidth * innerHeight;
+      const isTrack = !isLarge && within.every(isHandle);
       const isSmall = area < SMALL * innerWidth * innerHeight;
-      if (!(one.isPointer || isTrack || (isSmall && hasOtherText(one, within)))) return null;
+      const isWritten = (isSmall || (!isLarge && isCard(one, within))) && hasOtherText(one, within);
+      if (!(one.isPointer || isTrack || isWritten)) return null;
       const thin = within.find(isThinField);
       if (thin) Object.assign(one, { role: thin.role, field: thin.element });
       return kids.filter((kid) => kid !== thin);

@@ -491,6 +491,19 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         "<div tabindex=0 role=toolbar class=on>Plain <button>Bold</button></div>" + LISTENS.format("click"),
         ["Lamp Buy", "Buy", "Desk More", "More", "On", "Bold"],
     ),
+    "cells of nothing but a button": (
+        "<style>[role=gridcell]{width:200px;height:50px}</style><div role=grid>"
+        "<div role=gridcell tabindex=-1 class=on><button>Edit</button></div>"
+        "<div role=gridcell tabindex=-1 class=on>Name <button>Sort</button></div></div>"
+        + LISTENS.format("click"),
+        ["Edit", "Name Sort", "Sort"],
+    ),
+    "a cell that is cut, around a box to tick": (
+        "<style>input{margin:0;width:40px;height:40px}</style><div style='height:30px;overflow:hidden'>"
+        "<div role=gridcell tabindex=-1 aria-label='Row 1' style='width:50px;height:60px'>"
+        "<input type=checkbox aria-label=Choose></div></div>",
+        ["Choose"],
+    ),
     "a label's own name": ("<i id=l aria-label=Town>x</i><input aria-labelledby=l>", ["Town"]),
 }
 

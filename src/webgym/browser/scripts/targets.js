@@ -529,6 +529,11 @@
     const rect = moved(getBoundingClientRect(element), place.map);
     return intersect(rect, place.clip) || rect;
   };
+  // What the boxes that it lies in leave of it.
+  const areaLeft = ({ element, place }, box) => {
+    const left = intersect(getBoundingClientRect(element), clipAround(element));
+    return areaOf((left && intersect(moved(left, place.map), place.clip)) || box);
+  };
   // What is clicked of one that has others in it lies beside them.
   const placeBeside = (one, kids) => {
     const isFree = (box) => !kids.some((kid) => isIn(middle(box), kid.boxes[0]));
@@ -565,9 +570,11 @@
   const hasOtherText = (one, kids) =>
     nameOf(one.element, one.role).length > kids.reduce((sum, kid) => sum + nameOf(kid.element, kid.role).length + 1, 0);
 
+  const isNameOf = (one, kid) => nameOf(kid.element, kid.role) === nameOf(one.element, one.role);
+
   // Is this the component whose only control or icon, of the same name, has no box of its own size?
   const isComponentOf = (one, [kid, ...more]) =>
-    Boolean(rootOf(one.element)) && !more.length && nameOf(one.element, one.role) === nameOf(kid.element, kid.role);
+    Boolean(rootOf(one.element)) && !more.length && isNameOf(one, kid);
 
   // Is this what a slider moves in, and the slider a thin line as long as it, not a handle?
   const isSliderOf = (box, [kid, ...more]) => {
@@ -605,6 +612,10 @@
     hasAttribute(element, 'tabindex') && tabIndex(element) >= 0 && !isStructure(element) && hearsClicks(element) &&
     within.every(({ isControl }) => isControl);
 
+  // Is this a cell of nothing but the button in it, of the same name? Beside a box to tick one chooses the cell.
+  const isCellOf = (one, [kid, ...more]) =>
+    one.role === 'gridcell' && kid?.role === 'button' && kid.isControl && !more.length && isNameOf(one, kid);
+
   // What is drawn as a whole, such as a board to play on. A drawing with texts is a chart: what it shows is in it.
   const isBoard = (element) =>
     WHOLE.has(localName(element)) && !(localName(element) === 'svg' && querySelector(element, 'text'));
@@ -640,7 +651,8 @@
     const box = rectOf(one);
     const area = areaOf(box);
     const within = kids.filter((kid) => isIn(middle(kid.boxes[0]), box));
-    const share = ({ boxes }) => areaOf(intersect(boxes[0], box) || NOTHING) / area;
+    const left = within.length ? areaLeft(one, box) : area;
+    const share = ({ boxes }) => areaOf(intersect(boxes[0], box) || NOTHING) / left;
     if (!one.isControl) {
       const isHeading = ({ element, isPart }) => isPart && matches(element, HEADING);
       if (!one.isPointer && (isNothing(one) || within.some(isHeading))) return null;
@@ -679,11 +691,12 @@
     }
     const isInert = one.role === 'treeitem' && !one.isPointer && !one.isHeard();
     if (isInert && within.some((kid) => isItemOf(one, kid))) return null;
+    if (isCellOf(one, within)) return null;
     const same = within.filter((kid) => share(kid) >= COVER);
     const isField = (kid) => kid.isControl && (GIVES_WAY.has(one.role) || FIELDS.has(localName(kid.element)));
     if (same.some(isField) && !WITHOUT_PARTS.has(one.role)) return null;
     const isNamesake = (kid) => !kid.isControl && Boolean(nameOf(kid.element, kid.role)) && isOfName(kid);
-    const isOfName = (kid) => one.role === 'button' && nameOf(kid.element, kid.role) === nameOf(one.element, one.role);
+    const isOfName = (kid) => one.role === 'button' && isNameOf(one, kid);
     const opener = openerOf(one, within);
     const isOwn = (kid) => same.includes(kid) || isPartOf(one, kid) || isNamesake(kid) || kid === opener;
     const isArrow = (kid) => one.role === 'treeitem' && kid.isPointer && Boolean(classLike(kid.element, ICON));

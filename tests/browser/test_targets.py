@@ -504,6 +504,11 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         "<input type=checkbox aria-label=Choose></div></div>",
         ["Choose"],
     ),
+    "a button all of whose parts listen": (
+        "<div role=button tabindex=0 class=on style='height:60px'>"
+        "<i class=on>+</i> <b class=on>Panel</b></div>" + LISTENS.format("click"),
+        ["+ Panel"],
+    ),
     "a label's own name": ("<i id=l aria-label=Town>x</i><input aria-labelledby=l>", ["Town"]),
 }
 

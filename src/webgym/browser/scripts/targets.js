@@ -9,7 +9,7 @@
     querySelectorAll, createRange, documentElement,
     offsetWidth, offsetHeight, tabIndex, ofKind, styleSheets, adoptedStyleSheets,
   } = webgym.dom;
-  const { rootOf, shorten } = webgym;
+  const { fold, rootOf, shorten } = webgym;
   const { labelsOf, isName } = webgym.labels;
   const { widgetOf, roleOf, nameOf, valueOf, isStructure } = webgym.roles;
   const { intersect, middle, moved, slotIn, parentOf, contains, hit, clipAround, isOpenInPage } = webgym.geometry;
@@ -616,6 +616,11 @@
   const isCellOf = (one, [kid, ...more]) =>
     one.role === 'gridcell' && kid?.role === 'button' && kid.isControl && !more.length && isNameOf(one, kid);
 
+  // Are these, with all that is written on the button, the parts of it that a component listens for?
+  const arePartsOf = (one, within) =>
+    one.role === 'button' && within.length > 0 && within.every(({ isControl, isPointer }) => !isControl && !isPointer) &&
+    fold(within.map(({ element, role }) => nameOf(element, role)).join(' ')) === nameOf(one.element, one.role);
+
   // What is drawn as a whole, such as a board to play on. A drawing with texts is a chart: what it shows is in it.
   const isBoard = (element) =>
     WHOLE.has(localName(element)) && !(localName(element) === 'svg' && querySelector(element, 'text'));
@@ -692,6 +697,7 @@
     const isInert = one.role === 'treeitem' && !one.isPointer && !one.isHeard();
     if (isInert && within.some((kid) => isItemOf(one, kid))) return null;
     if (isCellOf(one, within)) return null;
+    if (arePartsOf(one, within)) return kids.filter((kid) => !within.includes(kid));
     const same = within.filter((kid) => share(kid) >= COVER);
     const isField = (kid) => kid.isControl && (GIVES_WAY.has(one.role) || FIELDS.has(localName(kid.element)));
     if (same.some(isField) && !WITHOUT_PARTS.has(one.role)) return null;

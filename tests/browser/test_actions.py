@@ -80,6 +80,33 @@ async def test_a_dropdown_opens_in_the_page_and_takes_a_click(site: Site, open_t
     assert "Green" not in tab.text, "the list is closed"
 
 
+async def test_a_dropdown_that_the_page_draws_itself(site: Site, open_tab: Open) -> None:
+    tab = await open_tab("marks")
+
+    def names() -> list[str]:
+        assert tab.last is not None
+        return [element.name for element in tab.last.observation.elements or ()]
+
+    options = "".join(f"<option>City {number}" for number in range(40))
+    await tab.goto(
+        site.page(
+            "<style>select, ::picker(select) { appearance: base-select }</style>"
+            "<div style='overflow: hidden; height: 40px'><label>Town <select><button>Open</button>"
+            f"<option>Rome<option disabled>Oslo{options}</select></label></div>"
+        )
+    )
+    assert names() == ["Town"]
+    await tab.step(LeftClick(tab.at("Town")))
+    assert names()[:3] == ["Town", "Rome", "City 0"]
+    assert {"Rome", "Oslo", "City 1"} <= set(tab.text)
+    await tab.step(Scroll("down", tab.at("City 1")))
+    assert not tab.notices, "it scrolled"
+    last = names()[-1]
+    await tab.step(LeftClick(tab.at(last)))
+    assert names() == ["Town"]
+    assert tab.find("Town").value == last
+
+
 async def test_a_click_elsewhere_closes_an_open_list(site: Site, tab: Tab) -> None:
     await form(site, tab)
     await tab.step(LeftClick(tab.at("Colour")))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from webgym.core.action import LeftClick
+from webgym.core.action import LeftClick, Type
 
 from .conftest import Open, Site, Tab
 from .test_marks import evaluate
@@ -466,6 +466,49 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         + LISTENS.format("click"),
         ["Size", "Tag x", "x"],
     ),
+    "a field that is transparent until it has the focus": (
+        "<div role=group class=on aria-label=Day style='width:250px;height:50px;border:1px solid'>"
+        "<p tabindex=0 style='opacity:0'><s class=on><b role=spinbutton contenteditable aria-label=Month>"
+        "MM</b></s> <b role=spinbutton contenteditable aria-label=Year>YYYY</b></p>"
+        "<button>Choose</button></div>" + LISTENS.format("click"),
+        ["Day", "Choose"],
+    ),
+    "the label of a field that nobody gets to": (
+        "<style>input{position:absolute;clip:rect(0,0,0,0);pointer-events:none}</style>"
+        "<label for=i>Plain</label><input id=i tabindex=-1>",
+        [],
+    ),
+    "a hint below the field in a label": (
+        "<label>Town <span style='position:relative'><input readonly tabindex=-1 value=Lisbon "
+        "style='position:absolute;left:0'><input style='position:relative'></span></label>",
+        ["Town"],
+    ),
+    "cards that take the focus, with a control in each": (
+        "<style>div{width:300px;height:140px}</style>"
+        "<div tabindex=0 class=on>Lamp <button>Buy</button></div>"
+        "<div tabindex=0 class=on>Desk <a href=#x>More</a></div>"
+        "<div tabindex=0>Plain <button>On</button></div>"
+        "<div tabindex=0 role=toolbar class=on>Plain <button>Bold</button></div>" + LISTENS.format("click"),
+        ["Lamp Buy", "Buy", "Desk More", "More", "On", "Bold"],
+    ),
+    "cells of nothing but a button": (
+        "<style>[role=gridcell]{width:200px;height:50px}</style><div role=grid>"
+        "<div role=gridcell tabindex=-1 class=on><button>Edit</button></div>"
+        "<div role=gridcell tabindex=-1 class=on>Name <button>Sort</button></div></div>"
+        + LISTENS.format("click"),
+        ["Edit", "Name Sort", "Sort"],
+    ),
+    "a cell that is cut, around a box to tick": (
+        "<style>input{margin:0;width:40px;height:40px}</style><div style='height:30px;overflow:hidden'>"
+        "<div role=gridcell tabindex=-1 aria-label='Row 1' style='width:50px;height:60px'>"
+        "<input type=checkbox aria-label=Choose></div></div>",
+        ["Choose"],
+    ),
+    "a button all of whose parts listen": (
+        "<div role=button tabindex=0 class=on style='height:60px'>"
+        "<i class=on>+</i> <b class=on>Panel</b></div>" + LISTENS.format("click"),
+        ["+ Panel"],
+    ),
     "a label's own name": ("<i id=l aria-label=Town>x</i><input aria-labelledby=l>", ["Town"]),
 }
 
@@ -493,6 +536,29 @@ async def test_a_text_in_a_slot_is_part_of_the_button_around_the_slot(site: Site
     assert box[3] > 18, "all of it, not a part beside its text"
     look = await tab.step(LeftClick(tab.at("Save")))
     assert look.observation.title == "clicked"
+
+
+async def test_what_is_slotted_into_closed_roots_is_part_of_the_button_there(site: Site, tab: Tab) -> None:
+    page = (
+        "<x-two>Text</x-two> <x-two><b>Bold</b></x-two><script>"
+        "for (const [name, inner] of [['x-one', 'button'], ['x-two', 'x-one']])"
+        "customElements.define(name, class extends HTMLElement { connectedCallback() {"
+        "this.attachShadow({ mode: 'closed' }).innerHTML ="
+        "`<${inner} style='padding:9px'><slot></slot></${inner}>` } })</script>"
+    )
+    await tab.goto(site.page(page))
+    assert names(tab) == ["Text", "Bold"]
+    assert min(tab.find(name).box[3] for name in ("Text", "Bold")) > 30, "all of it"
+
+
+async def test_a_transparent_field_has_its_role_and_is_typed_into(site: Site, open_tab: Open) -> None:
+    body, _ = PAGES["a field that is transparent until it has the focus"]
+    tab = await open_tab("marks")
+    await tab.goto(site.page(f"<style>p:focus-within{{opacity:1 !important}}</style>{body}"))
+    assert tab.find("Day").role == "spinbutton"
+    await tab.step(Type(tab.at("Day"), "7"))
+    assert not tab.notices
+    assert names(tab) == ["Month", "Year", "Choose"]
 
 
 async def test_pages_cannot_tell_that_they_are_asked(site: Site, open_tab: Open) -> None:

@@ -45,7 +45,12 @@
   // It may look different without any change of a document: it has states of its own.
   const isCustom = (element) => element && localName(element).includes('-');
   const hostOf = (root) => nodeType(root) === Node.DOCUMENT_FRAGMENT_NODE && root.host;
-  const listAt = () => state.list && state.list.list.scrollTop;
+  // How far a list that is open has been scrolled: ours, or the page's own, in which an option has the focus.
+  const listAt = () => {
+    if (state.list) return state.list.list.scrollTop;
+    const element = focused();
+    return element && localName(element) === 'option' && getBoundingClientRect(element).top;
+  };
   const hasSelection = () => !getSelection(document).isCollapsed;
   const plans = () => Object.entries(webgym.plans());
 

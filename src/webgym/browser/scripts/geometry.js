@@ -7,10 +7,11 @@
   const webgym = globalThis.webgym;
   if (webgym.geometry) return;
   const {
-    nodeType, parentNode, ownerDocument, assignedSlot, clientLeft, clientTop, clientWidth, clientHeight, matches,
+    nodeType, parentNode, localName, ownerDocument, assignedSlot, clientLeft, clientTop, clientWidth, clientHeight, matches,
     getBoundingClientRect, body, documentElement, defaultView, elementFromPoint, offsetWidth, offsetHeight,
+    querySelectorAll,
   } = webgym.dom;
-  const { rootOf, frameIn } = webgym;
+  const { state, rootOf, frameIn } = webgym;
 
   const intersect = (a, b) => {
     const left = Math.max(a.left, b.left);
@@ -63,8 +64,21 @@
     ];
   };
 
+  // The slot that a child of `host` lies in. Where that has a closed root, only the slots themselves tell.
+  let slots = new Map(); // by host with a closed root and by child, in this look
+  const slotIn = (host, child) => {
+    const root = state.roots.get(host);
+    if (!root) return null;
+    if (!slots.has(host)) {
+      const filled = [...querySelectorAll(root, 'slot')].flatMap((slot) => slot.assignedNodes().map((node) => [node, slot]));
+      slots.set(host, new Map(filled));
+    }
+    return slots.get(host).get(child) || null;
+  };
+
   const parentOf = (element) => {
-    const parent = assignedSlot(element) || parentNode(element);
+    const holder = parentNode(element);
+    const parent = assignedSlot(element) || slotIn(holder, element) || holder;
     if (!parent || nodeType(parent) === Node.ELEMENT_NODE) return parent;
     return nodeType(parent) === Node.DOCUMENT_FRAGMENT_NODE ? parent.host || null : null;
   };
@@ -202,11 +216,15 @@
 
   const isBox = ({ display }) => display !== 'contents' && !display.startsWith('inline ') && display !== 'inline';
 
+  // Is this a dropdown whose list is a part of the page, above all else, and open?
+  const isOpenInPage = (element) =>
+    localName(element) === 'select' && getComputedStyle(element).appearance === 'base-select' && matches(element, ':open');
+
   // What the content of an element is clipped to.
   const clipWithin = (element) => {
     if (clips.has(element)) return clips.get(element);
     const style = getComputedStyle(element);
-    let clip = clipAround(element, style);
+    let clip = isOpenInPage(element) ? EVERYTHING : clipAround(element, style);
     const { overflowX, overflowY } = style;
     const owner = ownerDocument(element);
     const isContained = /paint|strict|content/.test(style.contain);
@@ -251,11 +269,12 @@
     maps = new Map();
     clips = new Map();
     hits = new Map();
+    slots = new Map();
     isScrolled = whole;
   };
 
   webgym.geometry = {
-    intersect, middle, apply, moved, compose, invert, parentOf, contains, mapOf, placeOf, hit, clipAround, clipWithin, isBox,
-    standing, outward, begin,
+    intersect, middle, apply, moved, compose, invert, slotIn, parentOf, contains, mapOf, placeOf, hit, clipAround, clipWithin,
+    isBox, isOpenInPage, standing, outward, begin,
   };
 })();

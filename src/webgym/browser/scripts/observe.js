@@ -3,7 +3,7 @@
   const webgym = globalThis.webgym;
   if (webgym.observe) return;
   const {
-    nodeType, parentNode, childNodes, firstChild, localName, nextElementSibling, firstElementChild, scrollHeight,
+    nodeType, nodeName, parentNode, childNodes, firstChild, localName, nextElementSibling, firstElementChild, scrollHeight,
     getBoundingClientRect, body, title, documentElement, scrollingElement, isContentEditable,
   } = webgym.dom;
   const { fold, rootOf, frameIn, isFrame, shorten } = webgym;
@@ -11,7 +11,7 @@
   const { sight } = webgym;
   const { near, rectOf, isFar } = webgym.boxes;
   const { MAX_PARTS, isShown, hasLabelIn, answersItsLabel, visibleParts, candidateOf, choose, describe } = webgym.targets;
-  const { intersect, middle, moved, placeOf, hit } = webgym.geometry;
+  const { intersect, middle, moved, placeOf, hit, isOpenInPage } = webgym.geometry;
 
   // --- text ---------------------------------------------------------------------------------------
 
@@ -146,6 +146,7 @@
     if (isFrame(element) && element.contentWindow) walkFrame(element, place, sink);
     else if (name === 'input' || name === 'textarea' || (name === 'select' && roleOf(element) === 'combobox')) {
       if (hasText) addControl(element, place, sink);
+      if (isInView && isOpenInPage(element)) walkNodes(offersOf(element), place, sink);
     } else if (name === 'slot' && element.assignedNodes().length) {
       walkNodes(element.assignedNodes(), place, sink);
     } else {
@@ -156,6 +157,9 @@
       else walkElements(root || element, place, sink);
     }
   };
+
+  // What is in an open dropdown, but for the button that it is opened by, whose text is its value.
+  const offersOf = (select) => [...childNodes(select)].filter((node) => nodeName(node) !== 'BUTTON');
 
   const enter = (root, place) => {
     webgym.watch(root);

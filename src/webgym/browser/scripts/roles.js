@@ -114,19 +114,23 @@
     return named.find((name) => fold(name || '')) || nameOfHost(host);
   };
 
+  const FIELD_ROLES = new Set(['textbox', 'searchbox', 'combobox', 'listbox', 'spinbutton']);
   const findName = (element, role) => {
     const labelled = getAttribute(element, 'aria-labelledby');
+    const isField = FIELD_ROLES.has(role);
+    const around = isField && closest(element, 'label'); // which labels the first one in it alone
     const candidates = [
       () => (labelled ? byIds(element, labelled).map(nameOfLabel).join(' ') : ''),
       () => getAttribute(element, 'aria-label'),
       () => labelsOf(element).map((label) => contentName(label)).join(' '),
       () => (localName(element) === 'input' && role === 'button' ? element.value || element.alt : ''),
-      () => (['textbox', 'searchbox', 'combobox', 'listbox', 'spinbutton'].includes(role) ? '' : contentName(element)),
+      () => (isField ? '' : contentName(element)),
       () => getAttribute(element, 'placeholder'),
       () => getAttribute(element, 'title'),
       () => getAttribute(element, 'alt'),
       () => (localName(element) === 'option' ? element.label : ''),
       () => nameOfHost(element),
+      () => (around ? contentName(around) : ''),
     ];
     for (const candidate of candidates) {
       const name = fold(first(candidate()));

@@ -9,10 +9,10 @@
     querySelectorAll, createRange, documentElement,
     offsetWidth, offsetHeight, tabIndex, ofKind, styleSheets, adoptedStyleSheets,
   } = webgym.dom;
-  const { rootOf, shorten } = webgym;
+  const { fold, rootOf, shorten } = webgym;
   const { labelsOf, isName } = webgym.labels;
   const { widgetOf, roleOf, nameOf, valueOf, isStructure } = webgym.roles;
-  const { intersect, middle, moved, parentOf, contains, hit, clipAround } = webgym.geometry;
+  const { intersect, middle, moved, slotIn, parentOf, contains, hit, clipAround, isOpenInPage } = webgym.geometry;
 
   const contents = createRange(document);
 
@@ -70,9 +70,10 @@
   const slotAt = (host, x, y) => {
     if (!rootOf(host)) return null;
     for (const node of childNodes(host)) {
-      if (nodeType(node) !== Node.TEXT_NODE || !node.assignedSlot) continue;
+      const slot = nodeType(node) === Node.TEXT_NODE ? node.assignedSlot || slotIn(host, node) : null;
+      if (!slot) continue;
       contents.selectNodeContents(node);
-      if ([...contents.getClientRects()].some((rect) => isIn([x, y], rect))) return node.assignedSlot;
+      if ([...contents.getClientRects()].some((rect) => isIn([x, y], rect))) return slot;
     }
     return null;
   };
@@ -82,8 +83,9 @@
     if (!found) return false;
     if (contains(element, found) || contains(element, slotAt(found, ...middle(box)))) return true;
     const label = closest(found, 'label');
-    return Boolean(label && label.control === element);
+    return Boolean(label && label.control === element) && !closest(found, OF_LABEL);
   };
+  const OF_LABEL = 'a[href],button,input,select,textarea'; // in a label, it keeps the clicks on it to itself
 
   const isIn = ([x, y], box) => box.left <= x && x <= box.right && box.top <= y && y <= box.bottom;
 
@@ -171,18 +173,20 @@
       return style.content !== 'none' && !(/^"\s+"$/.test(style.content) && !hasPaint(style));
     });
 
-  // A control in a label keeps the clicks on it to itself.
-  const isOfLabelAlone = (part) => {
+  const isOfLabelOf = (element) => (part) => {
     const found = hit(...middle(part));
-    return Boolean(found) && !closest(found, 'a[href],button,select,textarea');
+    return Boolean(found) && [null, element].includes(closest(found, OF_LABEL));
   };
+
+  // A field for a hint, or for what is sent, below the one that is typed into: neither keys nor the mouse get there.
+  const isDecoy = (element) => tabIndex(element) < 0 && !answersItsLabel(element);
 
   // What is clicked instead of a control that is not seen itself: its label, what is drawn over it or around.
   const standIn = (element, place, most) => {
     if (localName(element) === 'textarea' && getClientRects(element).length) return editorAround(element, place, most);
     if (localName(element) !== 'input' && localName(element) !== 'select') return [];
-    for (const label of labelsOf(element)) {
-      const found = isShown(label) ? visibleParts(label, place, MAX_PARTS).filter(isOfLabelAlone) : [];
+    for (const label of isDecoy(element) ? [] : labelsOf(element)) {
+      const found = isShown(label) ? visibleParts(label, place, MAX_PARTS).filter(isOfLabelOf(element)) : [];
       if (found.length) return found.slice(0, most);
     }
     let parent = parentOf(element);
@@ -505,7 +509,7 @@
     if (isPlain && (isGrip(element, style) || isIdlePart(element) || isCarousel(element))) return null;
     if (role === 'listbox' && localName(element) !== 'select') return null; // its options are what one clicks
     const list = role === 'option' && localName(element) === 'option' ? closest(element, 'select') : null;
-    if (list && roleOf(list) !== 'listbox') return null;
+    if (list && roleOf(list) !== 'listbox' && !isOpenInPage(list)) return null;
     const items = new Set(isControl ? [] : itemsOf(element));
     const heard = isPart || isTold || undefined;
     return {
@@ -524,6 +528,11 @@
   const rectOf = ({ element, place }) => {
     const rect = moved(getBoundingClientRect(element), place.map);
     return intersect(rect, place.clip) || rect;
+  };
+  // What the boxes that it lies in leave of it.
+  const areaLeft = ({ element, place }, box) => {
+    const left = intersect(getBoundingClientRect(element), clipAround(element));
+    return areaOf((left && intersect(moved(left, place.map), place.clip)) || box);
   };
   // What is clicked of one that has others in it lies beside them.
   const placeBeside = (one, kids) => {
@@ -561,9 +570,11 @@
   const hasOtherText = (one, kids) =>
     nameOf(one.element, one.role).length > kids.reduce((sum, kid) => sum + nameOf(kid.element, kid.role).length + 1, 0);
 
+  const isNameOf = (one, kid) => nameOf(kid.element, kid.role) === nameOf(one.element, one.role);
+
   // Is this the component whose only control or icon, of the same name, has no box of its own size?
   const isComponentOf = (one, [kid, ...more]) =>
-    Boolean(rootOf(one.element)) && !more.length && nameOf(one.element, one.role) === nameOf(kid.element, kid.role);
+    Boolean(rootOf(one.element)) && !more.length && isNameOf(one, kid);
 
   // Is this what a slider moves in, and the slider a thin line as long as it, not a handle?
   const isSliderOf = (box, [kid, ...more]) => {
@@ -596,6 +607,20 @@
     return Boolean(name) && nameOf(one.element, one.role).includes(name);
   };
 
+  // Does it take the focus, and hear clicks for itself, not for parts: a card that leads to what is shown on it?
+  const isCard = ({ element }, within) =>
+    hasAttribute(element, 'tabindex') && tabIndex(element) >= 0 && !isStructure(element) && hearsClicks(element) &&
+    within.every(({ isControl }) => isControl);
+
+  // Is this a cell of nothing but the button in it, of the same name? Beside a box to tick one chooses the cell.
+  const isCellOf = (one, [kid, ...more]) =>
+    one.role === 'gridcell' && kid?.role === 'button' && kid.isControl && !more.length && isNameOf(one, kid);
+
+  // Are these, with all that is written on the button, the parts of it that a component listens for?
+  const arePartsOf = (one, within) =>
+    one.role === 'button' && within.length > 0 && within.every(({ isControl, isPointer }) => !isControl && !isPointer) &&
+    fold(within.map(({ element, role }) => nameOf(element, role)).join(' ')) === nameOf(one.element, one.role);
+
   // What is drawn as a whole, such as a board to play on. A drawing with texts is a chart: what it shows is in it.
   const isBoard = (element) =>
     WHOLE.has(localName(element)) && !(localName(element) === 'svg' && querySelector(element, 'text'));
@@ -603,6 +628,18 @@
   // A field that is no wider than its caret: a click on what is around it gets there.
   const isThinField = ({ isControl, role, boxes: [box] }) => isControl && TEXTS.has(role) && box.right - box.left <= THIN;
   const THIN = 8; // pixels
+
+  // The first of the fields in it that are transparent until they have the focus: a click gets there.
+  const blindFieldOf = (one) => {
+    const isBlind = ({ element, place, isControl, role }) =>
+      isControl && TEXTS.has(role) && isTransparent(element) && visibleParts(element, place, 1).length > 0;
+    for (const kid of one.kids.filter(({ boxes }) => !boxes.length)) {
+      const found = isBlind(kid) ? kid : blindFieldOf(kid);
+      if (found) return found;
+    }
+    return null;
+  };
+  const isTransparent = (element) => !isShown(element) && checkVisibility(element, { visibilityProperty: true });
 
   // The arrow in a list or a button that opens: it does the same.
   const OPENS = new Set(['button', 'combobox', 'listbox', 'tab']);
@@ -619,12 +656,19 @@
     const box = rectOf(one);
     const area = areaOf(box);
     const within = kids.filter((kid) => isIn(middle(kid.boxes[0]), box));
-    const share = ({ boxes }) => areaOf(intersect(boxes[0], box) || NOTHING) / area;
+    const left = within.length ? areaLeft(one, box) : area;
+    const share = ({ boxes }) => areaOf(intersect(boxes[0], box) || NOTHING) / left;
     if (!one.isControl) {
       const isHeading = ({ element, isPart }) => isPart && matches(element, HEADING);
       if (!one.isPointer && (isNothing(one) || within.some(isHeading))) return null;
+      const blind = within.some(({ role }) => TEXTS.has(role)) ? null : blindFieldOf(one);
+      if (blind && one.isHeard()) {
+        Object.assign(one, { role: blind.role, field: blind.element });
+        return kids;
+      }
       const isUnpointed = !one.isTold && (one.isText || (!one.isPointer && within.length && hasOtherText(one, within)));
-      if (isUnpointed && within.some((kid) => [kid, ...kid.kids].some(({ isPointer }) => isPointer))) return null;
+      const isPointed = ({ isPointer, role }) => isPointer && !(role === 'link' && isCard(one, within)); // all links have one
+      if (isUnpointed && within.some((kid) => [kid, ...kid.kids].some(isPointed))) return null;
       if (!within.length) {
         const isLarge = area > LARGE * innerWidth * innerHeight && !isBoard(one.element);
         return isLarge && !one.isPointer ? null : kids;
@@ -641,20 +685,24 @@
       const isHandle = (kid) =>
         kid.role === 'slider' ||
         !(kid.isControl || nameOf(kid.element, kid.role) || (kid.isHeard() && !kid.isPart));
-      const isTrack = area < LARGE * innerWidth * innerHeight && within.every(isHandle);
+      const isLarge = area > LARGE * innerWidth * innerHeight;
+      const isTrack = !isLarge && within.every(isHandle);
       const isSmall = area < SMALL * innerWidth * innerHeight;
-      if (!(one.isPointer || isTrack || (isSmall && hasOtherText(one, within)))) return null;
+      const isWritten = (isSmall || (!isLarge && isCard(one, within))) && hasOtherText(one, within);
+      if (!(one.isPointer || isTrack || isWritten)) return null;
       const thin = within.find(isThinField);
       if (thin) Object.assign(one, { role: thin.role, field: thin.element });
       return kids.filter((kid) => kid !== thin);
     }
     const isInert = one.role === 'treeitem' && !one.isPointer && !one.isHeard();
     if (isInert && within.some((kid) => isItemOf(one, kid))) return null;
+    if (isCellOf(one, within)) return null;
+    if (arePartsOf(one, within)) return kids.filter((kid) => !within.includes(kid));
     const same = within.filter((kid) => share(kid) >= COVER);
     const isField = (kid) => kid.isControl && (GIVES_WAY.has(one.role) || FIELDS.has(localName(kid.element)));
     if (same.some(isField) && !WITHOUT_PARTS.has(one.role)) return null;
     const isNamesake = (kid) => !kid.isControl && Boolean(nameOf(kid.element, kid.role)) && isOfName(kid);
-    const isOfName = (kid) => one.role === 'button' && nameOf(kid.element, kid.role) === nameOf(one.element, one.role);
+    const isOfName = (kid) => one.role === 'button' && isNameOf(one, kid);
     const opener = openerOf(one, within);
     const isOwn = (kid) => same.includes(kid) || isPartOf(one, kid) || isNamesake(kid) || kid === opener;
     const isArrow = (kid) => one.role === 'treeitem' && kid.isPointer && Boolean(classLike(kid.element, ICON));
@@ -693,7 +741,7 @@
 
   const describe = ({ element, role, field }) => ({
     role,
-    name: shorten(nameOf(field || element, role) || (field ? nameOf(element, 'button') : ''), 'name'),
+    name: shorten(nameOf(element, role) || (field && (nameOf(field, role) || nameOf(element, 'button'))) || '', 'name'),
     value: valueOf(field || element, role) ?? undefined,
     href: role === 'link' ? hrefOf(element) : undefined,
   });

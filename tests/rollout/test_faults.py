@@ -22,12 +22,15 @@ from tests.rollout.running import SECONDS, Run, World, a_world, books, outcomes,
 from tests.rollout.stand_in_judge import ADDRESS
 
 from webgym.bench.soak.disk import small_disk
+from webgym.conformance import StandInBrowsers as StandInPages
 from webgym.core.errors import (
     BrowserCrashed,
     BrowserLaunchFailed,
     NoCapacity,
     PolicyError,
+    ServerUnreachable,
     StoreFull,
+    Unauthorized,
     WebGymError,
     WorkerLost,
 )
@@ -36,7 +39,9 @@ from webgym.llm.config import Retry
 from webgym.rollout.collector import Collector
 from webgym.rollout.config import CollectorConfig
 from webgym.rollout.feed import read_feed
+from webgym.rollout.opening import open_patiently
 from webgym.rollout.store import RunReader
+from webgym.server.messages import SessionOptions
 
 
 @pytest.fixture
@@ -142,8 +147,12 @@ async def test_one_restart_of_the_server_is_one_failure_however_many_attempts_it
         lambda: refusal(BrowserLaunchFailed("chromium did not start")),
         lambda: refusal(BrowserCrashed("the browser is gone")),
         lambda: refusal(WorkerLost("the worker is gone")),
+        lambda: refusal(WebGymError("internal error in the server: KeyError()")),
+        lambda: web.HTTPNotFound(text="<h1>404</h1>", content_type="text/html"),
+        lambda: web.HTTPInternalServerError(text="Internal Server Error"),
+        lambda: web.HTTPFound("/login"),
     ],
-    ids=["proxy", "launch", "crash", "worker"],
+    ids=["proxy", "launch", "crash", "worker", "internal", "404", "500", "302"],
 )
 async def test_a_browser_that_cannot_be_had_for_a_while_is_waited_for(
     tmp_path: Path, world: World, refuses: Callable[[], web.HTTPException]
@@ -160,6 +169,47 @@ async def test_a_browser_that_cannot_be_had_for_a_while_is_waited_for(
     await run.end()
     assert outcomes(tmp_path / "run") == {"success": 16}
     assert not run.progress.browser_problem
+
+
+async def test_a_token_that_is_refused_stops_the_run_at_once(tmp_path: Path, world: World) -> None:
+    world.model._reply_seconds = lambda: 0.02
+    run = Run().start(world.config(tmp_path, 16), tmp_path / "run")
+    await until(lambda: run.progress.done >= 3)
+    world.browsers.refuses = lambda: refusal(Unauthorized("the token is invalid"))
+    with pytest.raises(BaseExceptionGroup) as stopped:
+        await run.end()
+    assert stopped.group_contains(Unauthorized)
+    assert not run.progress.browser_problem
+
+
+async def test_a_browser_that_cannot_be_given_back_costs_no_attempt(tmp_path: Path, world: World) -> None:
+    """Its lease expires by itself, whatever the server answers."""
+
+    async def fails(_: web.Request) -> web.Response:
+        raise refusal(WebGymError("internal error in the server: KeyError()"))
+
+    world.browsers._close = fails  # type: ignore[assignment, method-assign]
+    await world.stop("browsers")
+    await world.start("browsers")
+    await Run().start(world.config(tmp_path, 4), tmp_path / "run").end()
+    assert outcomes(tmp_path / "run") == {"success": 4}
+
+
+async def test_a_server_whose_silence_outlasts_the_patience_is_asked_once_more() -> None:
+    browsers = StandInPages()
+    open_now, answers = browsers.open, iter([ServerUnreachable("no answer"), None])
+
+    async def silent(options: Any = None) -> Any:
+        if error := next(answers):
+            await asyncio.sleep(0.2)
+            raise error
+        return await open_now(options)
+
+    browsers.open = silent  # type: ignore[method-assign]
+    config = CollectorConfig(server_patience_seconds=0.1, server_retry_seconds=0.01)
+    told: list[str] = []
+    await open_patiently(browsers, SessionOptions(), config, tell=told.append)
+    assert told == ["no answer", ""]
 
 
 async def test_a_browser_that_does_not_come_back_stops_the_run_and_uses_up_no_sample(

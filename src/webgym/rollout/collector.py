@@ -19,13 +19,9 @@ import numpy as np
 from webgym.core.calls import LoopLag
 from webgym.core.errors import (
     BrowserCrashed,
-    BrowserError,
     BrowserTimeout,
-    LeaseLost,
-    NoCapacity,
     PolicyError,
     ServerError,
-    ServerUnreachable,
     StoreError,
     error_from_code,
 )
@@ -37,6 +33,7 @@ from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.config import CollectorConfig
 from webgym.rollout.driver import BrowserSession
 from webgym.rollout.judging import JUDGED, TAKEN_OVER, JudgedEpisode, judge_episode
+from webgym.rollout.opening import open_patiently
 from webgym.rollout.plan import Plan, Planned
 from webgym.rollout.progress import queues_of
 from webgym.rollout.store import RunWriter
@@ -182,24 +179,19 @@ class Collector:
         Nothing has begun, so that no sample is used up. If none came in time, the run stops. Waiting for a
         slot does not count while this run itself holds some.
         """
-        config, progress = self._config, self._context.progress
-        since = time.monotonic()
-        pause = config.server_retry_seconds
+        progress = self._context.progress
+
+        def tell(problem: str) -> None:
+            progress.browser_problem = problem and f"attempts wait for a browser: {problem}"
+
+        def held() -> float:
+            return time.monotonic() if self._running else self._last_held
+
         progress.move(None, "opening", attempt.planned.attempt_id)
         try:
-            while True:
-                try:
-                    session = await self._context.client.open(attempt.options())
-                    progress.browser_problem = ""
-                    return session
-                except (ServerUnreachable, NoCapacity, BrowserError, LeaseLost) as error:
-                    if isinstance(error, NoCapacity):
-                        since = max(since, time.monotonic() if self._running else self._last_held)
-                    if time.monotonic() + pause > since + config.server_patience_seconds:
-                        raise
-                    progress.browser_problem = f"attempts wait for a browser: {error.message}"
-                    await asyncio.sleep(pause)
-                    pause = min(pause * 2, 8 * config.server_retry_seconds)
+            return await open_patiently(
+                self._context.client, attempt.options(), self._config, tell=tell, held=held
+            )
         finally:
             progress.move("opening", None, attempt.planned.attempt_id)
 

@@ -28,7 +28,6 @@ from webgym.core.calls import CallQueue, call_queues
 from webgym.core.errors import (
     LeaseLost,
     ProtocolError,
-    ServerError,
     ServerUnreachable,
     WebGymError,
 )
@@ -495,7 +494,7 @@ class Session:
             await self._client.call(RELEASE, Closed, grant=self.grant, route=self._route, seconds=seconds)
         except LeaseLost:
             return
-        except ServerError as error:
+        except WebGymError as error:  # also one that the server raised, such as an internal error
             log.warning("session %s was not released: %s", self.id, error)
 
     async def _call(

@@ -166,10 +166,12 @@ class StandInModel:
     Attributes:
         replies: number of replies so far.
         most: maximum number of parallel requests so far.
+        name: of the model that replies name; ``None`` if they name none.
     """
 
     def __init__(self, steps: int = 3, reply_seconds: Callable[[], float] = lambda: 0.0) -> None:
         self.replies = self.most = self.running = 0
+        self.name: str | None = None
         self._steps = steps
         self._reply_seconds = reply_seconds
 
@@ -192,7 +194,8 @@ class StandInModel:
         message = {"role": "assistant", "content": text}
         choice = {"index": 0, "finish_reason": "stop", "message": message}
         usage = {"prompt_tokens": 1000, "completion_tokens": 50, "total_tokens": 1050}
-        return web.json_response({"object": "chat.completion", "choices": [choice], "usage": usage})
+        body = {"object": "chat.completion", "model": self.name, "choices": [choice], "usage": usage}
+        return web.json_response(body)
 
 
 def _page(messages: list[dict[str, Any]]) -> int:

@@ -32,6 +32,7 @@ import msgspec
 
 from webgym.agent.agent import Agent
 from webgym.agent.factory import create_policy
+from webgym.agent.openai_policy import OpenAIPolicy
 from webgym.agent.policy import ORACLES, Policy
 from webgym.agent.preflight import check_policy
 from webgym.core.calls import CallQueue, call_queues
@@ -185,7 +186,9 @@ async def resume(
     refuse_unjudgeable(config.judge, tasks)
     async with (
         await RunWriter.reopen(reader.path, skip_corrupt=skip_corrupt) as store,
-        _run_services(config, secrets or Secrets(), tasks, policy, tell) as run_services,
+        _run_services(
+            config, secrets or Secrets(), tasks, policy, tell, await asyncio.to_thread(_model_of, reader.path)
+        ) as run_services,
     ):
         if store.torn_bytes:
             say(tell, f"cut off {store.torn_bytes} bytes of an unfinished record")
@@ -194,6 +197,12 @@ async def resume(
         return await _carry_out(
             config, run_id, tasks, run_services, store, show, finishing=finishing, retry_errors=retry_errors
         )
+
+
+def _model_of(run: Path) -> str:
+    """The model of the first recorded reply, as its endpoint named it; empty if there is none."""
+    recorded = RunReader(run, skip_corrupt=True).trajectories()
+    return next((step.reply.policy for each in recorded for step in each.episode.steps), "")
 
 
 @dataclass(frozen=True)
@@ -212,12 +221,19 @@ class _RunServices:
 
 @asynccontextmanager
 async def _run_services(
-    config: RunConfig, secrets: Secrets, tasks: Sequence[Task], policy: Policy | None, tell: Tell | None
+    config: RunConfig,
+    secrets: Secrets,
+    tasks: Sequence[Task],
+    policy: Policy | None,
+    tell: Tell | None,
+    recorded_model: str = "",
 ) -> AsyncIterator[_RunServices]:
     choice, profile, is_ours = config.policy, profile_for(config, policy), policy is None
     policy = policy or create_policy(
         choice.name, mistake_rate=choice.mistakes, chat=choice.chat, profile=profile
     )
+    if is_ours and isinstance(policy, OpenAIPolicy):
+        policy.expect(recorded_model)
     async with AsyncExitStack() as stack:
         problem = stack.enter_context(watch_clients())
         judge = await stack.enter_async_context(open_judge(config.judge))

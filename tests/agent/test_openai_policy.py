@@ -112,8 +112,9 @@ async def test_nobody_listens(png: bytes) -> None:
         await talk("http://127.0.0.1:1/v1", png)
 
 
-async def test_a_reply_without_an_action_is_a_step(endpoint: Endpoint, png: bytes) -> None:
-    (step,) = await talk(endpoint.url("bare"), png)
+async def test_a_reply_without_an_action_is_a_step(endpoint: Chooses, png: bytes) -> None:
+    endpoint.choice = {"message": {"content": None}}
+    (step,) = await talk(endpoint.url("choice"), png)
     assert step.action is None
     assert step.parse_error.startswith("no_tool_call")
 

@@ -26,6 +26,7 @@ class Endpoint:
     def __init__(self, port: int) -> None:
         self.port = port
         self.text = "Hello."
+        self.model = "tiny-1"
         self.behaviour = "fine"
         """Of ``changing``."""
         self.requests: list[dict[str, Any]] = []
@@ -71,7 +72,7 @@ class Endpoint:
             "id": "chatcmpl-1",
             "object": "chat.completion",
             "created": 1700000000,
-            "model": "tiny-1",
+            "model": self.model,
             "choices": [
                 {
                     "index": 0,
@@ -150,7 +151,7 @@ class Endpoint:
         return await self.do_fine(request) if self.hung_up.is_set() else await self.do_silent(request)
 
     async def do_bare(self, request: Request) -> Response:
-        return JSONResponse({"choices": [{"message": {"content": None}}]})
+        return JSONResponse({"choices": [{"message": {"content": self.text}}]})
 
     async def do_flaky(self, request: Request) -> Response:
         if self.fails_left > 0:

@@ -47,10 +47,10 @@ async def test_completion(endpoint: Endpoint) -> None:
     assert "authorization" not in endpoint.headers[0]
 
 
-async def test_a_reply_without_usage_model_or_content_is_a_reply(endpoint: Endpoint) -> None:
+async def test_a_reply_without_usage_and_model_is_a_reply(endpoint: Endpoint) -> None:
     async with ChatClient(config(endpoint.url("bare"))) as client:
         reply = await client.complete(MESSAGES)
-    assert (reply.text, reply.finish_reason, reply.model) == ("", "", "tiny")
+    assert (reply.text, reply.finish_reason, reply.model) == ("Hello.", "", "tiny")
     assert (reply.prompt_tokens, reply.completion_tokens) == (0, 0)
 
 
@@ -58,6 +58,48 @@ async def test_a_reply_that_the_engine_broke_off_is_asked_for_again(endpoint: En
     endpoint.replies = [{"message": {"content": None}, "finish_reason": "abort"}, {"finish_reason": "length"}]
     assert await ask(endpoint.url("scripted")) == "Hello."
     assert endpoint.replies == []
+
+
+@pytest.mark.parametrize("content", [None, ""])
+@pytest.mark.parametrize(("finish_reason", "counted"), [(None, 3), ("stop", 0), ("stop", None)])
+async def test_a_reply_that_was_not_generated_is_asked_for_again(
+    endpoint: Endpoint, content: str | None, finish_reason: str | None, counted: int | None
+) -> None:
+    endpoint.usage["completion_tokens"] = counted
+    nothing = {"message": {"content": content}, "finish_reason": finish_reason}
+    endpoint.replies = [nothing, {}]
+    assert await ask(endpoint.url("scripted")) == "Hello."
+    endpoint.replies = [nothing] * 2
+    with pytest.raises(LLMBadReply, match="nothing in it"):
+        await ask(endpoint.url("scripted"), retry=Retry(tries=2, first_seconds=0))
+
+
+@pytest.mark.parametrize(("finish_reason", "counted"), [("stop", 1), ("length", 0)])
+async def test_an_empty_reply_that_was_generated_is_the_models(
+    endpoint: Endpoint, finish_reason: str, counted: int
+) -> None:
+    endpoint.usage["completion_tokens"] = counted
+    endpoint.replies = [{"message": {"content": None}, "finish_reason": finish_reason}]
+    assert await ask(endpoint.url("scripted")) == ""
+
+
+async def test_another_model_than_before_is_refused_unless_any_is_accepted(endpoint: Endpoint) -> None:
+    retry = Retry(tries=2, first_seconds=0.01)
+    for any_model in (False, True):
+        endpoint.model = "tiny-1"
+        async with ChatClient(config(endpoint.url(), retry=retry, any_model=any_model)) as client:
+            await client.complete(MESSAGES)
+            endpoint.model = "other"
+            if any_model:
+                assert (await client.complete(MESSAGES)).model == "other"
+                continue
+            endpoint.requests.clear()
+            with pytest.raises(LLMBadReply, match="'other', and replied as 'tiny-1' before") as refused:
+                await client.complete(MESSAGES)
+            assert "any_model" in refused.value.hint
+            assert len(endpoint.requests) == 2
+            endpoint.model = "tiny-1"
+            await client.complete(MESSAGES)
 
 
 async def test_connections_are_kept(endpoint: Endpoint) -> None:

@@ -83,6 +83,28 @@ async def test_a_policy_that_is_away_for_longer_than_its_tries_costs_no_attempt(
     assert outcomes(tmp_path / "run") == {"success": 16}
 
 
+async def test_a_model_that_is_replaced_in_the_midst_of_a_run_is_no_failure_of_the_first(
+    tmp_path: Path, world: World
+) -> None:
+    config = world.config(tmp_path, 60, {"give_up_after": 2}, retries=0)
+    assert config.policy.chat is not None
+    chat = config.policy.chat.model_copy(update={"retry": Retry(tries=2, first_seconds=0.05)})
+    config = config.model_copy(update={"policy": config.policy.model_copy(update={"chat": chat})})
+    world.model.name = "first"
+    world.model._reply_seconds = lambda: 0.02
+    run = Run().start(config, tmp_path / "run")
+    await until(lambda: run.progress.done >= 3)
+    world.model.name = "second"
+    await until(lambda: "as the model 'second'" in " ".join(run.progress.warnings))
+    with pytest.raises(BaseExceptionGroup) as stopped:
+        await run.end()
+    assert "'second', and replied as 'first' before" in _whole(stopped.value)
+    assert outcomes(tmp_path / "run").keys() <= {"success", "policy_error", "cancelled"}
+    with pytest.raises(BaseExceptionGroup) as stopped:
+        await Run().start(None, tmp_path / "run").end()
+    assert "'second', and replied as 'first' before" in _whole(stopped.value)
+
+
 def test_attempts_that_fail_together_stop_the_run_with_one_error() -> None:
     collector: Any = object.__new__(Collector)
     collector._config, collector._failed_in_a_row = CollectorConfig(give_up_after=2), 0

@@ -65,6 +65,10 @@ class OpenAIPolicy:
         """Why requests are delayed at this moment; empty if they are not."""
         return self._client.problem
 
+    def expect(self, model: str) -> None:
+        """Expect replies of this model, as if the endpoint had named it in an earlier one."""
+        self._client.served = model
+
     def begin(self, task: Task, seed: int) -> OpenAIPolicy:  # noqa: ARG002
         """The policy itself: it has no state between turns, and the endpoint draws its own random numbers."""
         return self

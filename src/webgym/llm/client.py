@@ -80,6 +80,8 @@ class ChatClient:
     Attributes:
         config: as given.
         formats: formats that the endpoint accepts as ``response_format``, as far as that is known.
+        served: the model of the first reply, as the endpoint named it; empty before. Replies of another one
+            are refused, unless the config's ``any_model`` is set.
 
     Raises:
         ConfigError: the key contains characters that are invalid in an HTTP header.
@@ -95,6 +97,7 @@ class ChatClient:
     ) -> None:
         self.config = config
         self.formats = Formats(config.base_url, config.model, cache)
+        self.served = ""
         self._url = f"{config.base_url}/chat/completions"
         self._key = api_key or SecretStr(os.environ.get(config.api_key_env, "").strip())
         if not self._key.get_secret_value().isascii() or not self._key.get_secret_value().isprintable():
@@ -161,7 +164,7 @@ class ChatClient:
             LLMUnreachable: nothing answers, after all retries.
             LLMTimeout: no complete reply came within the deadlines.
             LLMBadReply: the endpoint refused the request, its answer is not a completion, or, after all
-                retries, its engine broke off the reply.
+                retries, its engine broke off the reply, generated none, or it is another model's.
             BudgetSpent: the call could cost more than is left of the budget.
             CacheError: the cache cannot be read or written.
         """
@@ -342,14 +345,27 @@ class ChatClient:
             if unusable is not None:
                 await self._discard(request, unusable, purpose)
             raise self._temporary(error, is_answer=unusable is not None) from error.__cause__
-        if ended_by(completion.finish_reason) == "engine":
-            problem = f"{self._where()} broke off its reply: finish_reason {completion.finish_reason!r}"
+        if (problem := self._problem_of(completion)) is not None:
             await self._discard(request, completion, purpose)
-            broken_off = LLMBadReply(problem, hint="the endpoint's own log says more")
-            raise _TemporaryFailure(broken_off, is_answer=True)
+            raise _TemporaryFailure(problem, is_answer=True)
         self._answered, self._failing_since = time.monotonic(), None
         permit.answered(reply.seconds / (_READING_TOKENS + completion.completion_tokens))
         return reply
+
+    def _problem_of(self, completion: Completion) -> LLMBadReply | None:
+        """Why a completion cannot be used, through a fault of the endpoint; ``None`` if it can."""
+        if ended_by(completion.finish_reason) == "engine":
+            problem = f"broke off its reply: finish_reason {completion.finish_reason!r}"
+            return LLMBadReply(f"{self._where()} {problem}", hint="the endpoint's own log says more")
+        if completion.was_not_generated:
+            return LLMBadReply(
+                f"{self._where()} sent a reply with nothing in it", hint="is its model loaded?"
+            )
+        self.served = self.served or completion.model
+        if completion.model == self.served or self.config.any_model:
+            return None
+        problem = f"replies as the model {completion.model!r}, and replied as {self.served!r} before"
+        return LLMBadReply(f"{self._where()} {problem}", hint="the chat's setting any_model accepts several")
 
     async def _once(self, content: bytes, progress: _Progress) -> bytes:
         """The body of a reply with status 200."""

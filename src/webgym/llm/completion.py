@@ -9,6 +9,7 @@ from typing import Any, Final, Protocol
 import msgspec
 
 from webgym.core.tokens import ReplyTokens
+from webgym.core.trajectory import ended_by, was_cut_off
 from webgym.llm.config import Sampling
 
 _QUOTED_CHARS: Final = 200
@@ -50,6 +51,18 @@ class Completion(msgspec.Struct, frozen=True):
     tokens: ReplyTokens | None = None
     weight_versions: tuple[str, ...] = ()
     separated: bool = False
+
+    @property
+    def was_not_generated(self) -> bool:
+        """Whether it holds nothing, and nothing shows that a model chose to say nothing.
+
+        A model's own empty reply has a reason for its end and, as its end is a token, tokens; one that was
+        cut off has some, too.
+        """
+        if self.text or self.reasoning or self.refusal or ended_by(self.finish_reason) != "model":
+            return False
+        has_tokens = self.completion_tokens or self.tokens or was_cut_off(self.finish_reason)
+        return not (self.finish_reason and has_tokens)
 
 
 class Completes(Protocol):

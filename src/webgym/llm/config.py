@@ -134,6 +134,10 @@ class ChatConfig(Settings):
     model: str = Field(min_length=1)
     """Name of the model at that endpoint."""
 
+    any_model: bool = False
+    """Accept replies of several models, as of a router with several snapshots under one name. Otherwise a
+    reply that names another model than the first reply did is an error of the endpoint."""
+
     api_key_env: str = "WEBGYM_API_KEY"
     """Environment variable with the API key. If it is not set, no key is sent. The key itself is never part
     of a config, so that it is not stored in run folders."""

@@ -292,7 +292,8 @@ class VllmServing:
         chat = self._config.chat(self._api.base_url, name)
         sampling = chat.sampling.over(self._profile.sampling).over(EXPLICIT)
         policy = OpenAIPolicy(
-            chat.model_copy(update={"sampling": sampling}),
+            # VllmPolicy itself checks the model of every reply, and ends the training.
+            chat.model_copy(update={"sampling": sampling, "any_model": True}),
             self._profile,
             api_key=self._api.key,
             processed_logprobs=self._is_ours,

@@ -22,11 +22,19 @@ from webgym import Environment, SyncEnvironment, conformance
 from webgym.agent.config import AgentConfig
 from webgym.agent.solver import Solver
 from webgym.core.action import Answer, Hover, Scroll, Target
-from webgym.core.errors import ConfigError, EpisodeLost, UsageError
+from webgym.core.errors import (
+    ConfigError,
+    EpisodeLost,
+    NoCapacity,
+    ServerError,
+    ServerUnreachable,
+    UsageError,
+    WebGymError,
+)
 from webgym.core.trajectory import Reply
 from webgym.rollout.config import CollectorConfig
 from webgym.run_config import RunConfig, TaskChoice
-from webgym.testing import check_environment, stand_in_environment
+from webgym.testing import check_environment, stand_in_environment, stand_in_pool
 
 SMALL = RunConfig(tasks=TaskChoice(count=6), agent=AgentConfig(mode="marks"))
 
@@ -181,6 +189,44 @@ async def test_a_reply_is_read_by_the_parser_of_runs_and_kept_as_it_was() -> Non
         assert [step.changed for step in steps] == [True, True, None]
         assert {step.observation.screenshot for step in steps} <= info["pictures"].keys()
         assert info["pictures"][view.observation.screenshot] == view.image
+
+
+async def test_a_server_that_is_away_is_waited_for_and_costs_no_task(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    given = stand_in_pool(tmp_path)
+    browsers, config = given["browsers"], given["config"]
+    opens = browsers.open
+    down: Iterator[WebGymError] = iter(())
+
+    async def open_(options: Any = None) -> Any:
+        for error in down:
+            raise error
+        return await opens(options)
+
+    browsers.open = open_
+    drawn: dict[int, list[str]] = {}
+    for patience in (60, 0):
+        waits = CollectorConfig(server_patience_seconds=patience, server_retry_seconds=0.01)
+        env = Environment(
+            given["name"],
+            browsers=browsers,
+            judge=given["judge"],
+            config=config.model_copy(update={"collector": waits}),
+        )
+        async with env:
+            drawn[patience] = []
+            for count in (0, 2, 0, 1):
+                down = iter([ServerUnreachable("nothing answers"), NoCapacity("no slot")][:count])
+                for _ in range(0 if patience else count):
+                    with pytest.raises(ServerError):
+                        await env.reset()
+                _, info = await env.reset()
+                drawn[patience].append(info["task_id"])
+                assert info["step"] == 0
+        assert "waits for a browser: nothing answers" in caplog.text
+    async with Environment(given["name"], browsers=browsers, judge=given["judge"], config=config) as env:
+        assert drawn[60] == drawn[0] == [(await env.reset())[1]["task_id"] for _ in range(4)]
 
 
 async def test_an_episode_without_a_reward_may_be_an_error() -> None:

@@ -18,6 +18,7 @@ from webgym.conformance import STAND_IN_TASKS, StandInBrowsers, StandInJudge
 from webgym.core.action import Answer, Scroll
 from webgym.core.errors import ConfigError, NoCapacity, UsageError
 from webgym.core.outcome import Outcome
+from webgym.rollout.config import CollectorConfig
 from webgym.testing import stand_in_environment, stand_in_pool
 
 renderer = functools.cache(tiny_renderer)  # by the first test that needs it
@@ -106,7 +107,8 @@ async def test_no_browser_is_no_reward_and_no_exception() -> None:
         async def open(self, options: object = None) -> object:
             raise NoCapacity("there is none")
 
-    config = stand_in_environment().config
+    collector = CollectorConfig(server_patience_seconds=0)
+    config = stand_in_environment().config.model_copy(update={"collector": collector})
     env = webgym.Environment(STAND_IN_TASKS, browsers=_None(), judge=StandInJudge(), config=config)  # type: ignore[arg-type]
     async with env:
         rollout = await webgym.roll_out(env, Engine(renderer(), RIGHT), renderer(), task_id="check-1")

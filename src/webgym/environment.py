@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import math
 import operator
 import random
@@ -34,7 +35,14 @@ from webgym.agent.profiles import choose_profile
 from webgym.agent.prompts import render_reply
 from webgym.core.action import GRID, Action, Answer, GoBack, LeftClick, Scroll, Target, Wait
 from webgym.core.calls import call_queues
-from webgym.core.errors import ConfigError, EpisodeLost, UsageError
+from webgym.core.errors import (
+    BrowserCrashed,
+    BrowserTimeout,
+    ConfigError,
+    EpisodeLost,
+    ProtocolError,
+    UsageError,
+)
 from webgym.core.outcome import Ending
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply, Trajectory
@@ -43,12 +51,15 @@ from webgym.judge.factory import check_judge, open_judge, refuse_unjudgeable
 from webgym.offline.config import CollectionName, SitesConfig
 from webgym.rollout.driver import Browsers, BrowserSession, EpisodeContext, EpisodeDriver, SiteState
 from webgym.rollout.judging import judge_episode
+from webgym.rollout.opening import open_patiently
 from webgym.rollout.plan import Planned
 from webgym.run_config import RunConfig, Secrets, resolved
 from webgym.run_services import open_services
 from webgym.server.messages import View
 from webgym.task_choice import choose_tasks
 from webgym.tasks.selection import SplitName
+
+log = logging.getLogger(__name__)
 
 Info: TypeAlias = dict[str, Any]
 """What :meth:`Environment.reset` and :meth:`Environment.step` return besides the view:
@@ -80,6 +91,9 @@ COLLECTIONS: Final[dict[str, CollectionName]] = {
     "offline-cross-v1": "cross",
 }
 """Names of the task sets that come with WebGym. A name always has the same websites and tasks."""
+
+_OF_TASKS: Final = (BrowserCrashed, BrowserTimeout, ProtocolError)
+"""Failures to open a browser that may be due to what the task needs, such as files: it is not put back."""
 
 OnFault: TypeAlias = Literal["nan", "raise"]
 
@@ -247,19 +261,27 @@ class Environment:
 
         Raises:
             ConfigError: there is no such task or option.
-            WebGymError: the browser or the website failed, and no episode started; reset again.
+            WebGymError: the browser or the website failed, and no episode started; reset again. A server
+                without a browser is waited for (``config.collector.server_patience_seconds``), and no task is
+                skipped for it.
         """
         services = self._opened
         await self.abandon()
         if seed is not None:
             self._restart_order(seed)
-        task = self._choose(options or {})
-        self._attempts[task.id] += 1
-        episode = _Episode(self, services, Planned(task, self._attempts[task.id] - 1))
+        options = options or {}
+        task = self._choose(options)
+        remaining, attempts = self._remaining, self._attempts
+        attempts[task.id] += 1
+        episode = _Episode(self, services, Planned(task, attempts[task.id] - 1))
         self._episode = episode
         try:
             view = await episode.begin()
-        except BaseException:
+        except BaseException as error:
+            if episode.has_no_browser and not isinstance(error, _OF_TASKS):
+                attempts[task.id] -= 1
+                if options.get("task_id") is None:
+                    remaining.append(task.id)
             await self._abandon(episode)
             raise
         return view, episode.info()
@@ -388,7 +410,7 @@ class _Episode:
         config = env.config
         self.id = uuid.uuid4().hex
         self._services = services
-        self._judge_seconds = config.collector.judge_seconds
+        self._collector = config.collector
         self._pictures = _Pictures()
         context = EpisodeContext(
             store=self._pictures,
@@ -413,7 +435,9 @@ class _Episode:
 
     async def begin(self) -> View:
         """Open the start page."""
-        session = self._session = await self._services.client.open(self._driver.options())
+        session = self._session = await open_patiently(
+            self._services.client, self._driver.options(), self._collector, tell=_log_waiting
+        )
         # An environment that is garbage-collected closes its browser session.
         self._finalizer = weakref.finalize(self, _close_later, asyncio.get_running_loop(), session)
         self._finalizer.atexit = False
@@ -450,7 +474,8 @@ class _Episode:
         await self.give_back()
         episode = self._driver.episode()
         task = self._driver.planned.task
-        judged = await judge_episode(self._services.judge, task, episode, self._picture, self._judge_seconds)
+        seconds = self._collector.judge_seconds
+        judged = await judge_episode(self._services.judge, task, episode, self._picture, seconds)
         self._trajectory = judged.of(episode)
 
     async def _picture(self, name: str) -> bytes:
@@ -469,6 +494,10 @@ class _Episode:
         self._session = None
         if self._finalizer is not None:
             self._finalizer()
+
+    @property
+    def has_no_browser(self) -> bool:
+        return self._session is None
 
     @property
     def is_over(self) -> bool:
@@ -502,6 +531,11 @@ class _Episode:
             "trajectory": trajectory,
             "pictures": self._pictures.by_name,
         }
+
+
+def _log_waiting(problem: str) -> None:
+    if problem:
+        log.warning("an environment waits for a browser: %s", problem)
 
 
 def _close_later(loop: asyncio.AbstractEventLoop, session: BrowserSession) -> None:

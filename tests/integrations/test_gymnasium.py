@@ -18,6 +18,7 @@ from webgym.conformance import StandInBrowsers
 from webgym.core.action import Answer, GoBack, Scroll
 from webgym.core.errors import BrowserCrashed, UsageError
 from webgym.integrations.gymnasium import IDS, WebGymEnv, WebGymVectorEnv
+from webgym.rollout.config import CollectorConfig
 from webgym.testing import check_environment, stand_in_environment, stand_in_pool
 
 
@@ -63,6 +64,8 @@ def flaky(folder: Path) -> Iterator[tuple[WebGymVectorEnv, FlakyBrowsers]]:
     browsers = FlakyBrowsers()
     given = stand_in_pool(folder) | {"browsers": browsers}
     del given["size"]
+    collector = CollectorConfig(server_patience_seconds=0)
+    given["config"] = given["config"].model_copy(update={"collector": collector})
     envs = WebGymVectorEnv(3, **given)
     try:
         yield envs, browsers

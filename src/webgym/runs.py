@@ -249,7 +249,12 @@ async def _run_services(
             open_services(config, secrets, tasks, tell, calls)
         )
         software = await _software(client, is_ours=config.server.url is None)
-        yield _RunServices(software, site_state, client, agent, judge, calls, problem, tell)
+
+        def problems() -> str:
+            silent = client.problem if isinstance(client, BrowserClient) else ""
+            return "; ".join(filter(None, (problem(), silent)))
+
+        yield _RunServices(software, site_state, client, agent, judge, calls, problems, tell)
 
 
 async def _software(client: Browsers, *, is_ours: bool) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 from aiohttp import web
-from benchmarks.stand_ins import refusal
+from benchmarks.stand_ins import TOKEN, StandInBrowsers, refusal, serving_app
 from tests.rollout.running import SECONDS, Run, World, a_world, books, outcomes, until
 from tests.rollout.stand_in_judge import ADDRESS
 
@@ -41,6 +41,7 @@ from webgym.rollout.config import CollectorConfig
 from webgym.rollout.feed import read_feed
 from webgym.rollout.opening import open_patiently
 from webgym.rollout.store import RunReader
+from webgym.server.client import BrowserClient
 from webgym.server.messages import SessionOptions
 
 
@@ -215,6 +216,38 @@ async def test_a_browser_that_cannot_be_given_back_costs_no_attempt(tmp_path: Pa
     await world.start("browsers")
     await Run().start(world.config(tmp_path, 4), tmp_path / "run").end()
     assert outcomes(tmp_path / "run") == {"success": 4}
+
+
+async def test_a_server_that_falls_silent_is_told(
+    tmp_path: Path, world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("webgym.server.client._SLOW_SECONDS", 0.3)
+    steps = itertools.count()
+    world.browsers._step_seconds = lambda: 0.0 if next(steps) < 12 else 1000.0
+    run = Run().start(world.config(tmp_path, 8), tmp_path / "run")
+    silent = f"the browser server {world.url('browsers')} leaves 4 calls without an answer, step for"
+    await until(lambda: silent in " ".join(run.progress.warnings))
+    run.task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await run.end()
+    assert not run.progress.problem()
+
+
+async def test_a_wait_for_a_slot_is_not_told_as_a_silent_server(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("webgym.server.client._SLOW_SECONDS", 0.1)
+    browsers = StandInBrowsers(open_seconds=0.8)
+    async with (
+        serving_app(browsers.app()) as port,
+        BrowserClient(f"http://127.0.0.1:{port}", token=TOKEN) as client,
+    ):
+        opening = asyncio.create_task(client.open(SessionOptions(wait_seconds=60)))
+        while not opening.done():
+            assert not client.problem
+            await asyncio.sleep(0.01)
+        opening = asyncio.create_task(client.open(SessionOptions(wait_seconds=0)))
+        await until(lambda: "1 call without an answer, allocate for" in client.problem)
+        await opening
+        assert not client.problem
 
 
 async def test_a_server_whose_silence_outlasts_the_patience_is_asked_once_more() -> None:

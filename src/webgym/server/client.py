@@ -77,6 +77,8 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 _NAME_BYTES = 8
+_SLOW_SECONDS = 30.0
+"""A call that is not answered for longer is reported as a problem."""
 
 
 class _CallFailed(Exception):
@@ -161,6 +163,8 @@ class BrowserClient:
         }
         self.calls = calls or call_queues(self.limits.calls)
         self._sessions: set[Session] = set()
+        self._unanswered: dict[object, tuple[str, str, float, float]] = {}
+        """The calls that were sent: operation, server, when, and how long the answer may take by request."""
         self._connections: aiohttp.ClientSession | None = None
 
     async def __aenter__(self) -> BrowserClient:
@@ -178,6 +182,19 @@ class BrowserClient:
         if self._connections is None:
             raise RuntimeError("the client is not open: use it in an async with statement")
         return self._connections
+
+    @property
+    def problem(self) -> str:
+        """Which server is silent at this moment, as a message for users; empty if none is. A request for a
+        browser may wait for a free slot."""
+        now = time.monotonic()
+        overdue = [call for call in self._unanswered.values() if now - call[2] >= _SLOW_SECONDS + call[3]]
+        if not overdue:
+            return ""
+        operation, server, since, _ = min(overdue, key=lambda call: call[2])
+        calls = "1 call" if len(overdue) == 1 else f"{len(overdue)} calls"
+        waited = f"{operation} for {now - since:.0f} s"
+        return f"the browser server {server} leaves {calls} without an answer, {waited}"
 
     async def open(self, options: SessionOptions | None = None) -> Session:
         """Lease a browser with a fresh, blank page. The lease is renewed in the background until it is
@@ -333,8 +350,11 @@ class BrowserClient:
         content = None if body is None else msgspec.json.encode(body)
         pool = self.calls[queue].turn() if queue else contextlib.nullcontext()
         limit = seconds or self.limits.reply_seconds
+        call = object()
         try:
             async with pool:
+                sent = time.monotonic(), max(0.0, limit - self.limits.reply_seconds)
+                self._unanswered[call] = operation.name, base_url, *sent
                 exchange = self._exchange(operation.method, base_url + path, content, headers)
                 if grant is None or operation in (HEARTBEAT, RELEASE):
                     async with asyncio.timeout(limit):
@@ -357,6 +377,8 @@ class BrowserClient:
                 hint="it may have been carried out: observe the page before acting again",
             )
             raise _CallFailed(failure, was_sent=True) from None
+        finally:
+            self._unanswered.pop(call, None)
 
     async def _answer_in_time(
         self, exchange: Coroutine[Any, Any, _Response], limit: float, base_url: str, grant: SessionGrant

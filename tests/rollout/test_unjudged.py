@@ -13,6 +13,7 @@ import httpx
 import msgspec
 import pytest
 from tests.judge.scenes import PICTURES, TASK, episode, pictures
+from tests.llm.endpoint import serve
 
 from webgym.core.errors import JudgeError, StoreError
 from webgym.core.outcome import Outcome
@@ -22,6 +23,7 @@ from webgym.core.verdict import Judgement, Verdict
 from webgym.judge.base import Judge, Pictures
 from webgym.judge.config import STAGES, JudgeConfig
 from webgym.judge.rubric import RubricJudge
+from webgym.llm.client import ChatClient
 from webgym.llm.completion import Completion
 from webgym.llm.config import ChatConfig, Sampling
 from webgym.report.live import view_app
@@ -116,6 +118,24 @@ def rubric(unreadable: float, tries: int) -> RubricJudge:
     config = JudgeConfig(chat=CHAT, tries=tries)
     model = Noisy(unreadable)
     return RubricJudge(config, dict.fromkeys(STAGES, model))
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "told"), [("silent", "/v1 is silent for 1 s"), ("html", "/v1 sent a web page: <!doctype")]
+)
+async def test_a_judge_without_a_verdict_in_time_names_what_its_endpoint_did(
+    behaviour: str, told: str
+) -> None:
+    async with serve() as endpoint:
+        chat = ChatConfig(base_url=endpoint.url("changing"), model="tiny-1")
+        async with ChatClient(chat) as client:
+            await client.complete([{"role": "user", "content": "Hello"}])
+            endpoint.behaviour = behaviour
+            judge = RubricJudge(JudgeConfig(chat=chat), dict.fromkeys(STAGES, client))
+            found = await judge_episode(judge, TASK, episode(), pictures, 1)
+    assert found.failure is not None
+    assert found.failure.message.startswith("no verdict within 1 s: the endpoint http://127.0.0.1:")
+    assert told in found.failure.message
 
 
 @pytest.mark.parametrize("tries", [2, 3])

@@ -33,7 +33,7 @@ from webgym.llm.completion import (
 )
 from webgym.llm.config import ChatConfig, Sampling
 from webgym.llm.formats import Formats
-from webgym.llm.health import register_client
+from webgym.llm.health import note_cut_off, register_client
 from webgym.llm.labelled import Labelled
 from webgym.llm.ledger import Ledger
 from webgym.llm.pools import Pools
@@ -291,6 +291,9 @@ class ChatClient:
         self._in_flight.add(progress)
         try:
             yield
+        except asyncio.CancelledError:
+            note_cut_off(progress.last.message if progress.last else self._waits_for(progress))
+            raise
         finally:
             self._in_flight.discard(progress)
 
@@ -304,11 +307,13 @@ class ChatClient:
             assert newest.last is not None
             return f"{len(refused)} of {len(requests)} requests are sent again: {newest.last.message}"
         oldest = min(requests, key=lambda request: request.started, default=None)
-        waited = time.monotonic() - oldest.started if oldest else 0.0
-        if oldest is None or waited < _SLOW_SECONDS:
+        if oldest is None or time.monotonic() - oldest.started < _SLOW_SECONDS:
             return ""
-        so_far = f"has sent {size(oldest.received)}" if oldest.received else "is silent"
-        return f"{self._where()} {so_far} for {waited:.0f} s"
+        return self._waits_for(oldest)
+
+    def _waits_for(self, request: _Progress) -> str:
+        so_far = f"has sent {size(request.received)}" if request.received else "is silent"
+        return f"{self._where()} {so_far} for {time.monotonic() - request.started:.0f} s"
 
     async def _try(
         self, request: Request, purpose: str, permit: RequestPermit, progress: _Progress

@@ -42,6 +42,30 @@ def watch_clients() -> Iterator[Callable[[], str]]:
         _clients.reset(token)
 
 
+_cut_off: ContextVar[list[str] | None] = ContextVar("cut_off", default=None)
+
+
+@contextmanager
+def collect_cut_off() -> Iterator[list[str]]:
+    """Collect what delayed the requests that are cancelled in the block, also in tasks that it starts.
+
+    Yields:
+        The reasons so far, in the order of the cancellations.
+    """
+    reasons = list[str]()
+    token = _cut_off.set(reasons)
+    try:
+        yield reasons
+    finally:
+        _cut_off.reset(token)
+
+
+def note_cut_off(reason: str) -> None:
+    """Tell the enclosing :func:`collect_cut_off`, if there is one, what delayed a cancelled request."""
+    if (reasons := _cut_off.get()) is not None:
+        reasons.append(reason)
+
+
 def register_client(client: Client) -> None:
     """Make an open client known to the enclosing :func:`watch_clients`, if there is one."""
     if (clients := _clients.get()) is not None:

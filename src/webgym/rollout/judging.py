@@ -13,6 +13,7 @@ from webgym.core.task import Task
 from webgym.core.trajectory import Episode, Failure, Trajectory
 from webgym.core.verdict import Verdict
 from webgym.judge.base import Judge, Pictures
+from webgym.llm.health import collect_cut_off
 
 JUDGED = frozenset({Ending.ANSWERED, Ending.BUDGET_SPENT})
 """Endings of episodes that ended regularly, and so are judged."""
@@ -60,23 +61,26 @@ async def judge_episode(
         return JudgedEpisode(None, None, outcome_of(episode.ending, None))
     started = time.monotonic()
     verdict = failure = None
+    delays: list[str] = []
     try:
-        async with asyncio.timeout(seconds):
-            given = await judge.judge(task, episode, pictures)
+        with collect_cut_off() as delays:
+            async with asyncio.timeout(seconds):
+                given = await judge.judge(task, episode, pictures)
         if given.reward is None and not given.blocked.passed:  # from a user's own judge
             raise JudgeError(f"{judge.name} gave no reward, and says that the attempt was not blocked")
         verdict, outcome = given, outcome_of(episode.ending, given)
     except Exception as error:
         # The attempt remains without a verdict, and its record says why.
-        judge_error = _as_judge_error(error, seconds)
+        judge_error = _as_judge_error(error, seconds, delays)
         failure = Failure(judge_error.code, judge_error.message)
         outcome = outcome_of(episode.ending, judge_error)
     return JudgedEpisode(verdict, failure, outcome, time.monotonic() - started)
 
 
-def _as_judge_error(error: Exception, seconds: float) -> JudgeError:
+def _as_judge_error(error: Exception, seconds: float, delays: list[str]) -> JudgeError:
     if isinstance(error, JudgeError):
         return error
     if isinstance(error, TimeoutError):
-        return JudgeError(f"no verdict within {seconds:g} s")
+        why = f": {'; '.join(dict.fromkeys(delays))}" if delays else ""
+        return JudgeError(f"no verdict within {seconds:g} s{why}")
     return JudgeError(f"the judge failed: {type(error).__name__}: {error}")

@@ -8,6 +8,7 @@ import os
 import random
 import shutil
 import sys
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from functools import partial
@@ -146,6 +147,25 @@ async def test_a_server_that_is_lost_and_comes_back_costs_what_was_in_flight(
     assert ended["success"] == 16
     assert 1 <= ended["environment_error"] <= 8
     assert ended.keys() == {"success", "environment_error"}
+
+
+async def test_garbage_in_place_of_steps_for_a_moment_uses_up_one_try_of_each_attempt(
+    tmp_path: Path, world: World
+) -> None:
+    step, until_ = world.browsers._step, [float("inf")]
+
+    async def garbled(request: web.Request) -> web.Response:
+        if time.monotonic() < until_[0] and world.browsers.opened > 4:
+            until_[0] = min(until_[0], time.monotonic() + 0.3)
+            return web.json_response({})
+        return await step(request)
+
+    world.browsers._step = garbled  # type: ignore[method-assign]
+    await world.stop("browsers")
+    await world.start("browsers")
+    config = world.config(tmp_path, 8, {"server_retry_seconds": 0.1, "give_up_after": 100}, retries=1)
+    await Run().start(config, tmp_path / "run").end()
+    assert outcomes(tmp_path / "run")["success"] == 8
 
 
 async def test_one_restart_of_the_server_is_one_failure_however_many_attempts_it_ends(

@@ -8,6 +8,7 @@ baselines differ from it in their schedule alone, with the same agent, server an
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from array import array
 from collections.abc import AsyncIterator
@@ -33,7 +34,7 @@ from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.config import CollectorConfig
 from webgym.rollout.driver import BrowserSession
 from webgym.rollout.judging import JUDGED, TAKEN_OVER, JudgedEpisode, judge_episode
-from webgym.rollout.opening import open_patiently
+from webgym.rollout.opening import is_of_server, longest_pause, open_patiently
 from webgym.rollout.plan import Plan, Planned
 from webgym.rollout.progress import queues_of
 from webgym.rollout.store import RunWriter
@@ -66,6 +67,8 @@ class Collector:
         self._running: set[Attempt] = set()
         self._last_held = 0.0
         """When a browser was last given back."""
+        self._server_failed = -math.inf
+        """When the server last ended an attempt."""
         self._places = asyncio.Semaphore(config.sessions)
         self._unrecorded = asyncio.Semaphore(config.judges + config.backlog)
         self._failed_in_a_row = 0
@@ -172,6 +175,8 @@ class Collector:
             episode = attempt.episode()
             await self._record(episode, _unjudged(episode))
             raise
+        if attempt.failure is not None and is_of_server(error_from_code(attempt.failure.code, "")):
+            self._server_failed = time.monotonic()
 
     async def _open(self, attempt: Attempt) -> BrowserSession:
         """A browser session; a server that is away, or starts no browser, for a moment is waited for.
@@ -189,6 +194,9 @@ class Collector:
 
         progress.move(None, "opening", attempt.planned.attempt_id)
         try:
+            if attempt.planned.retry:  # at once, it could end as before
+                rest = self._server_failed + longest_pause(self._config) - time.monotonic()
+                await asyncio.sleep(max(0.0, rest))
             return await open_patiently(
                 self._context.client, attempt.options(), self._config, tell=tell, held=held
             )

@@ -98,7 +98,8 @@ class CollectorConfig(Settings):
     run stops. Waiting for a slot does not count while this run itself holds some."""
 
     server_retry_seconds: float = Field(default=0.5, gt=0)
-    """First pause before a server is asked again; each further pause is twice as long, up to eight times."""
+    """First pause before a server is asked again; each further pause is twice as long, up to eight times. An
+    attempt is made again no sooner than eight times this after the server last ended one."""
 
     give_up_after: int = Field(default=20, ge=1)
     """The run stops when so many attempts in a row failed because the policy's endpoint or the server

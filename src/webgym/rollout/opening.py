@@ -40,7 +40,8 @@ async def open_patiently(
         try:
             session = await client.open(options)
         except WebGymError as error:
-            if not _may_pass(error):
+            may_pass = is_of_server(error) or isinstance(error, BrowserError)
+            if not may_pass or isinstance(error, Unauthorized):
                 raise
             if isinstance(error, NoCapacity):
                 since = max(since, held())
@@ -53,13 +54,17 @@ async def open_patiently(
                 raise
             tell(error.message)
             await asyncio.sleep(pause)
-            pause = min(pause * 2, 8 * config.server_retry_seconds)
+            pause = min(pause * 2, longest_pause(config))
         else:
             tell("")
             return session
 
 
-def _may_pass(error: WebGymError) -> bool:
-    """Whether it is a failure of the server or a browser: an error of unknown type is one of the server's."""
-    is_theirs = isinstance(error, ServerError | BrowserError) or type(error) is WebGymError
-    return is_theirs and not isinstance(error, Unauthorized)
+def longest_pause(config: CollectorConfig) -> float:
+    """The longest pause before a server is asked again, seconds."""
+    return 8 * config.server_retry_seconds
+
+
+def is_of_server(error: WebGymError) -> bool:
+    """Whether the server failed: an error of unknown type is one of the server's."""
+    return isinstance(error, ServerError) or type(error) is WebGymError

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
 from benchmarks.miniwob.episode import At, Episode, Unsolved
 from benchmarks.miniwob.registry import solves
@@ -149,7 +150,7 @@ async def _show(episode: Episode, box: str, css: str, text: str) -> None:
                 return
             if (top > y) != (side == "down"):
                 break
-            await episode.scroll(side, (x + width / 3, y + height / 2))  # type: ignore[arg-type]
+            await episode.scroll(side, (x + width / 3, y + height / 2))
     raise Unsolved(f"{text!r} does not come into view")
 
 
@@ -257,7 +258,7 @@ async def phone_book(episode: Episode) -> None:
 
 @solves("generate-number")
 async def generate_number(episode: Episode) -> None:
-    fits = {
+    fits: dict[str, Callable[[int, int], bool]] = {
         "less than (\\d+)": lambda number, limit: number < limit,
         "greater than (\\d+)": lambda number, limit: number > limit,
         "odd( )": lambda number, _: number % 2 == 1,

@@ -121,6 +121,7 @@ def test_attempts_that_fail_together_stop_the_run_with_one_error() -> None:
 async def test_what_a_judge_that_is_down_did_not_judge_is_judged_later_and_not_made_again(
     tmp_path: Path, world: World
 ) -> None:
+    world.browsers._step_seconds = lambda: 0.02  # it is not over before the judge is stopped
     config = world.config(tmp_path, 12)
     run = Run().start(config, tmp_path / "run")
     await until(lambda: run.progress.done >= 2)

@@ -6,14 +6,13 @@ import hashlib
 import logging
 import os
 import sys
-from collections.abc import Callable, Iterator
-from functools import lru_cache
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
 
 from webgym.core.task import Task
-from webgym.offline.web import COLLECTIONS, OfflineWeb
+from webgym.offline.web import COLLECTIONS, OfflineWeb, digest_of_code
 from webgym.offline.website import Split
 from webgym.rollout.files import write_whole
 
@@ -47,7 +46,7 @@ def cached_tasks(
     if collection is None:
         return list(web.tasks(split))
     folder = folder or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "webgym" / "tasks"
-    inputs = f"{_digest_of_code()} {web.seed} {web.per_family} {collection} {split}"
+    inputs = f"{sys.version} {digest_of_code()} {web.seed} {web.per_family} {collection} {split}"
     file = folder / f"{hashlib.sha256(inputs.encode()).hexdigest()[:32]}.msgpack"
     try:
         tasks = _checked(file.read_bytes())
@@ -84,21 +83,3 @@ def _store(tasks: list[Task], file: Path) -> None:
             old.unlink(missing_ok=True)
     except OSError as error:  # such as a full disk or a read-only folder
         _log.debug("tasks are not cached in %s: %s", file.parent, error)
-
-
-@lru_cache(maxsize=1)
-def _digest_of_code() -> str:
-    """Digest of all files that generate tasks."""
-    digest = hashlib.sha256(sys.version.encode())
-    for file in _files():
-        digest.update(f"{file.name} {file.stat().st_size}\n".encode())
-        digest.update(file.read_bytes())
-    return digest.hexdigest()
-
-
-def _files() -> Iterator[Path]:
-    root = Path(__file__).parent
-    for package in ("offline", "core"):
-        yield from sorted(
-            file for file in (root / package).rglob("*") if file.suffix in (".py", ".toml") and file.is_file()
-        )

@@ -464,6 +464,14 @@ async def test_an_offline_web_elsewhere_must_not_serve_others_of_the_same_names(
     await _refused_there(own, own, tasks, "browser server", tmp_path)
 
 
+def test_websites_of_other_code_are_other_websites(monkeypatch: pytest.MonkeyPatch) -> None:
+    spec = next(iter(OfflineWeb(7, per_family=1, collection="small").specs.values()))
+    ours = spec.digest
+    assert spec.digest == ours
+    monkeypatch.setattr("webgym.offline.web.digest_of_code", lambda: "other code")
+    assert spec.digest != ours
+
+
 async def _refused_there(
     served: SitesConfig, own: SitesConfig, tasks: list[Task], expected: str, path: Path
 ) -> None:

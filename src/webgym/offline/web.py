@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from importlib.metadata import version
+from pathlib import Path
 
 from webgym.core.errors import ConfigError
 from webgym.core.task import Task
@@ -81,13 +82,21 @@ class Spec:
 
     @property
     def digest(self) -> str:
-        """Differs if the website does: of its parameters, and of the version of WebGym."""
-        return f"{number(_version(), self.family.family, self.seed, self.brand, self.behaviour):016x}"
+        """Differs if the website does: of its parameters, and of the code that builds it."""
+        return f"{number(digest_of_code(), self.family.family, self.seed, self.brand, self.behaviour):016x}"
 
 
 @cache
-def _version() -> str:
-    return version("webgym-rl")
+def digest_of_code() -> str:
+    """Digest of all files that websites and their tasks are made from, but for families of a user's own."""
+    digest = hashlib.sha256()
+    offline = Path(__file__).parent
+    for package in (offline, offline.parent / "core"):
+        for file in sorted(package.rglob("*")):
+            if file.is_file() and file.parent.name != "__pycache__":
+                digest.update(f"{file.name} {file.stat().st_size}\n".encode())
+                digest.update(file.read_bytes())
+    return digest.hexdigest()
 
 
 class OfflineWeb:

@@ -45,10 +45,8 @@ async def open_patiently(
                 raise
             if isinstance(error, NoCapacity):
                 since = max(since, held())
-            elif not has_failed:
-                since = (
-                    time.monotonic()
-                )  # a try that is not answered may itself take longer than the patience
+            elif not has_failed:  # a try without an answer may itself take longer than the patience
+                since = time.monotonic()
             has_failed = True
             if time.monotonic() + pause > since + config.server_patience_seconds:
                 raise

@@ -16,6 +16,7 @@ import socket
 import time
 from collections import OrderedDict
 from collections.abc import Coroutine, Mapping
+from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 
 import aiohttp
@@ -79,6 +80,16 @@ T = TypeVar("T")
 _NAME_BYTES = 8
 _SLOW_SECONDS = 30.0
 """A call that is not answered for longer is reported as a problem."""
+
+
+@dataclass(eq=False)
+class _Unanswered:
+    """A call that was sent: when, and for how long it asks the server to wait, seconds."""
+
+    operation: str
+    server: str
+    granted: float
+    sent: float = 0.0
 
 
 class _CallFailed(Exception):
@@ -163,8 +174,7 @@ class BrowserClient:
         }
         self.calls = calls or call_queues(self.limits.calls)
         self._sessions: set[Session] = set()
-        self._unanswered: dict[object, tuple[str, str, float, float]] = {}
-        """The calls that were sent: operation, server, when, and how long the answer may take by request."""
+        self._unanswered: set[_Unanswered] = set()
         self._connections: aiohttp.ClientSession | None = None
 
     async def __aenter__(self) -> BrowserClient:
@@ -188,13 +198,13 @@ class BrowserClient:
         """Which server is silent at this moment, as a message for users; empty if none is. A request for a
         browser may wait for a free slot."""
         now = time.monotonic()
-        overdue = [call for call in self._unanswered.values() if now - call[2] >= _SLOW_SECONDS + call[3]]
+        overdue = [call for call in self._unanswered if now - call.sent >= _SLOW_SECONDS + call.granted]
         if not overdue:
             return ""
-        operation, server, since, _ = min(overdue, key=lambda call: call[2])
+        oldest = min(overdue, key=lambda call: call.sent)
         calls = "1 call" if len(overdue) == 1 else f"{len(overdue)} calls"
-        waited = f"{operation} for {now - since:.0f} s"
-        return f"the browser server {server} leaves {calls} without an answer, {waited}"
+        waited = f"{oldest.operation} for {now - oldest.sent:.0f} s"
+        return f"the browser server {oldest.server} leaves {calls} without an answer, {waited}"
 
     async def open(self, options: SessionOptions | None = None) -> Session:
         """Lease a browser with a fresh, blank page. The lease is renewed in the background until it is
@@ -350,11 +360,11 @@ class BrowserClient:
         content = None if body is None else msgspec.json.encode(body)
         pool = self.calls[queue].turn() if queue else contextlib.nullcontext()
         limit = seconds or self.limits.reply_seconds
-        call = object()
+        call = _Unanswered(operation.name, base_url, max(0.0, limit - self.limits.reply_seconds))
         try:
             async with pool:
-                sent = time.monotonic(), max(0.0, limit - self.limits.reply_seconds)
-                self._unanswered[call] = operation.name, base_url, *sent
+                call.sent = time.monotonic()
+                self._unanswered.add(call)
                 exchange = self._exchange(operation.method, base_url + path, content, headers)
                 if grant is None or operation in (HEARTBEAT, RELEASE):
                     async with asyncio.timeout(limit):
@@ -378,7 +388,7 @@ class BrowserClient:
             )
             raise _CallFailed(failure, was_sent=True) from None
         finally:
-            self._unanswered.pop(call, None)
+            self._unanswered.discard(call)
 
     async def _answer_in_time(
         self, exchange: Coroutine[Any, Any, _Response], limit: float, base_url: str, grant: SessionGrant

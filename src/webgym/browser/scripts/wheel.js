@@ -151,13 +151,15 @@
     return true;
   };
 
-  // Is an element moved by a transition? Then it has not yet gone as far as it will.
+  // What a transition moves has not yet gone as far as it will.
   const MOVES = /^(transform|translate|top|left|margin)/;
-  const glides = (element) =>
-    getAnimations(ownerDocument(element)).some(
-      ({ transitionProperty, playState, effect }) =>
-        MOVES.test(transitionProperty) && playState === 'running' && contains(effect.target, element),
-    );
+  const isGliding = (elements) => {
+    const gliding = [...new Set(elements.map((element) => ownerDocument(element)))]
+      .flatMap((document) => getAnimations(document))
+      .filter(({ transitionProperty, playState }) => MOVES.test(transitionProperty) && playState === 'running')
+      .map(({ effect }) => effect.target);
+    return gliding.some((mover) => elements.some((element) => contains(mover, element)));
+  };
 
   // {by, extent, taken}: how far a script moved what lies there, and how long the box is. 0 where the browser
   // itself scrolled, where a transition moves them still, and where things did not all move the same way: a map that is
@@ -169,10 +171,10 @@
     if (around.some(([node, at]) => side.at(node) !== at)) return { by: 0, extent };
     const isPrevented = Boolean(wheel && wheel.defaultPrevented && !state.list);
     const taken = Boolean(isPrevented && page && isScroller(page, side) && hasRoom(page, side));
+    const left = places.filter(([element]) => isConnected(element));
+    if (isGliding(left.map(([element]) => element))) return { by: 0, extent, taken };
     const moves = [];
-    for (const [element, was] of places) {
-      if (!isConnected(element)) continue;
-      if (glides(element)) return { by: 0, extent, taken };
+    for (const [element, was] of left) {
       const is = getBoundingClientRect(element);
       const [along, aside] = isAcross ? [was.left - is.left, was.top - is.top] : [was.top - is.top, was.left - is.left];
       if (Math.abs(aside) >= 1 || Math.abs(is.width - was.width) + Math.abs(is.height - was.height) >= 1)

@@ -1,9 +1,15 @@
-"""The wheel over what a page scrolls by a script of its own."""
+"""The wheel: over what a page scrolls by a script of its own, and on a slow display."""
 
 from __future__ import annotations
 
+import asyncio
+
+import psutil
 import pytest
 
+from webgym.browser import pointer
+from webgym.browser.gestures import HoverAndScroll
+from webgym.browser.page import Page
 from webgym.core.action import LeftClick, Scroll, Side, Target
 
 from .conftest import VIEWPORT, Site, Tab
@@ -144,3 +150,34 @@ async def test_a_box_that_a_script_scrolls_moves_by_what_it_shows(site: Site, ta
     )
     look = await tab.step(Scroll("down", at(100, 100)))
     assert (look.observation.title, look.observation.scroll[0]) == ("150", 0)
+
+
+@pytest.mark.parametrize("place", ["page", "frame", "gesture"])
+async def test_what_a_slow_display_scrolls_late_is_seen(
+    site: Site, tab: Tab, monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    """The compositor scrolls with its next frame, which other work on the machine can hold up."""
+    url = site.page("<p style='margin-bottom:600px'>top</p><p style='margin-bottom:3000px'>middle</p>")
+    if place == "frame":
+        url = site.page(f"<iframe style='width:700px;height:550px' src='{site.elsewhere(url)}'></iframe>")
+    await tab.goto(url)
+    children = psutil.Process().children(recursive=True)
+    displays = [child for child in children if "--type=gpu-process" in child.cmdline()]
+    assert displays
+    send = pointer.mouse
+
+    def go_on() -> None:
+        for display in displays:
+            display.resume()
+
+    async def mouse(page: Page, kind: str, point: tuple[float, float], **more: object) -> None:
+        await send(page, kind, point, **more)
+        if kind == "mouseWheel":
+            for display in displays:
+                display.suspend()
+            asyncio.get_running_loop().call_later(0.3, go_on)
+
+    monkeypatch.setattr(pointer, "mouse", mouse)
+    where = at(300, 200)
+    await tab.step(HoverAndScroll(where, "down") if place == "gesture" else Scroll("down", where))
+    assert tab.text == ["middle"]

@@ -8,15 +8,16 @@ observation showed it or not.
 
 from __future__ import annotations
 
-import asyncio
+import contextlib
 from typing import Literal, TypeAlias
 
 import msgspec
 
 from webgym.browser.actions import perform, point_of, type_at
 from webgym.browser.cdp import CommandFailed
+from webgym.browser.isolated_worlds import DocumentGone
 from webgym.browser.page import Page
-from webgym.browser.pointer import Point, click, mouse, wheel_over
+from webgym.browser.pointer import Point, click, mouse, turn, wheel_over
 from webgym.core.action import BrowserAction, Direction, Hover, Side, Target
 from webgym.core.errors import (
     ActionFailed,
@@ -192,10 +193,9 @@ async def _click(page: Page, target: Target) -> None:
 
 
 async def _turn(page: Page, point: Point, distance: float) -> None:
-    await asyncio.gather(  # sent at once, handled in order
-        mouse(page, "mouseMoved", point),
-        mouse(page, "mouseWheel", point, deltaX=0, deltaY=distance),
-    )
+    await mouse(page, "mouseMoved", point)
+    with contextlib.suppress(DocumentGone):
+        await turn(page, "down" if distance > 0 else "up", point, deltaX=0, deltaY=distance)
 
 
 async def _over_page(page: Page, distance: float) -> Point:

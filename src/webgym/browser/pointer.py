@@ -40,7 +40,7 @@ class Wheel(msgspec.Struct, frozen=True):
     extent: float
 
 
-class _Turned(msgspec.Struct, frozen=True):
+class Turned(msgspec.Struct, frozen=True):
     """How far a script of the page scrolled, and the size of its box, CSS pixels.
 
     Attributes:
@@ -241,15 +241,20 @@ async def scroll(page: Page, side: Side, point: Point | None = None) -> None:
     done = 0.0
     with contextlib.suppress(DocumentGone):
         for _ in range(_MOST_TURNS):
-            await page.run("expectTurn", side, wheel.point, reply=bool)
-            await _send_and_react(page, "mouseWheel", wheel.point, **deltas)
-            turned = await page.run("turned", reply=_Turned)
+            turned = await turn(page, side, wheel.point, **deltas)
             done += turned.by
             if not turned.by or done + turned.by / 2 >= turned.extent * page.config.scroll_fraction:
                 break
         if point is None and not done and turned.taken:
             await settle(page)  # it may scroll by an animation of its own
             await page.run("scrollPage", distance, reply=bool)
+
+
+async def turn(page: Page, side: Side, point: Point, **deltas: float) -> Turned:
+    """Send one wheel event, and wait until what it scrolls has moved."""
+    await page.run("expectTurn", side, point, reply=bool)
+    await _send_and_react(page, "mouseWheel", point, **deltas)
+    return await page.run("turned", reply=Turned)
 
 
 async def wheel_over(page: Page, side: Side, point: Point | None = None) -> Wheel:

@@ -10,13 +10,15 @@
   const asked = () => Object.values(webgym.plans()).reduce((sum, count) => sum + count, state.changes);
   const later = (delay) => scheduler.postTask(() => {}, { delay });
 
-  // The next frame, after what the page itself had planned for it. Nothing is asked for by number, so that who
-  // counts what the page asks for sees nothing of it.
-  const frame = () =>
-    new Promise((resolve) => {
+  // The next frame, after what the page itself had planned for it; `longest` milliseconds at most. Nothing is asked
+  // for by number, so that who counts what the page asks for sees nothing of it.
+  webgym.frame = (longest) => {
+    const frame = new Promise((resolve) => {
       const observer = new ResizeObserver(() => (observer.disconnect(), resolve()));
       observer.observe(documentElement(document));
     });
+    return Promise.race([frame, later(longest)]);
+  };
 
   let before = -1; // what was asked for and changed
   let aimed = null; // what lies at the point, and where that was
@@ -34,7 +36,7 @@
   // not see it (`isBlind`). Gives how far what lay at the point has moved away from under it.
   webgym.reacted = async (x, y, isBlind) => {
     if (asked() !== before || isBlind) {
-      await Promise.race([frame(), later(LONGEST)]);
+      await webgym.frame(LONGEST);
       await later(0);
     }
     if (!aimed || !isConnected(aimed.element)) return [0, 0];

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from webgym.browser.effect import EffectCheck
+from webgym.browser.page import ActionResult
 from webgym.core.action import LeftClick, RightClick, Scroll, Target, Wait
 
 from .conftest import Open, Site, Tab
@@ -149,11 +150,14 @@ async def test_a_drawing_that_stays_the_same(site: Site, open_tab: Open) -> None
 async def test_a_scroll_that_comes_after_its_effect_was_asked_for(
     site: Site, tab: Tab, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def asked_too_early(self: EffectCheck, function: str, *_: object, reply: object) -> object:
-        return {"beginTrace": True, "endTrace": "none"}.get(function)
+    end = EffectCheck.end
+
+    async def asked_too_early(self: EffectCheck) -> None:
+        tab.slot.page.result = ActionResult(changes=0, contents=(), effect="none")
+        await end(self)
 
     await tab.goto(site.page("<div style='height:3000px'>Long</div>"))
-    monkeypatch.setattr(EffectCheck, "_call_page", asked_too_early)
+    monkeypatch.setattr(EffectCheck, "end", asked_too_early)
     look = await tab.step(Scroll("down"))
     assert look.observation.scroll[0] > 0
     assert kinds(tab) == []

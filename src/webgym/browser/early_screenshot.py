@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import asyncio
 
+import msgspec
+
 from webgym.browser.observe import Early, PageContent, capture, content_options
 from webgym.browser.page import Page
 from webgym.core.errors import BrowserError
@@ -74,24 +76,21 @@ class EarlyScreenshot:
         self._is_requested = True
         return await capture(page)
 
-    async def end(self, settled: str) -> None:
+    @property
+    def wanted(self) -> dict[str, bool] | None:
+        """The content to read when the wait is over; ``None`` if no screenshot is on its way."""
+        return content_options(self._page) if self._task is not None else None
+
+    def end(self, settled: str) -> None:
         """After the wait: find out whether the screenshot shows the page's current state.
 
         Args:
             settled: why the wait ended.
         """
         page = self._page
-        if not self._is_requested or settled not in _FINAL:
+        if not self._is_requested or settled not in _FINAL or page.result is None:
             return
-        try:
-            contents = await page.run(
-                "endEarly",
-                content_options(page),
-                reply=tuple[PageContent, ...],
-                seconds=page.config.busy_seconds,
-            )
-        except BrowserError:
-            return
+        contents = (msgspec.json.decode(it, type=PageContent) for it in page.result.contents)
         complete = (it for it in contents if not (it.unknown or it.missing or it.frames))
         self.content = next(complete, None)
         page.is_calm = self.result is not None

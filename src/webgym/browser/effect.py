@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 from webgym.browser.actions import point_of
 from webgym.browser.gestures import AnyAction
@@ -16,9 +16,6 @@ from webgym.browser.page import Page
 from webgym.browser.pointer import Point
 from webgym.core.action import DoubleClick, LeftClick, RightClick, Scroll, Wait
 from webgym.core.errors import ActionFailed, BrowserError
-
-Effect: TypeAlias = Literal["some", "none", "unseen"]
-"""``unseen``: the page contains something whose changes only a screenshot shows, such as a canvas."""
 
 
 class EffectCheck:
@@ -54,13 +51,13 @@ class EffectCheck:
         """Call after the page has settled: add a notice if the action had no effect."""
         page = self._page
         was_traced = self._trace_started and await self._trace_started
+        if self._is_idle:
+            page.post("beginTrace")  # what has gone on meanwhile does so by itself
+        page.post("endTrace")
         if not was_traced or page.happened or self._before != self._state():
-            if self._is_idle:
-                page.post("beginTrace")  # what has gone on meanwhile does so by itself
-            page.post("endTrace")
             return
-        effect = await self._call_page("endTrace", reply=Effect)
-        if effect is None or effect == "some":
+        effect = page.result.effect if page.result else "some"
+        if effect == "some":
             return
         options = page.options
         sees_shadow_roots = options.text or options.elements or options.mode == "marks"

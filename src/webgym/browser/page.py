@@ -8,7 +8,7 @@ import logging
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final, Literal, TypeVar
 from urllib.parse import urldefrag
 
 import msgspec
@@ -75,6 +75,21 @@ _FORM_RESULT = "net::ERR_CACHE_MISS"
 
 def _not_opened_message(url: str) -> str:
     return f'"{url[:_QUOTED_LENGTH]}" was not opened: only http and https addresses are'
+
+
+class ActionResult(msgspec.Struct, frozen=True):
+    """What came of an action.
+
+    Attributes:
+        changes: number of changes of the document so far.
+        contents: the content of the document as JSON, if it looks as in the early screenshot.
+        effect: whether the action had any; ``unseen`` if the page contains something whose changes only a
+            screenshot shows, such as a canvas.
+    """
+
+    changes: int
+    contents: tuple[msgspec.Raw, ...]
+    effect: Literal["some", "none", "unseen"]
 
 
 class Returned(msgspec.Struct, frozen=True):
@@ -150,6 +165,8 @@ class Page:
         """The browser's error code by loader, until the error page is committed."""
         self.loader = ""
         """Loader id of the current document."""
+        self.result: ActionResult | None = None
+        """What came of the action, once the page is quiet."""
         self.returned: Returned | None = None
         """The result of going back in this action, if it did."""
         self._reported_failure = ""

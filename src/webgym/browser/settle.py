@@ -14,10 +14,8 @@ import math
 import time
 from typing import Literal, TypeAlias
 
-import msgspec
-
-from webgym.browser.isolated_worlds import DocumentActivity, DocumentGone
-from webgym.browser.page import Page
+from webgym.browser.isolated_worlds import DocumentGone
+from webgym.browser.page import ActionResult, Page
 from webgym.browser.timers import Timer
 from webgym.core.errors import BrowserTimeout
 
@@ -36,12 +34,11 @@ _TIMER_GROUP_SECONDS = 0.05
 """Timers that are due within this time of each other are awaited together."""
 
 
-class _Quiet(msgspec.Struct, frozen=True):
+class _Quiet(ActionResult, frozen=True):
     """The result of ``webgym.quiet``. Timers are counted since the document began.
 
     Attributes:
         reason: why the page counts as quiet.
-        changes: number of changes of the document so far.
         planned: timers set before the action's first event; ``None`` if no event was seen.
         target: number of the element that received the action's first event; 0 if no event was seen.
         typed: whether one of the events was a key.
@@ -49,13 +46,12 @@ class _Quiet(msgspec.Struct, frozen=True):
         handles: the same as ``timers``, including those of WebGym's scripts.
         loading: whether the page shows that it is loading.
         blank: whether it does so by being blank.
-        effect: whether the awaited timers changed anything besides the document, such as a field's value;
-            ``unseen`` if only a picture could tell.
+        timer_effect: whether the awaited timers changed anything besides the document, such as a field's
+            value; ``unseen`` if only a picture could tell.
         reacted: whether it has changed, other than by scrolling, since this was last asked.
     """
 
     reason: Literal["unchanged", "quiet", "busy"]
-    changes: int
     planned: int | None
     target: int
     typed: bool
@@ -64,20 +60,25 @@ class _Quiet(msgspec.Struct, frozen=True):
     handles: int
     loading: bool
     blank: bool
-    effect: Literal["some", "none", "unseen"]
+    timer_effect: Literal["some", "none", "unseen"]
     reacted: bool
 
 
-async def settle(page: Page) -> Reason:
-    """Wait until the page is quiet, ``settle_seconds`` at most.
+async def settle(page: Page, wanted: dict[str, bool] | None = None) -> Reason:
+    """Wait until the page is quiet, ``settle_seconds`` at most. Afterwards ``page.result`` is set.
+
+    Args:
+        page: the page.
+        wanted: the content of the page's observations, if a screenshot was requested.
 
     Raises:
         BrowserCrashed, TargetGone: the browser or the page is gone.
     """
     reason: Reason
+    page.result = None
     try:
         async with asyncio.timeout(page.config.settle_seconds):
-            reason = await _Settling(page).run()
+            reason = await _Settling(page, wanted).run()
     except (TimeoutError, BrowserTimeout):
         waiting = len(page.traffic)
         page.note(
@@ -91,11 +92,13 @@ async def settle(page: Page) -> Reason:
     return reason
 
 
-async def settle_timed(page: Page, milliseconds: dict[str, float]) -> Reason:
+async def settle_timed(
+    page: Page, milliseconds: dict[str, float], wanted: dict[str, bool] | None = None
+) -> Reason:
     """:func:`settle`; adds its wall time to ``milliseconds``."""
     start = time.perf_counter()
     try:
-        return await settle(page)
+        return await settle(page, wanted)
     finally:
         milliseconds["settle"] = (time.perf_counter() - start) * 1000
 
@@ -103,8 +106,10 @@ async def settle_timed(page: Page, milliseconds: dict[str, float]) -> Reason:
 class _Settling:
     """One wait for a quiet page."""
 
-    def __init__(self, page: Page) -> None:
+    def __init__(self, page: Page, wanted: dict[str, bool] | None) -> None:
         self._page = page
+        self._wanted = wanted
+        self._result: ActionResult | None = None
         self._config = page.config
         self._has_loaded = False
         self._patience = 0.0
@@ -166,7 +171,13 @@ class _Settling:
         since = -1 if self._has_loaded else self._page.changes
         return await self._page.run(
             "quiet",
-            {"since": since, "blank": self._page.is_substitute, "timed": bool(self._awaited), **times},
+            {
+                "since": since,
+                "blank": self._page.is_substitute,
+                "timed": bool(self._awaited),
+                "wanted": self._wanted,
+                **times,
+            },
             reply=_Quiet,
             seconds=config.settle_seconds,
         )
@@ -176,10 +187,10 @@ class _Settling:
         if self._known_timers is None or quiet.reason == "busy":
             return True
         try:
-            activity = await self._page.run("still", reply=DocumentActivity)
+            self._result = await self._page.run("result", self._wanted, reply=ActionResult)
         except DocumentGone:
             return False
-        return activity.changes == quiet.changes and self._page.traffic.is_idle(self._patience)
+        return self._result.changes == quiet.changes and self._page.traffic.is_idle(self._patience)
 
     def _begin_document(self) -> None:
         self._has_loaded = True
@@ -190,6 +201,7 @@ class _Settling:
 
     def _end(self, quiet: _Quiet) -> Reason:
         page = self._page
+        page.result = self._result or quiet
         page.changes, page.timers_set = quiet.changes, quiet.timers
         page.frame_timers = dict(page.worlds.timers)
         page.idlers.learn(self._ineffective, self._target, had_effect=False)
@@ -323,10 +335,10 @@ class _Settling:
         self._has_typed = self._has_typed or quiet.typed or worlds.has_typed
         self._has_reacted = self._has_reacted or quiet.reacted
         timers, self._awaited = self._awaited, []
-        if self._all_changes(quiet.changes) != self._changes or quiet.effect == "some":
+        if self._all_changes(quiet.changes) != self._changes or quiet.timer_effect == "some":
             self._ineffective.clear()  # they led up to it
             if timers:
                 self._page.idlers.learn(timers, self._target, had_effect=True)
                 self._last_effect = time.monotonic()
-        elif quiet.effect == "none":
+        elif quiet.timer_effect == "none":
             self._ineffective += timers

@@ -403,11 +403,13 @@ class Slot:
             self._milliseconds[operation] = (time.perf_counter() - start) * 1000
             if early is not None:
                 await early.begin()
-            self._settled = await settle_timed(page, self._milliseconds)
+            wanted = early.wanted if early is not None else None
+            self._settled = await settle_timed(page, self._milliseconds, wanted)
             if isinstance(action, GoBack):
                 await self._skip_redirects(page, action)
-            ending = [early.end(self._settled)] if early is not None else []
-            await asyncio.gather(*ending, trace.end())  # sent at once, answered in this order
+            await trace.end()
+            if early is not None:
+                early.end(self._settled)
         except TargetGone:
             await self._reload_crashed(page)
 

@@ -52,12 +52,12 @@
     return true;
   };
 
-  // [what `observe` tells of the page] if it looks as it did in that frame; [] if it does not.
-  webgym.endEarly = (wanted) => {
-    const was = early;
-    early = null;
-    const isSame = was && was.moment && webgym.isEqual(was.moment, moment()) && !webgym.isMoving();
-    return isSame ? [was.seen || webgym.observe(wanted, {})] : [];
+  // What came of the action by now: [what `observe` tells of the page] if it looks as it did in that frame, [] if it
+  // does not or nothing is `wanted`; and its effect.
+  webgym.result = (wanted) => {
+    const isSame = wanted && early && early.moment && webgym.isEqual(early.moment, moment()) && !webgym.isMoving();
+    const contents = isSame ? [(early.seen ??= webgym.observe(wanted, {}))] : [];
+    return { changes: state.changes, contents, effect: webgym.effect() };
   };
 
   // No picture is asked for after all.

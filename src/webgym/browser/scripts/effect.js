@@ -98,15 +98,19 @@
   // Whether the action had the page plan anything for later.
   webgym.hasSetOff = () => !trace || plans().some(([, count], index) => count !== trace.plans[index][1]);
 
-  // The action is over, and the page quiet. "some" effect, "none", or "unseen": only a picture could tell.
+  // The action is over, and the page quiet.
   webgym.endTrace = () => {
-    const was = trace;
     trace = null;
     isActing = false;
     planned = plans();
+  };
+
+  // "some" effect of the action so far, "none", or "unseen": only a picture could tell.
+  webgym.effect = () => {
+    const was = trace;
     if (!was || was.hasChanged || was.list !== state.list || was.listAt !== listAt()) return 'some';
     if (was.focus !== focused() || was.hasSelection !== hasSelection()) return 'some';
-    if (planned.some(([name, count], index) => !plansAlone.has(name) && count !== was.plans[index][1])) return 'some';
+    if (plans().some(([name, count], index) => !plansAlone.has(name) && count !== was.plans[index][1])) return 'some';
     if (was.part && was.outline !== outline(was.part)) return 'some';
     if (!webgym.isEqual(was.rules, webgym.ruleCounts())) return 'some';
     if (!webgym.isEqual(was.fieldValues, webgym.fieldValues())) return 'some';

@@ -291,10 +291,11 @@
   //   stir;
   //   busy      how long an animation may take that is waited for, and what a script moves on and on;
   //   linger    how long what shows that the page is loading is waited for to vanish.
-  // `blank` says that there is nothing to come on a page that shows nothing, `timed` that a timer was waited for.
+  // `blank` says that there is nothing to come on a page that shows nothing, `timed` that a timer was waited for;
+  // `wanted` is what `result` is to tell.
   // Time is counted in ticks of its own. A process that is stopped does not tick, so a clock that jumps
   // while timers that came due in the meantime fire one after the other makes nothing look still.
-  webgym.quiet = async ({ since, tick, reaction, quiet, busy, stir, linger, blank, timed }) => {
+  webgym.quiet = async ({ since, tick, reaction, quiet, busy, stir, linger, blank, timed, wanted }) => {
     isBlankKnown ||= blank;
     const { planned, target, hasTyped } = state;
     isStill ||= planned !== null; // an action: from now on
@@ -313,9 +314,9 @@
       const hasReacted = state.reactions !== state.settled;
       state.settled = state.reactions;
       return {
-        reason, changes: state.changes, loading: Boolean(found), blank: found === true,
+        reason, ...webgym.result(wanted), loading: Boolean(found), blank: found === true,
         planned, target, typed: hasTyped, early, timers: timers.asked(), handles: timers.given(),
-        effect: timed ? timerEffect() : 'none', reacted: hasReacted,
+        timer_effect: timed ? timerEffect() : 'none', reacted: hasReacted,
       };
     };
     // Still, and nothing that was planned for a frame or an idle moment is left.

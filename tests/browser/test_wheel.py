@@ -152,15 +152,8 @@ async def test_a_box_that_a_script_scrolls_moves_by_what_it_shows(site: Site, ta
     assert (look.observation.title, look.observation.scroll[0]) == ("150", 0)
 
 
-@pytest.mark.parametrize("place", ["page", "frame", "gesture"])
-async def test_what_a_slow_display_scrolls_late_is_seen(
-    site: Site, tab: Tab, monkeypatch: pytest.MonkeyPatch, place: str
-) -> None:
-    """The compositor scrolls with its next frame, which other work on the machine can hold up."""
-    url = site.page("<p style='margin-bottom:600px'>top</p><p style='margin-bottom:3000px'>middle</p>")
-    if place == "frame":
-        url = site.page(f"<iframe style='width:700px;height:550px' src='{site.elsewhere(url)}'></iframe>")
-    await tab.goto(url)
+def hold_display_after(event: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stop the process that draws for 0.3 s after this mouse event."""
     children = psutil.Process().children(recursive=True)
     displays = [child for child in children if "--type=gpu-process" in child.cmdline()]
     assert displays
@@ -172,12 +165,51 @@ async def test_what_a_slow_display_scrolls_late_is_seen(
 
     async def mouse(page: Page, kind: str, point: tuple[float, float], **more: object) -> None:
         await send(page, kind, point, **more)
-        if kind == "mouseWheel":
+        if kind == event:
             for display in displays:
                 display.suspend()
             asyncio.get_running_loop().call_later(0.3, go_on)
 
     monkeypatch.setattr(pointer, "mouse", mouse)
+
+
+@pytest.mark.parametrize("place", ["page", "frame", "gesture"])
+async def test_what_a_slow_display_scrolls_late_is_seen(
+    site: Site, tab: Tab, monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    """The compositor scrolls with its next frame, which other work on the machine can hold up."""
+    url = site.page("<p style='margin-bottom:600px'>top</p><p style='margin-bottom:3000px'>middle</p>")
+    if place == "frame":
+        url = site.page(f"<iframe style='width:700px;height:550px' src='{site.elsewhere(url)}'></iframe>")
+    await tab.goto(url)
+    hold_display_after("mouseWheel", monkeypatch)
     where = at(300, 200)
     await tab.step(HoverAndScroll(where, "down") if place == "gesture" else Scroll("down", where))
     assert tab.text == ["middle"]
+
+
+_SEEN = "new IntersectionObserver(() => (p.textContent = 'seen')).observe(p)"
+_BOX = """<p id=p style='margin:0;height:300px'>before</p><script>
+    onmouseup = () => { %s }
+</script>"""
+
+
+@pytest.mark.parametrize(
+    ("reaction", "place"),
+    [
+        (_SEEN, "page"),
+        ("onscroll = () => (p.textContent = 'seen'); scrollTo(0, 9)", "page"),
+        ("requestAnimationFrame(() => (p.textContent = 'seen'))", "frame"),
+    ],
+    ids=["observer", "scroll", "frame"],
+)
+async def test_what_a_page_makes_of_a_late_frame_is_seen(
+    site: Site, tab: Tab, monkeypatch: pytest.MonkeyPatch, reaction: str, place: str
+) -> None:
+    url = site.page(_BOX % reaction + "<div style='height:3000px'>")
+    if place == "frame":
+        url = site.page(f"<iframe style='width:700px;height:550px' src='{site.elsewhere(url)}'></iframe>")
+    await tab.goto(url)
+    hold_display_after("mouseReleased", monkeypatch)
+    await tab.step(LeftClick(at(300, 200)))
+    assert tab.text == ["seen"]

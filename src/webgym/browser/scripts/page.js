@@ -7,6 +7,7 @@
   const {
     ownerDocument, localName, shadowRoot, defaultView, styleSheets, adoptedStyleSheets, documentOf, make, typeOf, nodeType,
     querySelectorAll, children, isConnected, parentNode, getBoundingClientRect,
+    documentElement,
   } = webgym.dom;
   const state = {
     changedAt: 0, changes: 0, reactions: 0, ours: new WeakSet(), roots: new WeakMap(), list: null, shadowedFrames: [],
@@ -116,10 +117,24 @@
     }
     return true;
   };
+  // What the page makes of scrolls, sizes and what is in view comes with the next frame, which a busy machine draws
+  // late: it is "due", "drawn", or "late" if nobody waits for it any longer.
+  state.frame = 'drawn';
+  const frames = new ResizeObserver(() => {
+    frames.disconnect();
+    state.frame = 'drawn';
+  });
+  webgym.askFrame = () => {
+    const root = documentElement(document);
+    if (!root || state.frame !== 'drawn') return;
+    state.frame = 'due';
+    frames.observe(root);
+  };
   // To scroll is a change, but it is the agent's own; what the page makes of it is a reaction.
   const changed = (isReaction = true, nodes = []) => {
     state.changedAt = performance.now();
     state.changes += 1;
+    webgym.askFrame();
     if (isReaction) state.reactions += 1;
     state.onChange(nodes);
   };

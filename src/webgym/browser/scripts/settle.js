@@ -303,6 +303,7 @@
     state.target = 0;
     state.hasTyped = false;
     webgym.attach();
+    webgym.askFrame();
     const early = timers.asked();
     let [elapsed, still, known, needed] = [0, 0, state.changes, quiet];
     const census = [busy / 3, Math.max(busy, stir / 3)]; // when changes are counted anew
@@ -321,6 +322,12 @@
     };
     // Still, and nothing that was planned for a frame or an idle moment is left.
     const isDone = async () => {
+      if (state.frame === 'due') {
+        await webgym.frame(FRAME);
+        if (state.frame === 'due') state.frame = 'late';
+        elapsed += tick;
+        return false;
+      }
       if (hasPlanned() && !state.isTireless) {
         await frame(); // comes after the page's own, which may be late
         elapsed += tick;

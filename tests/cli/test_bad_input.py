@@ -103,6 +103,24 @@ def test_a_latency_that_websites_do_not_take(calls: Calls, verb: str, factor: st
     assert "'--latency'" in one_line(said)
 
 
+@pytest.mark.parametrize(
+    "call",
+    [
+        "server --seconds",
+        "server --think",
+        "server --thinking",
+        "soak --minutes",
+        "soak --faults",
+        "rollout --mean-steps",
+        "rollout --reply-tokens",
+    ],
+)
+def test_a_benchmark_that_would_never_end(calls: Calls, call: str) -> None:
+    code, said = calls.run("bench", *call.split(), "inf")
+    assert code == 2
+    assert f"'{call.split()[1]}'" in one_line(said)
+
+
 def test_options_that_printing_a_runs_results_would_ignore_are_refused(calls: Calls) -> None:
     given = ("--model", "B", "--retry-errors", "--judge", "offline", "--json")
     code, said = calls.run("eval", "--of", "none", *given)

@@ -80,7 +80,7 @@ def test_an_unknown_task_file(tmp_path: Path, calls: Calls) -> None:
         (("--out", "x", "--profile", "qwen9"), "choose one of generic, gpt-4"),
         (("--out", "x", "--base-url", "ftp://x", "--model", "m"), "http"),
         (("--out", "x", "--config", "none.yaml"), "none.yaml"),
-        (("--resume", "nowhere"), "not a run"),
+        (("--resume", "nowhere"), "is not a run: it does not exist"),
         (("--out", "x", "--sessions", "0"), "--sessions"),
         (("--out", "x", "--token-file", "none"), "token file"),
         (("--out", "x", "--limit", "3", "--server", "http://127.0.0.1:9"), "sites"),

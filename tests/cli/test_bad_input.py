@@ -80,7 +80,7 @@ def test_an_unknown_task_file(tmp_path: Path, calls: Calls) -> None:
         (("--out", "x", "--profile", "qwen9"), "choose one of generic, gpt-4"),
         (("--out", "x", "--base-url", "ftp://x", "--model", "m"), "http"),
         (("--out", "x", "--config", "none.yaml"), "none.yaml"),
-        (("--resume", "nowhere"), "not a run"),
+        (("--resume", "nowhere"), "is not a run: it does not exist"),
         (("--out", "x", "--sessions", "0"), "--sessions"),
         (("--out", "x", "--token-file", "none"), "token file"),
         (("--out", "x", "--limit", "3", "--server", "http://127.0.0.1:9"), "sites"),
@@ -101,6 +101,24 @@ def test_a_latency_that_websites_do_not_take(calls: Calls, verb: str, factor: st
     code, said = calls.run("sites", verb, "--latency", factor)
     assert code == 2
     assert "'--latency'" in one_line(said)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        "server --seconds",
+        "server --think",
+        "server --thinking",
+        "soak --minutes",
+        "soak --faults",
+        "rollout --mean-steps",
+        "rollout --reply-tokens",
+    ],
+)
+def test_a_benchmark_that_would_never_end(calls: Calls, call: str) -> None:
+    code, said = calls.run("bench", *call.split(), "inf")
+    assert code == 2
+    assert f"'{call.split()[1]}'" in one_line(said)
 
 
 def test_options_that_printing_a_runs_results_would_ignore_are_refused(calls: Calls) -> None:

@@ -299,7 +299,7 @@ def test_a_field_may_be_read_in_the_items_own_row_of_the_list(layout: str, visit
 
 def beside(folder: Path, text: str) -> str:
     """A module with this specification beside it."""
-    (folder / "spec.toml").write_text(text)
+    (folder / "spec.toml").write_text("\ufeff" + text, encoding="utf-8", errors="surrogateescape")
     (folder / "own_family.py").write_text("")
     return _module(folder / "own_family.py").__name__
 
@@ -340,6 +340,12 @@ def _module(path: Path) -> ModuleType:
         ('kind = "day"', 'kind = "email"', "text inputs must come last"),
         ('noun = "number of seats"', 'nouns = "seats"', "nouns"),
         ('kind = "money"', 'kind = "gold"', "gold"),
+        ("count = [30, 40]", "count = [40, 30]", "count: the smallest number must be at least 3"),
+        ("count = [30, 40]", "count = [2, 2]", "count: the smallest number must be at least 3"),
+        ("low = 1\nhigh = 60", "low = 60\nhigh = 1", "Day: low must be less than high"),
+        ("high = 60", "high = 60_000_000", "Day: high must be at most 36500 days"),
+        ('["Take the helm", "A boat for every lake"]', "[]", "`$.taglines`"),
+        ("Canoe", "\udcff", "can't decode byte 0xff"),
     ],
 )
 def test_a_specification_that_does_not_fit_is_refused_by_file_and_key(

@@ -199,6 +199,8 @@ class TestPages:
                 await page.wait_for_function(
                     "wide => innerWidth == wide && document.documentElement.scrollWidth <= wide", arg=wide
                 )
+                cut = "names => names.filter(e => e.scrollWidth > e.clientWidth).map(e => e.innerText)"
+                assert await page.locator(".plots tbody th").evaluate_all(cut) == []
 
     async def test_search_filters_and_pages(self, browser: Browser, folder: Path) -> None:
         async with viewed(folder) as url, opened(browser, url) as page:

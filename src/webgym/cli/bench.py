@@ -50,14 +50,14 @@ def server(
     sessions: int = typer.Option(32, "--sessions", min=1, help="Part ceiling: number of sessions."),
     rounds: int = typer.Option(5, "--rounds", min=1, help="Part ceiling: number of rounds of each loop."),
     seconds: float = typer.Option(
-        6.0, "--seconds", min=0.1, help="Part ceiling: duration of a round, seconds."
+        6.0, "--seconds", min=0.1, max=86_400, help="Part ceiling: duration of a round, seconds."
     ),
     thinkers: int = typer.Option(64, "--thinkers", min=1, help="Part thinking: number of sessions."),
     think: float = typer.Option(
-        5.0, "--think", min=0.1, help="Parts thinking and density: pause between steps, seconds."
+        5.0, "--think", min=0.1, max=86_400, help="Parts thinking and density: pause between steps, seconds."
     ),
     thinking: float = typer.Option(
-        45.0, "--thinking", min=0.1, help="Parts thinking and density: duration, seconds."
+        45.0, "--thinking", min=0.1, max=86_400, help="Parts thinking and density: duration, seconds."
     ),
     dense: int = typer.Option(200, "--dense", min=2, help="Part density: number of sessions."),
     calls: int = typer.Option(48, "--calls", min=1, help="Part costs: number of calls per operation."),
@@ -127,7 +127,7 @@ def server(
 @app.command()
 def soak(
     minutes: float = typer.Option(
-        5.0, "--minutes", min=0.05, help="Duration of clients and faults, minutes."
+        5.0, "--minutes", min=0.05, max=100_000, help="Duration of clients and faults, minutes."
     ),
     seed: int = typer.Option(0, "--seed", help="Seed of all random choices; their effects depend on timing."),
     clients: int = typer.Option(10, "--clients", min=1, help="Number of parallel clients."),
@@ -135,7 +135,9 @@ def soak(
         6, "--slots", min=1, help="Number of parallel sessions of all workers together."
     ),
     workers: int = typer.Option(2, "--workers", min=1, help="Number of worker processes of the gateway."),
-    faults: float = typer.Option(20.0, "--faults", min=0.1, help="Mean number of faults per minute."),
+    faults: float = typer.Option(
+        20.0, "--faults", min=0.1, max=10_000, help="Mean number of faults per minute."
+    ),
     hostile: float = typer.Option(
         0.25, "--hostile", min=0.0, max=1.0, help="Share of the pages that are hostile."
     ),
@@ -222,10 +224,10 @@ def rollout(
     ),
     gpus: int = typer.Option(8, "--gpus", min=1, help="Number of the policy's GPUs in the part schedules."),
     mean_steps: float = typer.Option(
-        13.2, "--mean-steps", min=1.1, help="Mean number of steps per trajectory."
+        13.2, "--mean-steps", min=1.1, max=10_000, help="Mean number of steps per trajectory."
     ),
     reply_tokens: float = typer.Option(
-        80.0, "--reply-tokens", min=1, help="Mean number of tokens per reply."
+        80.0, "--reply-tokens", min=1, max=1_000_000, help="Mean number of tokens per reply."
     ),
     page_latency: str = typer.Option(
         "offline",

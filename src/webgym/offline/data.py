@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import inspect
 import sys
 from importlib import resources
@@ -51,6 +52,6 @@ def load_beside(module: str, file: str, shape: type[T]) -> T:
 
 def _decoded(raw: bytes, name: str, shape: type[T]) -> T:
     try:
-        return msgspec.toml.decode(raw, type=shape)
-    except msgspec.DecodeError as error:  # also for values of a wrong type, with the key as "$.key"
+        return msgspec.toml.decode(raw.removeprefix(codecs.BOM_UTF8), type=shape)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:  # the first tells the key, as "$.key"
         raise SitesError(f"{name}: {error}", hint="correct the file") from error

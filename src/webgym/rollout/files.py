@@ -76,7 +76,7 @@ def check_run(path: Path) -> None:
         )
     if not (path / CONFIG).is_file():
         raise RunFolderError(
-            f"{path} is not a run: it has no {CONFIG}",
+            f"{path} is not a run: " + (f"it has no {CONFIG}" if path.exists() else "it does not exist"),
             hint="give the folder that webgym demo or webgym rollout wrote",
         )
 

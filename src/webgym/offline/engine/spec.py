@@ -9,7 +9,7 @@ import string
 from collections import Counter
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import msgspec
 from msgspec import field
@@ -19,6 +19,9 @@ from webgym.offline.data import Table, load, load_beside
 
 Kind: TypeAlias = Literal["choice", "number", "money", "year", "day", "time", "minutes"]
 InputKind: TypeAlias = Literal["choice", "number", "day", "time", "person", "email", "phrase"]
+Texts: TypeAlias = Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
+"""Alternatives, of which each website uses one."""
+LAST_DAY = 36_500
 
 
 class FieldSpec(Table, frozen=True, kw_only=True):
@@ -43,7 +46,7 @@ class FieldSpec(Table, frozen=True, kw_only=True):
     """
 
     noun: str
-    labels: tuple[str, ...]
+    labels: Texts
     kind: Kind
     section: str = ""
     options: tuple[str, ...] = ()
@@ -64,6 +67,7 @@ class FieldSpec(Table, frozen=True, kw_only=True):
         wrong = [
             (self.kind == "choice") != bool(self.options) and "options belong to a choice, which needs them",
             self.kind != "choice" and self.low >= self.high and "low must be less than high",
+            self.kind == "day" and self.high > LAST_DAY and f"high must be at most {LAST_DAY} days",
             bool(self.having)
             and _placeholders(self.having) != {"value"}
             and "having must have the placeholder {value} and no other",
@@ -89,7 +93,7 @@ class InputSpec(Table, frozen=True, kw_only=True):
         low, high, step: range of the values, as in :class:`FieldSpec`.
     """
 
-    labels: tuple[str, ...]
+    labels: Texts
     kind: InputKind
     said: str
     options: tuple[str, ...] = ()
@@ -102,6 +106,10 @@ class InputSpec(Table, frozen=True, kw_only=True):
             raise ValueError(f'"{self.said}" must have the placeholder {{value}} and no other')
         if (self.kind in ("choice", "phrase")) != bool(self.options):
             raise ValueError(f"{self.labels[0]}: options belong to a choice or phrase, which needs them")
+        if self.kind in ("number", "day", "time") and self.low >= self.high:
+            raise ValueError(f"{self.labels[0]}: low must be less than high")
+        if self.kind == "day" and self.high > LAST_DAY:
+            raise ValueError(f"{self.labels[0]}: high must be at most {LAST_DAY} days")
 
 
 class FormSpec(Table, frozen=True, kw_only=True):
@@ -119,10 +127,10 @@ class FormSpec(Table, frozen=True, kw_only=True):
 
     ask: str
     thing: str
-    open: tuple[str, ...]
-    send: tuple[str, ...]
-    done: tuple[str, ...]
-    reference: tuple[str, ...]
+    open: Texts
+    send: Texts
+    done: Texts
+    reference: Texts
     inputs: dict[str, InputSpec]
 
     @property
@@ -175,7 +183,7 @@ class GroupSpec(Table, frozen=True, kw_only=True):
     noun: str = ""
     singular: str
     plural: str
-    labels: tuple[str, ...]
+    labels: Texts
     count: tuple[int, int]
     naming: NamingSpec
     fields: dict[str, FieldSpec]
@@ -198,7 +206,7 @@ class RowsSpec(Table, frozen=True, kw_only=True):
     """
 
     plural: str
-    labels: tuple[str, ...]
+    labels: Texts
     count: tuple[int, int] = (2, 4)
     naming: NamingSpec = NamingSpec(kind="person")
     fields: dict[str, FieldSpec]
@@ -232,7 +240,7 @@ class AccountSpec(Table, frozen=True, kw_only=True):
         fields: fields by name.
     """
 
-    labels: tuple[str, ...]
+    labels: Texts
     fields: dict[str, FieldSpec]
 
 
@@ -246,7 +254,7 @@ class FilesSpec(Table, frozen=True, kw_only=True):
         folders: names of the folders.
     """
 
-    labels: tuple[str, ...]
+    labels: Texts
     count: tuple[int, int] = (9, 14)
     naming: NamingSpec
     folders: tuple[str, ...]
@@ -260,7 +268,7 @@ class ChartSpec(Table, frozen=True, kw_only=True):
         field: what the bars measure; a number or money.
     """
 
-    labels: tuple[str, ...]
+    labels: Texts
     field: FieldSpec
 
     def __post_init__(self) -> None:
@@ -277,7 +285,7 @@ class MapSpec(Table, frozen=True, kw_only=True):
         labels: possible titles of the map.
     """
 
-    labels: tuple[str, ...]
+    labels: Texts
 
 
 TYPED = ("person", "email", "phrase")
@@ -342,13 +350,13 @@ class Spec(Table, frozen=True, kw_only=True):
     singular: str
     plural: str
     count: tuple[int, int]
-    suffixes: tuple[str, ...]
-    taglines: tuple[str, ...]
-    paths: dict[str, tuple[str, ...]]
-    sections: dict[str, tuple[str, ...]]
+    suffixes: Texts
+    taglines: Texts
+    paths: dict[str, Texts]
+    sections: dict[str, Texts]
     fields: dict[str, FieldSpec]
     forms: dict[str, FormSpec]
-    says: dict[str, tuple[str, ...]]
+    says: dict[str, Texts]
     naming: NamingSpec | None = None
     groups: dict[str, GroupSpec] = field(default_factory=dict)
     rows: dict[str, RowsSpec] = field(default_factory=dict)
@@ -363,6 +371,8 @@ class Spec(Table, frozen=True, kw_only=True):
     fillers: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        if not 3 <= self.count[0] <= self.count[1]:
+            raise ValueError("count: the smallest number must be at least 3, and the largest no less")
         if self.cart is not None and self.fields.get(self.cart.price, None) is None:
             raise ValueError(f'cart: there is no field "{self.cart.price}"')
         for name, spec in self.fields.items():
@@ -394,8 +404,8 @@ class Spec(Table, frozen=True, kw_only=True):
 class _Common(Table, frozen=True):
     """``common.toml``: what all families share."""
 
-    paths: dict[str, tuple[str, ...]]
-    says: dict[str, tuple[str, ...]]
+    paths: dict[str, Texts]
+    says: dict[str, Texts]
     forms: dict[str, FormSpec]
 
 

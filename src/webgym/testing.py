@@ -137,7 +137,12 @@ async def check_family(
 
     Returns:
         A line for every fault; empty if there is none.
+
+    Raises:
+        ValueError: nothing would be checked.
     """
+    if websites < 1 or (tasks_per_website is not None and tasks_per_website < 1):
+        raise ValueError("at least one website and one task of each are to be checked")
     is_small = issubclass(family, SmallWebsite)
     web = OfflineWeb(seed, collection="small" if is_small else "large", families=(family,))
     faults: list[str] = []
@@ -152,7 +157,7 @@ async def check_family(
             tasks = list(web.tasks_of(host))
             if not is_small:
                 faults += _repeated(host, tasks)
-            step = max(1, len(tasks) // tasks_per_website) if tasks_per_website else 1
+            step = max(1, len(tasks) // tasks_per_website) if tasks_per_website is not None else 1
             if is_small:
                 faults += await check_tasks(site, tasks[::step], web.collection.viewport)
             played += tasks[::step]

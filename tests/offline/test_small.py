@@ -98,6 +98,12 @@ async def test_the_check_finds_what_is_wrong(family: type[Website], fault: str) 
     assert any(fault in line for line in faults)
 
 
+@pytest.mark.parametrize("size", [{"websites": 0}, {"tasks_per_website": 0}])
+async def test_a_check_of_nothing_is_refused(size: dict[str, int]) -> None:
+    with pytest.raises(ValueError, match="at least one"):
+        await check_family(Board, **size)
+
+
 async def test_the_order_of_an_answer_counts(tasks: list[Task], web: OfflineWeb) -> None:
     small = OfflineWeb(5, per_family=3, collection="small")
     both = next(

@@ -183,6 +183,27 @@ def test_nothing_to_learn_from_leaves_the_weights_and_ends_with_a_line_in_the_en
     assert TrainingFolder(tmp_path).is_past(2, Stage.COLLECT)
 
 
+@pytest.mark.parametrize(("most_lost", "evaluated"), [(0.5, []), (1.0, [0])])
+def test_an_evaluation_whose_samples_were_lost_to_errors_does_not_count(
+    tmp_path: Path, most_lost: float, evaluated: list[int]
+) -> None:
+    with pytest.raises(BaseExceptionGroup) as caught:
+        run(tmp_path, World(outcome=Outcome.JUDGE_ERROR), config(most_lost=most_lost, give_up_after=1))
+    (error,) = caught.value.exceptions
+    assert isinstance(error, TrainingError)
+    assert evaluated or "2 of 2 samples of evaluations/0000 were lost to errors" in str(error)
+    assert sorted(TrainingFolder(tmp_path).evaluations()) == evaluated
+
+
+def test_what_has_learned_is_not_evaluated_as_if_it_had_not(tmp_path: Path) -> None:
+    with suppress(Killed, BaseExceptionGroup):
+        run(tmp_path, World(kill_before=5), config(evaluate_every=0))
+    again = World()
+    run(tmp_path, again, config())
+    assert done(again)[0] == "publish 1"
+    assert sorted(TrainingFolder(tmp_path).evaluations()) == [2, 3]
+
+
 @pytest.mark.parametrize("keep", [1, 2])
 def test_weights_that_are_not_taken_end_the_training_and_are_published_when_it_goes_on(
     tmp_path: Path, keep: int

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -193,6 +194,28 @@ def test_an_evaluation_whose_samples_were_lost_to_errors_does_not_count(
     assert isinstance(error, TrainingError)
     assert evaluated or "2 of 2 samples of evaluations/0000 were lost to errors" in str(error)
     assert sorted(TrainingFolder(tmp_path).evaluations()) == evaluated
+
+
+async def test_an_update_is_carried_through_when_the_training_is_stopped(tmp_path: Path) -> None:
+    """Its thread goes on anyway, and would save weights while the next process trains in the folder."""
+    begun, may_end = threading.Event(), threading.Event()
+
+    class Slow(World):
+        def learn(self, number: int, draw: ReplaySample, folder: TrainingFolder) -> Mapping[str, Any]:
+            begun.set()
+            assert may_end.wait(20)
+            return super().learn(number, draw, folder)
+
+    work = asyncio.create_task(training_of(tmp_path, Slow(), config(evaluate_every=0), TASKS).run())
+    await asyncio.to_thread(begun.wait, 20)
+    work.cancel()
+    await asyncio.wait({work}, timeout=0.1)
+    was_done = work.done()
+    may_end.set()
+    await asyncio.wait({work})
+    assert work.cancelled()
+    assert not was_done
+    assert TrainingFolder(tmp_path).stage(1) is Stage.FINISH, "what was learned is not learned again"
 
 
 def test_what_has_learned_is_not_evaluated_as_if_it_had_not(tmp_path: Path) -> None:

@@ -407,19 +407,28 @@ class Training:
         if self.folder.is_past(number, Stage.UPDATE):
             return
         if draw.steps:
-            figures = await asyncio.to_thread(self._learner.learn, number, draw, self.folder)
+            learning = asyncio.create_task(asyncio.to_thread(self._learn, number, draw))
+            try:
+                await asyncio.shield(learning)
+            except (
+                asyncio.CancelledError
+            ):  # no thread can be cancelled: until it ends the folder stays locked
+                await asyncio.gather(learning, return_exceptions=True)
+                raise
             self._empty_iterations = 0
         else:
-            figures = {}
+            self.folder.finish(number, Stage.UPDATE, {})
             self._empty_iterations += 1
             self._tell(f"iteration {number}: there is nothing to train on yet; the weights do not change")
-        self.folder.finish(number, Stage.UPDATE, figures)
         if self._empty_iterations >= self.config.loop.give_up_after:
             raise TrainingError(
                 f"{self._empty_iterations} iterations in a row had nothing to train on: "
                 "no step had an advantage",
                 hint="start with easier tasks or a better model; what was collected is kept",
             )
+
+    def _learn(self, number: int, draw: ReplaySample) -> None:
+        self.folder.finish(number, Stage.UPDATE, self._learner.learn(number, draw, self.folder))
 
     async def _publish(self, number: int) -> None:
         if number > self._published:

@@ -201,6 +201,10 @@ def make_server(fake: FakeVllm, port: int = 0) -> ThreadingHTTPServer:
             path = urlsplit(self.path).path
             if path == "/crash":
                 os._exit(9)
+            if "breaks_off" in fake.quirks:
+                fake.quirks.remove("breaks_off")
+                self.close_connection = True
+                return
             status, found = fake.answer(method, path, body)
             data = json.dumps(found).encode()
             self.send_response(status)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -181,6 +182,49 @@ def test_nothing_to_learn_from_leaves_the_weights_and_ends_with_a_line_in_the_en
     assert "2 iterations in a row had nothing to train on: no step had an advantage" in str(error)
     assert done(world) == []
     assert TrainingFolder(tmp_path).is_past(2, Stage.COLLECT)
+
+
+@pytest.mark.parametrize(("most_lost", "evaluated"), [(0.5, []), (1.0, [0])])
+def test_an_evaluation_whose_samples_were_lost_to_errors_does_not_count(
+    tmp_path: Path, most_lost: float, evaluated: list[int]
+) -> None:
+    with pytest.raises(BaseExceptionGroup) as caught:
+        run(tmp_path, World(outcome=Outcome.JUDGE_ERROR), config(most_lost=most_lost, give_up_after=1))
+    (error,) = caught.value.exceptions
+    assert isinstance(error, TrainingError)
+    assert evaluated or "2 of 2 samples of evaluations/0000 were lost to errors" in str(error)
+    assert sorted(TrainingFolder(tmp_path).evaluations()) == evaluated
+
+
+async def test_an_update_is_carried_through_when_the_training_is_stopped(tmp_path: Path) -> None:
+    """Its thread goes on anyway, and would save weights while the next process trains in the folder."""
+    begun, may_end = threading.Event(), threading.Event()
+
+    class Slow(World):
+        def learn(self, number: int, draw: ReplaySample, folder: TrainingFolder) -> Mapping[str, Any]:
+            begun.set()
+            assert may_end.wait(20)
+            return super().learn(number, draw, folder)
+
+    work = asyncio.create_task(training_of(tmp_path, Slow(), config(evaluate_every=0), TASKS).run())
+    await asyncio.to_thread(begun.wait, 20)
+    work.cancel()
+    await asyncio.wait({work}, timeout=0.1)
+    was_done = work.done()
+    may_end.set()
+    await asyncio.wait({work})
+    assert work.cancelled()
+    assert not was_done
+    assert TrainingFolder(tmp_path).stage(1) is Stage.FINISH, "what was learned is not learned again"
+
+
+def test_what_has_learned_is_not_evaluated_as_if_it_had_not(tmp_path: Path) -> None:
+    with suppress(Killed, BaseExceptionGroup):
+        run(tmp_path, World(kill_before=5), config(evaluate_every=0))
+    again = World()
+    run(tmp_path, again, config())
+    assert done(again)[0] == "publish 1"
+    assert sorted(TrainingFolder(tmp_path).evaluations()) == [2, 3]
 
 
 @pytest.mark.parametrize("keep", [1, 2])

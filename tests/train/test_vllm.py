@@ -299,6 +299,24 @@ def test_a_model_that_changes_under_us_gives_no_reply_and_ends_the_training(tmp_
         asyncio.run(go(fake))
 
 
+async def test_a_server_without_labels_that_was_away_is_tested_again_before_its_replies_count(
+    tmp_path: Path,
+) -> None:
+    with fake_vllm.running("dev", "no_version") as fake:
+        async with serving_of(fake, tmp_path) as serving:
+            await serving.publish(saved(tmp_path / "1"), "1")
+            for quirk in ("", "breaks_off"):
+                fake.quirks.add(quirk)
+                asked = len(fake.asked)
+                assert (await reply(serving)).weight_version == "1"
+                assert len(fake.asked) - asked == (2 if quirk else 1)
+            fake.quirks.add("breaks_off")
+            fake.weights = ""  # it was started again, with those that it began with
+            for _ in range(2):
+                with pytest.raises(PolicyError, match="the served model does not pass its self-test"):
+                    await reply(serving)
+
+
 class _Lost:
     """Weights whose server ends before the reply is there."""
 

@@ -65,6 +65,11 @@ class OpenAIPolicy:
         """Why requests are delayed at this moment; empty if they are not."""
         return self._client.problem
 
+    @property
+    def interruptions(self) -> int:
+        """Number of tries so far after which the endpoint may be another process."""
+        return self._client.interruptions
+
     def expect(self, model: str) -> None:
         """Expect replies of this model, as if the endpoint had named it in an earlier one."""
         self._client.served = model

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Awaitable, Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal, Self, TypeAlias
@@ -316,6 +316,8 @@ class Served:
         policy: the client.
         is_labelled: whether the server has this version as its label, so that it can be compared.
         is_adapter: whether the name is that of an adapter, which is to be unloaded later.
+        retest: tests the weights again, where neither a label nor the name would tell that the server was
+            started anew without them. Raises :class:`ForeignReply`.
         idle: set while no request is in flight.
     """
 
@@ -325,8 +327,11 @@ class Served:
     policy: OpenAIPolicy
     is_labelled: bool = False
     is_adapter: bool = False
+    retest: Callable[[], Awaitable[None]] | None = None
     idle: asyncio.Event = field(default_factory=asyncio.Event)
     _in_flight: int = field(default=0, init=False)
+    _retesting: asyncio.Lock = field(default_factory=asyncio.Lock, init=False)
+    _interruptions: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
         self.idle.set()
@@ -363,6 +368,11 @@ class Served:
                 raise as_policy_error(error) from error
             if version != self.version:
                 raise ForeignReply(f"the endpoint replied with the weights {version!r}, not {self.version!r}")
+        if self.retest is not None:
+            async with self._retesting:
+                if (interruptions := self.policy.interruptions) != self._interruptions:
+                    await self.retest()
+                    self._interruptions = interruptions
         return reply
 
 

@@ -82,6 +82,8 @@ class ChatClient:
         formats: formats that the endpoint accepts as ``response_format``, as far as that is known.
         served: the model of the first reply, as the endpoint named it; empty before. Replies of another one
             are refused, unless the config's ``any_model`` is set.
+        interruptions: number of tries so far after which the endpoint may be another process: connections
+            that failed or broke, and error statuses but 429.
 
     Raises:
         ConfigError: the key contains characters that are invalid in an HTTP header.
@@ -98,6 +100,7 @@ class ChatClient:
         self.config = config
         self.formats = Formats(config.base_url, config.model, cache)
         self.served = ""
+        self.interruptions = 0
         self._url = f"{config.base_url}/chat/completions"
         self._key = api_key or SecretStr(os.environ.get(config.api_key_env, "").strip())
         if not self._key.get_secret_value().isascii() or not self._key.get_secret_value().isprintable():
@@ -254,6 +257,8 @@ class ChatClient:
                     await resources.enter_async_context(acquired.pop_all())
                     return reply
             except _TemporaryFailure as failure:
+                status = failure.error.status if isinstance(failure.error, EndpointRefused) else 0
+                self.interruptions += not failure.is_answer and status != 429
                 is_away = not failure.is_answer and self._is_away(progress)
                 progress.last, progress.failed_at = failure.error, time.monotonic()
                 pause = min(retry.longest_seconds, retry.first_seconds * 2**doublings)

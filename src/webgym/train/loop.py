@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Final, Protocol, TypeAlias
 
 from pydantic import Field, model_validator
 
@@ -53,6 +53,8 @@ Show: TypeAlias = Callable[[Progress], AbstractAsyncContextManager[None]]
 Tell: TypeAlias = Callable[[str], None]
 Track: TypeAlias = Callable[[Mapping[str, Any]], None]
 
+_FAULTS: Final = {Outcome.JUDGE_ERROR, Outcome.POLICY_ERROR, Outcome.ENVIRONMENT_ERROR}
+
 
 class LoopConfig(Section):
     """Settings of the training loop."""
@@ -74,6 +76,10 @@ class LoopConfig(Section):
 
     give_up_after: int = Field(default=5, ge=1)
     """Stop after this many iterations in a row with nothing to train on."""
+
+    most_lost: float = Field(default=0.5, ge=0, le=1)
+    """Stop if a larger share of an iteration's or evaluation's samples was lost to errors of the judge, the
+    policy or the environment. Nothing is trained on or counted then; ``--resume`` makes up for them."""
 
 
 class EvaluationConfig(Section):
@@ -161,7 +167,10 @@ async def make_run(
 ) -> Summary:
     """Collect a run, or resume it if it exists."""
     if (out / CONFIG).exists():
-        return await resume(out, policy=policy, server=config.server, secrets=secrets, show=show)
+        # What failed before the training stopped, often for the same cause, gets all of its tries again.
+        return await resume(
+            out, policy=policy, server=config.server, secrets=secrets, retry_errors=True, show=show
+        )
     return await collect(config, out, tasks=tasks, policy=policy, secrets=secrets, show=show)
 
 
@@ -268,7 +277,7 @@ class Training:
             await self._serving.publish(latest[1], str(latest[0]))
         if self.config.loop.evaluate_every and not self._test:
             self._tell("there are no test tasks, so nothing is evaluated")
-        if self._finished == 0:
+        if latest is None:
             with self.progress.stage(0, "evaluate"):
                 await self._evaluate(0)
         self.progress.begin(self._finished)
@@ -340,7 +349,23 @@ class Training:
         )
 
     async def _attempt(self, out: Path, config: RunConfig, tasks: Sequence[Task]) -> Summary:
-        return await self._attempts(out, config, tasks, self._serving.policy, self._secrets, self._show)
+        """Make the attempts of a stage.
+
+        Raises:
+            TrainingError: too many were lost. The stage is not finished.
+        """
+        summary = await self._attempts(out, config, tasks, self._serving.policy, self._secrets, self._show)
+        planned = summary["planned"]["overall"]
+        lost = summary["lost_samples"] + summary["outcomes"][Outcome.JUDGE_ERROR]
+        if lost > self.config.loop.most_lost * planned:
+            of_faults = (each for each in summary["losses"].values() if _FAULTS & each["outcomes"].keys())
+            raise TrainingError(
+                f"{lost} of {planned} samples of {out.relative_to(self.folder.path)} were lost to errors: "
+                + next(of_faults)["message"],
+                hint="fix the cause, then --resume judges or attempts them again; loop.most_lost in "
+                "config.yaml allows for more",
+            )
+        return summary
 
     # --- learning -----------------------------------------------------------------------------------------
 
@@ -382,19 +407,28 @@ class Training:
         if self.folder.is_past(number, Stage.UPDATE):
             return
         if draw.steps:
-            figures = await asyncio.to_thread(self._learner.learn, number, draw, self.folder)
+            learning = asyncio.create_task(asyncio.to_thread(self._learn, number, draw))
+            try:
+                await asyncio.shield(learning)
+            except (
+                asyncio.CancelledError
+            ):  # no thread can be cancelled: until it ends the folder stays locked
+                await asyncio.gather(learning, return_exceptions=True)
+                raise
             self._empty_iterations = 0
         else:
-            figures = {}
+            self.folder.finish(number, Stage.UPDATE, {})
             self._empty_iterations += 1
             self._tell(f"iteration {number}: there is nothing to train on yet; the weights do not change")
-        self.folder.finish(number, Stage.UPDATE, figures)
         if self._empty_iterations >= self.config.loop.give_up_after:
             raise TrainingError(
                 f"{self._empty_iterations} iterations in a row had nothing to train on: "
                 "no step had an advantage",
                 hint="start with easier tasks or a better model; what was collected is kept",
             )
+
+    def _learn(self, number: int, draw: ReplaySample) -> None:
+        self.folder.finish(number, Stage.UPDATE, self._learner.learn(number, draw, self.folder))
 
     async def _publish(self, number: int) -> None:
         if number > self._published:

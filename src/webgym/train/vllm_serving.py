@@ -18,6 +18,7 @@ import os
 import secrets
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -30,7 +31,15 @@ from webgym.agent.profiles import choose_profile
 from webgym.core.errors import ConfigError, LLMError, PolicyError, PublishError, TrainingError
 from webgym.core.trajectory import Reply
 from webgym.inference.managed import ManagedServer, free_port
-from webgym.inference.vllm import EXPLICIT, PublishMethod, Served, VllmApi, VllmConfig, VllmPolicy
+from webgym.inference.vllm import (
+    EXPLICIT,
+    ForeignReply,
+    PublishMethod,
+    Served,
+    VllmApi,
+    VllmConfig,
+    VllmPolicy,
+)
 from webgym.train.config import LoraConfig
 from webgym.train.selftest import GREEDY, check, read_selftest
 
@@ -304,6 +313,8 @@ class VllmServing:
         try:
             if weights is not None:
                 await self._test(served, weights)
+                if self._method == "in_place" and not is_labelled:
+                    served.retest = partial(self._retest, policy, weights)
         except BaseException:
             await policy.__aexit__(None, None, None)
             raise
@@ -323,6 +334,15 @@ class VllmServing:
             return
         reply = await served.checked(await served.policy.ask(*test.request(), GREEDY))
         check(test, reply, is_exact=False, earlier=self._earlier)
+
+    async def _retest(self, policy: OpenAIPolicy, weights: Path) -> None:
+        """See :attr:`Served.retest`."""
+        if (test := read_selftest(weights)) is None:
+            return
+        try:
+            check(test, await policy.ask(*test.request(), GREEDY), is_exact=False)
+        except PublishError as error:
+            raise ForeignReply(error.message) from error
 
 
 _NEEDED: Final[dict[PublishMethod, tuple[str, ...]]] = {

@@ -255,6 +255,15 @@ def test_what_cannot_be_undone_never_replies(tmp_path: Path) -> None:
         asyncio.run(go(fake))
 
 
+async def test_the_weights_of_another_training_are_not_replaced(tmp_path: Path) -> None:
+    with fake_vllm.running("dev") as fake:
+        async with serving_of(fake, tmp_path) as ours, serving_of(fake, tmp_path) as theirs:
+            await theirs.publish(saved(tmp_path / "1"), "1")
+            with pytest.raises(TrainingError, match="has the weights '1' of others, not '0'"):
+                await ours.publish(saved(tmp_path / "2"), "1")
+            assert fake.weights == str(tmp_path / "1")
+
+
 async def test_a_resumed_training_publishes_to_a_server_that_has_its_newest_weights(tmp_path: Path) -> None:
     newest = (saved(tmp_path / "3"), "3")
     with fake_vllm.running("dev", weights=str(newest[0])) as fake:

@@ -361,7 +361,7 @@ class Training:
             of_faults = (each for each in summary["losses"].values() if _FAULTS & each["outcomes"].keys())
             raise TrainingError(
                 f"{lost} of {planned} samples of {out.relative_to(self.folder.path)} were lost to errors: "
-                + next(of_faults)["message"],
+                + next((each["message"] for each in of_faults), "see its report"),
                 hint="fix the cause, then --resume judges or attempts them again; loop.most_lost in "
                 "config.yaml allows for more",
             )
@@ -410,9 +410,7 @@ class Training:
             learning = asyncio.create_task(asyncio.to_thread(self._learn, number, draw))
             try:
                 await asyncio.shield(learning)
-            except (
-                asyncio.CancelledError
-            ):  # no thread can be cancelled: until it ends the folder stays locked
+            except asyncio.CancelledError:  # a thread cannot be: until it ends the folder stays locked
                 await asyncio.gather(learning, return_exceptions=True)
                 raise
             self._empty_iterations = 0

@@ -274,6 +274,14 @@ class VllmServing:
             return
         before = self._vllm.served
         assert before is not None
+        if before.is_labelled:
+            label = await self._api.weight_version()
+            if label not in ("", "default", before.version):  # a server that was started anew gets them again
+                raise TrainingError(
+                    f"the server {self._api.base_url} has the weights {label!r} of others, not "
+                    f"{before.version!r}: they are left there",
+                    hint="use one server per training, then webgym train --resume",
+                )
         try:
             await self._api.update_weights(str(weights), version)
             served = await self._tested(before.model, version, weights)

@@ -72,9 +72,9 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
         response: criterion B, every claim in the answer is visible; ``None`` if there was no answer.
         reference: comparison with the reference answer, which overrides; ``None`` if the task has none.
         blocked: whether the website kept the agent out.
-        score: share of the facts that hold, 0 to 1, for analysis, and for shaping a reward that also depends on
-            the answer, as a wrong one can have 1.0; it never replaces the
-            reward. ``None`` if not every fact was judged.
+        score: share of the facts that hold, 0 to 1, for analysis, and for shaping a reward that also depends
+            on the answer, as a wrong one can have 1.0; it never replaces the reward. ``None`` if not every
+            fact was judged.
         confidence: share of several judges or samples that gave this reward, 0 to 1; ``None`` from a single
             one.
         keypoints: indices of the observations whose screenshots the judge saw; ``None`` for all.

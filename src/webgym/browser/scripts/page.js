@@ -118,17 +118,22 @@
     return true;
   };
   // What the page makes of scrolls, sizes and what is in view comes with the next frame, which a busy machine draws
-  // late: it is "due", "drawn", or "late" if nobody waits for it any longer.
+  // late: it is "due", "drawn", or "late" if nobody waits for it any longer. `isBegun`: the next may have begun before,
+  // so the one after it is due, too.
   state.frame = 'drawn';
+  let isOneMoreDue = false;
   const frames = new ResizeObserver(() => {
     frames.disconnect();
     state.frame = 'drawn';
+    if (isOneMoreDue) webgym.askFrame();
+    isOneMoreDue = false;
   });
-  webgym.askFrame = () => {
+  webgym.askFrame = (isBegun = false) => {
     const root = documentElement(document);
+    isOneMoreDue ||= isBegun;
     if (!root || state.frame !== 'drawn') return;
     state.frame = 'due';
-    frames.observe(root);
+    scheduler.postTask(() => frames.observe(root)); // not from within a frame, for which it would be too late
   };
   // To scroll is a change, but it is the agent's own; what the page makes of it is a reaction.
   const changed = (isReaction = true, nodes = []) => {

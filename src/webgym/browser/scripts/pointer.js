@@ -10,11 +10,11 @@
   const asked = () => Object.values(webgym.plans()).reduce((sum, count) => sum + count, state.changes);
   const later = (delay) => scheduler.postTask(() => {}, { delay });
 
-  // The next frame, after what the page itself had planned for it; `longest` milliseconds at most. Nothing is asked
-  // for by number, so that who counts what the page asks for sees nothing of it.
+  // The next frame, after what the page itself had planned for it: true if it came within `longest` milliseconds.
+  // Nothing is asked for by number, so that who counts what the page asks for sees nothing of it.
   webgym.frame = (longest) => {
     const frame = new Promise((resolve) => {
-      const observer = new ResizeObserver(() => (observer.disconnect(), resolve()));
+      const observer = new ResizeObserver(() => (observer.disconnect(), resolve(true)));
       observer.observe(documentElement(document));
     });
     return Promise.race([frame, later(longest)]);

@@ -323,8 +323,7 @@
     // Still, and nothing that was planned for a frame or an idle moment is left.
     const isDone = async () => {
       if (state.frame === 'due') {
-        await webgym.frame(FRAME);
-        if (state.frame === 'due') state.frame = 'late';
+        if (!(await webgym.frame(FRAME))) state.frame = 'late';
         elapsed += tick;
         return false;
       }

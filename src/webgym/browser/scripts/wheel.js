@@ -161,29 +161,19 @@
     return gliding.some((mover) => elements.some((element) => contains(mover, element)));
   };
 
-  // The compositor scrolls with its next frame, after it has told that the wheel was turned; the page knows with the
-  // one after at the latest.
-  const FRAMES = 2;
-  const LONGEST = 1000; // ms: a page that is not drawn has no frames
-  const hasScrolled = () => turned.around.some(([node, at]) => turned.side.at(node) !== at);
-  const isPrevented = () => Boolean(wheel && wheel.defaultPrevented);
-  const scrolled = async () => {
-    const { side, around } = turned;
-    const mayScroll = ([node]) => isFrame(node) || (isScroller(node, side) && hasRoom(node, side));
-    const isExpected = () => !isPrevented() && around.some(mayScroll);
-    for (let n = 0; n < FRAMES && !hasScrolled() && isExpected(); n++) await webgym.frame(LONGEST);
-    return hasScrolled();
-  };
-
   // {by, extent, taken}: how far a script moved what lies there, and how long the box is. 0 where the browser
   // itself scrolled, where a transition moves them still, and where things did not all move the same way: a map that is
   // drawn larger, say. `taken`: nothing was scrolled, as a listener of the page prevented it, but the page could be.
-  webgym.turned = async () => {
-    const { side, box, page, places } = turned;
+  webgym.turned = () => {
+    const { side, box, around, page, places } = turned;
     const isAcross = side.overflow === 'overflowX';
     const extent = isAcross ? box.right - box.left : box.bottom - box.top;
-    if (await scrolled()) return { by: 0, extent };
-    const taken = Boolean(isPrevented() && !state.list && page && isScroller(page, side) && hasRoom(page, side));
+    if (around.some(([node, at]) => side.at(node) !== at)) return { by: 0, extent };
+    const mayScroll = (node) => isScroller(node, side) && hasRoom(node, side);
+    const isPrevented = Boolean(wheel && wheel.defaultPrevented && !state.list);
+    const taken = Boolean(isPrevented && page && mayScroll(page));
+    // The compositor scrolls with its next frame, after it has told that the wheel was turned.
+    if (!isPrevented && around.some(([node]) => isFrame(node) || mayScroll(node))) webgym.askFrame(true);
     const left = places.filter(([element]) => isConnected(element));
     if (isGliding(left.map(([element]) => element))) return { by: 0, extent, taken };
     const moves = [];
@@ -199,10 +189,10 @@
   };
 
   // Scroll the page itself, if the last turn was and still is `taken`.
-  webgym.scrollPage = async (distance) => {
+  webgym.scrollPage = (distance) => {
     const { side, page } = turned;
     const key = side.overflow === 'overflowX' ? 'left' : 'top';
-    if ((await webgym.turned()).taken) scrollBy(page, { [key]: distance, behavior: 'instant' });
+    if (webgym.turned().taken) scrollBy(page, { [key]: distance, behavior: 'instant' });
     return true;
   };
 })();

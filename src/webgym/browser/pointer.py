@@ -251,7 +251,7 @@ async def scroll(page: Page, side: Side, point: Point | None = None) -> None:
 
 
 async def turn(page: Page, side: Side, point: Point, **deltas: float) -> Turned:
-    """Send one wheel event. What the browser itself scrolls moves with a later frame; settling waits for it."""
+    """Send one wheel event. What the browser itself scrolls moves later, which settling waits for."""
     await page.run("expectTurn", side, point, reply=bool)
     await _send_and_react(page, "mouseWheel", point, **deltas)
     return await page.run("turned", reply=Turned)

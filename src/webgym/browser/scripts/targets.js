@@ -716,7 +716,8 @@
     if (isInert && within.some((kid) => isItemOf(one, kid))) return null;
     if (isCellOf(one, within)) return null;
     if (arePartsOf(one, within)) return kids.filter((kid) => !within.includes(kid));
-    const same = within.filter((kid) => share(kid) >= COVER);
+    const isBelow = (kid) => kid.role === 'treeitem' && one.role === 'treeitem';
+    const same = within.filter((kid) => share(kid) >= COVER && !isBelow(kid));
     const isField = (kid) => kid.isControl && (GIVES_WAY.has(one.role) || FIELDS.has(localName(kid.element)));
     if (same.some(isField) && !WITHOUT_PARTS.has(one.role)) return null;
     const isNamesake = (kid) => !kid.isControl && Boolean(nameOf(kid.element, kid.role)) && isOfName(kid);

@@ -40,7 +40,8 @@
   take(
     Element,
     'localName namespaceURI shadowRoot assignedSlot previousElementSibling nextElementSibling ' +
-      'clientLeft clientTop clientWidth clientHeight scrollWidth scrollHeight scrollTop scrollLeft getAttribute getAttributeNames hasAttribute setAttribute removeAttribute matches closest ' +
+      'clientLeft clientTop clientWidth clientHeight scrollWidth scrollHeight scrollTop scrollLeft ' +
+      'getAttribute getAttributeNames hasAttribute setAttribute removeAttribute matches closest ' +
       'checkVisibility getBoundingClientRect getClientRects computedStyleMap scrollBy scrollIntoView replaceWith',
   );
   take(

@@ -54,9 +54,11 @@ async def test_the_text_holds_what_controls_show_and_nobody_typed(site: Site, ta
             "<input value=filled><input placeholder='Your name'><input type=password value=secret>"
             "<select><option>Red<option selected>Green</select><textarea>long note</textarea>"
             "<input type=submit value=Send><input type=checkbox value=x checked>"
+            "<input type=checkbox role=switch value=''>"
+            "<select size=2><option>Oak<option>Elm<option>Fir</select>"
         )
     )
-    assert tab.text == ["Your name Green Send"]
+    assert tab.text == ["Your name Green Send", "Oak", "Elm"]
 
 
 async def test_far_text_comes_into_view_by_scrolling(site: Site, tab: Tab) -> None:

@@ -11,6 +11,10 @@ pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 BOX = "width:100px;overflow:hidden;white-space:nowrap;"
 DIALOG = "<dialog id=d style='{}'>seen</dialog><style>{}</style><script>d.showModal()</script>"
+IN_COMPONENT = (
+    "<script>document.querySelector('x-y').attachShadow({{mode: 'open'}}).innerHTML = "
+    "'<b style=\"background:red\">{}</b>'</script>"
+)
 
 UNSEEN = {
     "clipped by a box": "<div style='width:60px;overflow:hidden;white-space:nowrap'>seen <b>hidden</b></div>",
@@ -110,6 +114,10 @@ UNSEEN = {
             "background:red": "",
         }.items()
     },
+    "below a component": (
+        "seen<p style='margin:0'>hidden</p><x-y style='position:absolute;left:0;top:18px'></x-y>"
+        + IN_COMPONENT.format("0123456789")
+    ),
     "cut off in a drawing": (
         "<svg width=200 height=60><foreignObject width=60 height=30><div style='white-space:nowrap'>seen"
         "<b style='margin-left:60px'>hidden</b></div></foreignObject></svg>"
@@ -141,6 +149,14 @@ async def test_what_cannot_be_seen_is_left_out(site: Site, tab: Tab, body: str) 
 
 
 SEEN = {
+    "beside a box that lies over its edge": (
+        "<i style='position:absolute;left:0;width:40.4px;height:20px;background:red;z-index:1'></i>"
+        "<span style='margin-left:40px'>shown</span>"
+    ),
+    "below a transparent component": (
+        "<p style='margin:0'>shown</p><x-y style='position:absolute;left:0;top:0;opacity:0'></x-y>"
+        + IN_COMPONENT.format("cover")
+    ),
     "inside a clipped box": (
         "<div style='width:300px;overflow:hidden;line-height:1;font-size:30px'>shown</div>"
     ),

@@ -509,6 +509,21 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         "<i class=on>+</i> <b class=on>Panel</b></div>" + LISTENS.format("click"),
         ["+ Panel"],
     ),
+    "an item of a tree and the one below it": (
+        "<ul role=tree><li role=treeitem tabindex=0 class=on><p>src</p><ul role=group>"
+        "<li role=treeitem tabindex=-1 class=on><p>a.ts</p></li></ul></li></ul>" + LISTENS.format("click"),
+        ["src a.ts", "a.ts"],
+    ),
+    "sliders on each other, and what is drawn for a box to tick": (
+        "<style>input { pointer-events: none; position: absolute; left: 9px } .clip { clip: rect(0 0 0 0) }"
+        "[type=range] { appearance: none; background: none; width: 200px; margin: 0 }"
+        "::-webkit-slider-thumb { pointer-events: auto }</style><br>"
+        "<input type=range aria-label=From value=20>"
+        "<input type=range aria-label=To value=70><br><br><input type=checkbox class=clip id=t>"
+        "<i class=on style='border: 1px solid; padding: 9px'></i><label for=t>Tick</label>"
+        + LISTENS.format("click"),
+        ["From", "To", "Tick"],
+    ),
     "a label's own name": ("<i id=l aria-label=Town>x</i><input aria-labelledby=l>", ["Town"]),
 }
 

@@ -39,8 +39,9 @@
   );
   take(
     Element,
-    'localName namespaceURI shadowRoot assignedSlot nextElementSibling clientLeft clientTop clientWidth clientHeight ' +
-      'scrollWidth scrollHeight scrollTop scrollLeft getAttribute getAttributeNames hasAttribute setAttribute removeAttribute matches closest ' +
+    'localName namespaceURI shadowRoot assignedSlot previousElementSibling nextElementSibling ' +
+      'clientLeft clientTop clientWidth clientHeight scrollWidth scrollHeight scrollTop scrollLeft ' +
+      'getAttribute getAttributeNames hasAttribute setAttribute removeAttribute matches closest ' +
       'checkVisibility getBoundingClientRect getClientRects computedStyleMap scrollBy scrollIntoView replaceWith',
   );
   take(

@@ -4,7 +4,7 @@
   if (webgym.observe) return;
   const {
     nodeType, nodeName, parentNode, childNodes, firstChild, localName, nextElementSibling, firstElementChild, scrollHeight,
-    getBoundingClientRect, body, title, documentElement, scrollingElement, isContentEditable,
+    getBoundingClientRect, closest, body, title, documentElement, scrollingElement, isContentEditable,
   } = webgym.dom;
   const { fold, rootOf, frameIn, isFrame, shorten } = webgym;
   const { roleOf, valueOf } = webgym.roles;
@@ -26,11 +26,12 @@
     sink.addText(node, isRoot(parent) ? parent.host : parent, place);
   };
 
+  const WORDLESS = new Set(['checkbox', 'radio', 'range', 'color']);
   const addControl = (element, place, sink) => {
     const box = intersect(moved(getBoundingClientRect(element), place.map), place.clip);
     if (!box || !isShown(element)) return;
+    if (WORDLESS.has(element.type)) return;
     const role = roleOf(element);
-    if (role === 'checkbox' || role === 'radio' || element.type === 'range' || element.type === 'color') return;
     const isWritten = role !== 'button' && localName(element) !== 'select' && element.value;
     const text = role === 'button' ? element.value : valueOf(element, role) || element.placeholder;
     if (!text || !visibleParts(element, place, 1).length) return;
@@ -147,6 +148,10 @@
     else if (name === 'input' || name === 'textarea' || (name === 'select' && roleOf(element) === 'combobox')) {
       if (hasText) addControl(element, place, sink);
       if (isInView && isOpenInPage(element)) walkNodes(offersOf(element), place, sink);
+    } else if (name === 'option' && !isOpenInPage(closest(element, 'select') || element)) {
+      // Its text has no boxes of its own.
+      if (hasText && visibleParts(element, place, 1).length)
+        sink.addWords(shorten(element.label, 'value'), [moved(rectOf(element), place.map)]);
     } else if (name === 'slot' && element.assignedNodes().length) {
       walkNodes(element.assignedNodes(), place, sink);
     } else {

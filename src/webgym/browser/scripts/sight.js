@@ -296,7 +296,7 @@
       const isBehind = sunk && !contains(sunk, found) && !isPage(found) && hides(found, parentOf(found));
       return !isCut && !isBehind;
     }
-    if (getRootNode(found) !== getRootNode(element)) return false;
+    if (getRootNode(found) !== getRootNode(element) && hides(found, commonOf(found, element))) return false;
     if (style.pointerEvents === 'none') return !isOver(found, element) || !hides(found, commonOf(found, element));
     const layers = elementsFromPoint(getRootNode(element), ...at);
     const own = layers.findIndex((layer) => contains(element, layer));
@@ -329,6 +329,7 @@
         const [left, right] = [Math.max(rect.left, box.left), Math.min(rect.right, box.right)];
         if (left >= right || box.top >= rect.bottom || box.bottom <= rect.top) continue;
         if (right - left >= rect.right - rect.left || contains(other, element)) continue; // the middle tells
+        if (right <= rect.left + EDGE) continue;
         for (let x = Math.max(left, rect.left + EDGE); x < right; x += STEP) points.push(x);
         points.push(Math.min(right, rect.right) - EDGE);
       }

@@ -5,7 +5,7 @@
   const {
     dispatchEvent, nodeType, parentNode, childNodes, textContent, getRootNode, localName, baseURI, getAttribute,
     getAttributeNames, hasAttribute, matches, closest,
-    checkVisibility, getBoundingClientRect, getClientRects, children, childElementCount, querySelector,
+    checkVisibility, getBoundingClientRect, getClientRects, previousElementSibling, children, childElementCount, querySelector,
     querySelectorAll, createRange, documentElement,
     offsetWidth, offsetHeight, tabIndex, ofKind, styleSheets, adoptedStyleSheets,
   } = webgym.dom;
@@ -102,6 +102,16 @@
     return [...contents.getClientRects()].filter((rect) => areaOf(rect) >= 1);
   };
 
+  // The handle of a slider: where two sliders lie on each other, often nothing else of them takes the mouse.
+  const HANDLE_WIDTH = 16; // CSS pixels
+  const handleOf = (element, { left, top, right, bottom }, map) => {
+    if (localName(element) !== 'input' || element.type !== 'range') return [];
+    const [min, max] = [Number(element.min || 0), Number(element.max || 100)];
+    const share = max > min ? (element.value - min) / (max - min) : 0;
+    const at = left + (getComputedStyle(element).direction === 'rtl' ? 1 - share : share) * (right - left - HANDLE_WIDTH);
+    return [moved({ left: at, top, right: at + HANDLE_WIDTH, bottom }, map)];
+  };
+
   // The first parts of an element that a click reaches, `most` of them, seen from this frame.
   const visibleParts = (element, place, most) => {
     const found = [];
@@ -111,7 +121,7 @@
       around = around || clipAround(isArea(element) ? pictureOf(element) : element);
       const own = intersect(rect, around);
       const box = own && intersect(moved(own, place.map), place.clip);
-      for (const part of box ? parts(box) : [])
+      for (const part of box ? [...parts(box), ...handleOf(element, rect, place.map)] : [])
         if (part.right - part.left >= LEAST_SIDE && part.bottom - part.top >= LEAST_SIDE && isHit(element, part)) {
           found.push(part);
           if (found.length === most) return found;
@@ -490,6 +500,13 @@
   };
   let clicks = new Map(); // by element, in this look
 
+  // What is drawn for a box to tick right behind it, which its page hides: the label beside it is clicked.
+  const isBoxOfTick = (element, place) => {
+    const tick = previousElementSibling(element);
+    if (!tick || !isTick(tick) || nameOf(element, 'button') || visibleParts(tick, place, 1).length) return false;
+    return labelsOf(tick).some((label) => isShown(label) && visibleParts(label, place, 1).length > 0);
+  };
+
   // {element, place, role, isControl, isPointer, isText, isPart, isTold, items, kids, boxes}: `isText` if nothing is seen
   // of what listens, `isPart` if something around listens for this part of a row, `isTold` if for what bears such data,
   // `kids` are the candidates in it, `items` those of its children that are candidates because of it.
@@ -503,6 +520,7 @@
     if (!role && !isPointer && !(style && isUsed())) return null;
     if (isOff(element) || (!isControl && isOfLabel(element)) || isLabelOfTick(element)) return null;
     if (!role && !isPointer && isName(element)) return null; // it is a label, too
+    if (!role && isBoxOfTick(element, place)) return null;
     const isText = !role && !isPointer && isPlainText(element, style);
     if (isText && hasPointedKin(element)) return null;
     const isPlain = !role && !isPointer && !isPart && !isCell(element, style);
@@ -698,7 +716,8 @@
     if (isInert && within.some((kid) => isItemOf(one, kid))) return null;
     if (isCellOf(one, within)) return null;
     if (arePartsOf(one, within)) return kids.filter((kid) => !within.includes(kid));
-    const same = within.filter((kid) => share(kid) >= COVER);
+    const isBelow = (kid) => kid.role === 'treeitem' && one.role === 'treeitem';
+    const same = within.filter((kid) => share(kid) >= COVER && !isBelow(kid));
     const isField = (kid) => kid.isControl && (GIVES_WAY.has(one.role) || FIELDS.has(localName(kid.element)));
     if (same.some(isField) && !WITHOUT_PARTS.has(one.role)) return null;
     const isNamesake = (kid) => !kid.isControl && Boolean(nameOf(kid.element, kid.role)) && isOfName(kid);

@@ -25,8 +25,8 @@ _HINTS: Final = {
     f"has sampling without top-p and top-k{_AGAIN}",
     "no_logprobs": f"the objective needs log-probabilities, and the endpoint gives none{_AGAIN}",
     "too_long": "raise learn.update.cutoff_tokens in config.yaml, then resume with --resume",
-    "gone": "their attempts were set aside after the draw: delete {iteration}/replay.json, and --resume draws "
-    "others",
+    "gone": "their attempts were set aside after the draw: delete {iteration}/replay.json, and --resume "
+    "draws others",
 }
 """What to do about the most frequent reason; otherwise :data:`_TOKENS`."""
 

@@ -133,6 +133,23 @@ async def test_what_a_judge_that_is_down_did_not_judge_is_judged_later_and_not_m
     assert world.browsers.opened == 12
 
 
+async def test_a_judge_that_hangs_stops_the_run_and_judges_when_it_goes_on(
+    tmp_path: Path, world: World
+) -> None:
+    world.judge.lets.clear()
+    limits = {"judges": 2, "judge_seconds": 0.05, "give_up_after": 2, "backlog": 0}
+    with pytest.raises(BaseExceptionGroup) as stopped:
+        await Run().start(world.config(tmp_path, 12, limits), tmp_path / "run").end()
+    assert "2 attempts in a row had no verdict: no verdict within 0.05 s" in _whole(stopped.value)
+    assert world.browsers.opened < 12
+    assert outcomes(tmp_path / "run").keys() <= {"judge_error", "cancelled"}
+    world.judge.lets.set()
+    await Run().start(None, tmp_path / "run").end()
+    ended = outcomes(tmp_path / "run")
+    assert ended["success"] == 12
+    assert ended.keys() <= {"success", "cancelled"}
+
+
 async def test_a_server_that_is_lost_and_comes_back_costs_what_was_in_flight(
     tmp_path: Path, world: World
 ) -> None:

@@ -9,15 +9,20 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 from tests.train.making import PICTURES, task, trajectory
 from tests.train.worlds import MadeUp, training_of
 
-from webgym.core.errors import PublishError, TrainingError, WebGymError
+from webgym.agent.config import AgentConfig
+from webgym.core.errors import ConfigError, PublishError, TrainingError, WebGymError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.trajectory import Trajectory
+from webgym.judge.config import JudgeChoice, JudgeConfig
+from webgym.llm.config import ChatConfig
 from webgym.rollout.summary import Summary
+from webgym.run_config import RunConfig
 from webgym.train.config import FrontierConfig, LearnConfig, ReplayConfig
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.loop import EvaluationConfig, LoopConfig, TrainConfig
@@ -80,6 +85,10 @@ class World(MadeUp):
         raise TrainingError("the policy's model was changed by others")
 
 
+def judge(model: str, url: str = "http://127.0.0.1:1/v1") -> JudgeChoice:
+    return JudgeChoice(name="rubric", rubric=JudgeConfig(chat=ChatConfig(base_url=url, model=model)))
+
+
 def config(**loop: Any) -> TrainConfig:
     return TrainConfig(
         learn=LearnConfig(model="m", replay=ReplayConfig(steps=6), frontier=FrontierConfig()),
@@ -139,6 +148,41 @@ def test_samples_of_one_test_task_are_one_piece_of_evidence(tmp_path: Path) -> N
         for name in ("success_interval", "success_interval_of_planned"):
             assert found[name]["overall"] == [0.0, 1.0], "one of two tasks is always solved, one never"
             assert found[name]["hard"] is None
+
+
+@pytest.mark.parametrize(
+    ("changed", "differs"),
+    [
+        ({"evaluation": EvaluationConfig(count=3)}, "test tasks"),
+        ({"evaluation": EvaluationConfig(count=2, seed=1)}, "evaluation.seed"),
+        ({"evaluation": EvaluationConfig(count=2, samples=2)}, "evaluation.samples"),
+        ({"evaluation": EvaluationConfig(count=2, budget=(3, 5, 7))}, "evaluation.budget"),
+        ({"rollout": RunConfig(judge=judge("another"))}, "rollout.judge"),
+        ({"rollout": RunConfig(judge=judge("m"), agent=AgentConfig(rounds=1))}, "rollout.agent"),
+        ({"rollout": RunConfig(judge=judge("m", "http://127.0.0.1:2/v1"), retries=5)}, ""),
+    ],
+)
+def test_evaluations_that_cannot_be_compared_are_not_points_of_one_curve(
+    tmp_path: Path, changed: dict[str, Any], differs: str
+) -> None:
+    settings = config(iterations=1).model_copy(update={"rollout": RunConfig(judge=judge("m"))})
+    run(tmp_path, World(), settings)
+    more = settings.model_copy(update={"loop": config(iterations=2).loop, **changed})
+    if not differs:
+        run(tmp_path, World(), more)
+        return
+    with pytest.raises(ConfigError, match=f"evaluations/0001 had other values: {differs} "):
+        run(tmp_path, World(), more)
+    (tmp_path / "evaluations").rename(tmp_path / "earlier")  # as the hint says
+    run(tmp_path, World(), more)
+    assert sorted(TrainingFolder(tmp_path).evaluations()) == [2]
+
+
+def test_test_tasks_that_were_rewritten_are_others(tmp_path: Path) -> None:
+    run(tmp_path, World(), config(iterations=1))
+    rewritten = [msgspec.structs.replace(each, instruction="find it!") for each in TASKS]
+    with pytest.raises(ConfigError, match="evaluations/0001 had other values: test tasks "):
+        run(tmp_path, World(), config(iterations=2), rewritten)
 
 
 @pytest.fixture(scope="module")

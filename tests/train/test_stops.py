@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import huggingface_hub.constants
+import msgspec
 import pytest
 import torch
 import yaml
@@ -25,6 +26,9 @@ from tests.train.test_loop import World
 
 from webgym.agent.random_policy import RandomPolicy
 from webgym.core.errors import ConfigError, StoreError, StoreFull, StoreLocked, TrainingError, WebGymError
+from webgym.core.task import Task
+from webgym.core.tokens import ReplyTokens
+from webgym.core.trajectory import Reply, Trajectory
 from webgym.rollout import files
 from webgym.run_config import Secrets, ServerChoice, resolved
 from webgym.tasks.formats import write_tasks
@@ -54,9 +58,9 @@ def config(model: Path, **update: Any) -> TrainConfig:
     )
 
 
-def run(path: Path, settings: TrainConfig) -> list[dict[str, Any]]:
+def run(path: Path, settings: TrainConfig, world: World | None = None) -> list[dict[str, Any]]:
     """A training whose learner is real, and whose attempts are made up."""
-    world, objective = World(), make_objective(settings.learn.objective)
+    world, objective = world or World(), make_objective(settings.learn.objective)
     training = Training(
         settings,
         TrainingFolder(path),
@@ -113,6 +117,43 @@ def test_a_loss_that_is_no_number_stops_before_its_weights_are_saved(
 
     assert rows[1]["update"]["learning_rate"] == 1e-4
     assert read_state(folder.weights(2)).step == 4
+
+
+# --- a draw of which nothing can be learned -----------------------------------------------------------------
+
+
+class Foreign(World):
+    """Its replies are of another model's tokens."""
+
+    def attempt(self, run: Path, task: Task, number: int, seed: int) -> Trajectory:
+        made = super().attempt(run, task, number, seed)
+        tokens = ReplyTokens.of(prompt_ids=[1], reply_ids=[2], logprobs=[-1.0])
+        reply = Reply("click", "p", tokens=tokens)
+        steps = tuple(msgspec.structs.replace(each, reply=reply) for each in made.episode.steps)
+        return msgspec.structs.replace(made, episode=msgspec.structs.replace(made.episode, steps=steps))
+
+
+def test_what_is_said_of_a_draw_of_which_nothing_can_be_learned_leads_on(tmp_path: Path, model: Path) -> None:
+    settings = config(model)
+    settings = settings.model_copy(update={"loop": settings.loop.model_copy(update={"iterations": 1})})
+
+    def hint() -> str:
+        with pytest.raises(BaseExceptionGroup) as caught:
+            run(tmp_path, settings, Foreign())
+        error = only(caught.value)
+        assert isinstance(error, TrainingError)
+        assert "all 6 steps were dropped" in str(error)
+        return error.hint
+
+    iteration = tmp_path / "iterations/0001"
+    assert hint().endswith("; then move iterations/0001 elsewhere, and --resume collects it again")
+    (iteration / "run/trajectories/00000.jsonl").write_bytes(b"")  # set aside, all of them
+    assert hint().endswith(": delete iterations/0001/replay.json, and --resume draws others")
+    (iteration / "replay.json").unlink()
+    assert [row["update"] for row in run(tmp_path, settings)] == [{}]
+    iteration.rename(tmp_path / "elsewhere")
+    assert [row["update"]["samples"] for row in run(tmp_path, settings)] == [6]
+    assert (iteration / "tasks.jsonl").read_bytes() == (tmp_path / "elsewhere/tasks.jsonl").read_bytes()
 
 
 # --- a disk that is full -----------------------------------------------------------------------------------

@@ -47,7 +47,7 @@ class MadeUp(BasePolicy):
         show: object,
     ) -> Summary:
         is_there = (out / "config.yaml").exists()
-        made_with = {"seed": config.seed, "samples": config.samples}
+        made_with = config.model_dump(mode="json")
         writer = await (RunWriter.reopen(out) if is_there else RunWriter.create(out, made_with, list(tasks)))
         async with writer:
             for number, each in enumerate(tasks):

@@ -14,6 +14,7 @@ from array import array
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
+from typing import Final
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from webgym.core.calls import LoopLag
 from webgym.core.errors import (
     BrowserCrashed,
     BrowserTimeout,
+    JudgeError,
     PolicyError,
     ServerError,
     StoreError,
@@ -38,6 +40,8 @@ from webgym.rollout.opening import is_of_server, longest_pause, open_patiently
 from webgym.rollout.plan import Plan, Planned
 from webgym.rollout.progress import queues_of
 from webgym.rollout.store import RunWriter
+
+_RESUMED: Final = "what was collected is kept; fix the cause, then resume with --resume"
 
 
 class Collector:
@@ -71,8 +75,8 @@ class Collector:
         """When the server last ended an attempt."""
         self._places = asyncio.Semaphore(config.sessions)
         self._unrecorded = asyncio.Semaphore(config.judges + config.backlog)
-        self._failed_in_a_row = 0
-        self._failing_since = 0.0
+        self._failed_in_a_row = self._unjudged_in_a_row = 0
+        self._failing_since = self._unjudged_since = 0.0
         self._lengths = array("d")
         """Wall time of the attempts that came to an end of their own, seconds."""
         self._late: tuple[float, float] | None = None
@@ -90,7 +94,7 @@ class Collector:
 
         Raises:
             ExceptionGroup: of the first error that the run cannot continue with: StoreError, ServerError,
-                PolicyError.
+                PolicyError, JudgeError.
         """
         progress, lag = self._context.progress, LoopLag()
         progress.done = progress.earlier = plan.done
@@ -210,6 +214,7 @@ class Collector:
         try:
             async with self._recorded_if_stopped(episode):
                 judged = await self._find(planned, episode)
+                unjudged = self._count_unjudged(judged)
                 if is_lost := not await plan.holds(planned.task.id, planned.sample):
                     judged = TAKEN_OVER
             recorded = await self._record(episode, judged)
@@ -224,6 +229,9 @@ class Collector:
         progress.done = plan.done
         self._end_stragglers(plan)
         self._watch(attempt)
+        if unjudged == self._config.give_up_after and judged.failure is not None:
+            why = f"{unjudged} attempts in a row had no verdict: {judged.failure.message}"
+            raise JudgeError(why, hint=_RESUMED)
 
     async def _find(self, planned: Planned, episode: Episode) -> JudgedEpisode:
         """What becomes of an episode."""
@@ -261,8 +269,7 @@ class Collector:
         failed, code, message = self._failed_in_a_row + 1, "", ""
         if attempt.failure is not None:
             code, message = attempt.failure.code, attempt.failure.message
-        hint = "what was collected is kept; fix the cause, then resume with --resume"
-        error = error_from_code(code, f"{failed} attempts in a row failed: {message}", hint)
+        error = error_from_code(code, f"{failed} attempts in a row failed: {message}", _RESUMED)
         # A policy that raises a plain PolicyError failed at one task; the others could not be reached at all.
         is_machinery = isinstance(error, PolicyError | ServerError) and type(error) is not PolicyError
         if not is_machinery:
@@ -275,6 +282,20 @@ class Collector:
         self._failed_in_a_row = failed
         if failed == self._config.give_up_after:  # others that end now need not say so again
             raise error
+
+    def _count_unjudged(self, judged: JudgedEpisode) -> int:
+        """The number of attempts in a row without a verdict, if this is one. Of those that were being judged
+        when the first had none, one counts."""
+        if judged.failure is None:
+            self._unjudged_in_a_row *= judged.verdict is None  # or it was not judged at all
+            return 0
+        now = time.monotonic()
+        if self._unjudged_in_a_row == 0:
+            self._unjudged_since = now
+        elif now - judged.seconds < self._unjudged_since:
+            return 0
+        self._unjudged_in_a_row += 1
+        return self._unjudged_in_a_row
 
     # --- the end of a run, and figures ------------------------------------------------------------------
 

@@ -102,9 +102,9 @@ class CollectorConfig(Settings):
     attempt is made again no sooner than eight times this after the server last ended one."""
 
     give_up_after: int = Field(default=20, ge=1)
-    """The run stops when so many attempts in a row failed because the policy's endpoint or the server
-    did: nothing is won by sending the rest after them. Of those that ran at the first failure, only the first
-    counts: one restart may end them all."""
+    """The run stops when so many attempts in a row failed because the policy's endpoint or the server did, or
+    had no verdict: nothing is won by sending the rest after them. Of those that ran, or were being judged, at
+    the first failure, only the first counts: one restart may end them all."""
 
     sharing: SharingConfig = SharingConfig()
     """One task list for several collectors (:mod:`webgym.rollout.sharing`)."""

@@ -18,13 +18,15 @@ from webgym.train.replay import ReplaySample, StepRef
 from webgym.train.samples import Sample, SampleMaker
 from webgym.train.update import Updater
 
-_TOKENS: Final = "the stored tokens are not this model's; see docs/training.md on the token contract"
+_AGAIN: Final = "; then move {iteration} elsewhere, and --resume collects it again"
+_TOKENS: Final = f"the stored tokens are not this model's: docs/training.md has the token contract{_AGAIN}"
 _HINTS: Final = {
     "altered_sampling": "the objective needs replies of the full distribution: configs/train/group-is.yaml "
-    "has sampling without top-p and top-k",
-    "no_logprobs": "the objective needs log-probabilities, and the endpoint gives none",
+    f"has sampling without top-p and top-k{_AGAIN}",
+    "no_logprobs": f"the objective needs log-probabilities, and the endpoint gives none{_AGAIN}",
     "too_long": "raise learn.update.cutoff_tokens in config.yaml, then resume with --resume",
-    "gone": "their attempts were set aside after the draw",
+    "gone": "their attempts were set aside after the draw: delete {iteration}/replay.json, and --resume "
+    "draws others",
 }
 """What to do about the most frequent reason; otherwise :data:`_TOKENS`."""
 
@@ -69,7 +71,9 @@ class Learner:
         if not samples:
             raise TrainingError(
                 f"all {len(draw.steps)} steps were dropped: {dict(dropped)}",
-                hint=_HINTS.get(dropped.most_common(1)[0][0], _TOKENS),
+                hint=_HINTS.get(dropped.most_common(1)[0][0], _TOKENS).format(
+                    iteration=folder.iteration(number).relative_to(folder.path)
+                ),
             )
         report = updater.update(samples, passes=self._config.replay.passes)
         updater.save(folder.weights(number))

@@ -22,6 +22,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeAlias
 
+import msgspec
 from pydantic import Field, model_validator
 
 from webgym.agent.policy import Policy
@@ -30,13 +31,14 @@ from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.inference.local import LocalConfig
 from webgym.inference.vllm import VllmConfig
+from webgym.judge.rubric import RubricJudge
 from webgym.rollout.blocklist import Blocklist
-from webgym.rollout.files import CONFIG
+from webgym.rollout.files import CONFIG, EVALUATIONS
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import Summary
 from webgym.rollout.trackers import TrackerName
-from webgym.run_config import RunConfig, Secrets, ServerChoice
+from webgym.run_config import RunConfig, Secrets, ServerChoice, read_config
 from webgym.runs import collect, resume
 from webgym.settings import Section
 from webgym.tasks.sampling import Sampler, SamplerConfig
@@ -194,7 +196,8 @@ class Training:
         progress: of the training.
 
     Raises:
-        ConfigError: the tasks have no training split, or training tasks leak test tasks.
+        ConfigError: the tasks have no training split, training tasks leak test tasks, or evaluations differ
+            from those in the folder.
     """
 
     def __init__(
@@ -239,6 +242,7 @@ class Training:
                 hint="give a task set with a train split: webgym tasks split makes one",
             )
         refuse_leaks(self._sampler.selected.tasks, self._test)
+        self._refuse_other_evaluations()
         self.progress = TrainingProgress(config.loop.iterations)
         self._advanced = asyncio.Condition()
         self._published = 0
@@ -262,6 +266,7 @@ class Training:
         Raises:
             ExceptionGroup: holds the error that stopped the training.
         """
+        self._refuse_other_evaluations()  # of which one may have been copied here
         self._restore()
         async with asyncio.TaskGroup() as group:
             watch = group.create_task(self._serving.watch())
@@ -443,9 +448,19 @@ class Training:
         return bool(every) and (number % every == 0 or number == last)
 
     async def _evaluate(self, number: int) -> None:
-        config, out = self.config.evaluation, self.folder.evaluation(number)
+        out = self.folder.evaluation(number)
         if self.folder.is_evaluated(number) or not self.config.loop.evaluate_every or not self._test:
             return
+        run, tasks = self._planned_evaluation()
+        summary = await self._attempt(out, run, tasks)
+        rates = rates_of(summary)
+        self.folder.write_evaluation(number, rates)
+        self.progress.evaluated = success_line(rates)
+        self._tell(f"evaluation after iteration {number}: {success_line(rates)}")
+
+    def _planned_evaluation(self) -> tuple[RunConfig, list[Task]]:
+        """The run of every evaluation, and its tasks."""
+        config = self.config.evaluation
         easy, medium, hard = config.budget
         limits = {"budget_easy": easy, "budget_medium": medium, "budget_hard": hard}
         choice = self._rollout.tasks.model_copy(update={"split": "test", "count": "all", "ratio": None})
@@ -461,11 +476,27 @@ class Training:
         tasks = Sampler(self._test, SamplerConfig(split="test", seed=config.seed)).draw(
             min(config.count or len(self._test), len(self._test))
         )
-        summary = await self._attempt(out, run, tasks)
-        rates = rates_of(summary)
-        self.folder.write_evaluation(number, rates)
-        self.progress.evaluated = success_line(rates)
-        self._tell(f"evaluation after iteration {number}: {success_line(rates)}")
+        return run, tasks
+
+    def _refuse_other_evaluations(self) -> None:
+        """Refuse to evaluate otherwise than before: one curve would show what cannot be compared.
+
+        Raises:
+            ConfigError: tasks, attempts or judge differ from those of the newest evaluation on disk.
+        """
+        paths = sorted(self.folder.path.glob(f"{EVALUATIONS}/*/{CONFIG}"))
+        if not paths or not self.config.loop.evaluate_every or not self._test:
+            return
+        newest = RunReader(paths[-1].parent)
+        before = _conditions(read_config(newest)[0], newest.drawn)
+        now = _conditions(*self._planned_evaluation())
+        if differing := [name for name, value in now.items() if value != before[name]]:
+            raise ConfigError(
+                f"{newest.path.relative_to(self.folder.path)} had other values: {', '.join(differing)} "
+                "(evaluations could not be compared)",
+                hint=f"undo the change in {CONFIG} or the tasks; or move {EVALUATIONS}/ elsewhere, and a new "
+                "curve begins",
+            )
 
     def _finish(self, number: int, seconds: Mapping[str, float]) -> None:
         collected = self.folder.figures(number, Stage.COLLECT)
@@ -499,3 +530,17 @@ class Training:
     async def _notify_advanced(self) -> None:
         async with self._advanced:
             self._advanced.notify_all()
+
+
+def _conditions(config: RunConfig, tasks: Sequence[Task]) -> dict[str, Any]:
+    """What must be the same for the results of evaluations to be compared, by name."""
+    judge = config.judge
+    rubric = RubricJudge(judge.rubric, {}).name if judge.rubric is not None else None  # not where it runs
+    return {
+        "test tasks": sorted(map(msgspec.json.encode, tasks)),
+        "evaluation.seed": config.seed,
+        "evaluation.samples": config.samples,
+        "evaluation.budget": config.attempt.budget,
+        "rollout.agent": config.agent,
+        "rollout.judge": (judge.name, rubric, judge.panel, judge.without_rubric),
+    }

@@ -510,8 +510,9 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         ["+ Panel"],
     ),
     "an item of a tree and the one below it": (
-        "<ul role=tree><li role=treeitem tabindex=0 class=on><p>src</p><ul role=group>"
-        "<li role=treeitem tabindex=-1 class=on><p>a.ts</p></li></ul></li></ul>" + LISTENS.format("click"),
+        "<ul role=tree><li role=treeitem tabindex=0 class=on><div>src</div><ul role=group style=padding:0>"
+        "<li role=treeitem tabindex=-1 class=on><div>a.ts</div></li></ul></li></ul>"
+        + LISTENS.format("click"),
         ["src a.ts", "a.ts"],
     ),
     "sliders on each other, and what is drawn for a box to tick": (

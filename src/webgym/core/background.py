@@ -28,5 +28,7 @@ async def running_in_background(work: Coroutine[Any, Any, object]) -> AsyncItera
 def is_cancelled(error: BaseException) -> bool:
     """Whether this is the cancellation of the running task, and not one that leaked out of code that it called:
     a task that ends with that is taken for cancelled, and its group waits for nothing that it left undone."""
+    if not isinstance(error, asyncio.CancelledError):
+        return False
     task = asyncio.current_task()
-    return isinstance(error, asyncio.CancelledError) and (task is None or task.cancelling() > 0)
+    return task is None or task.cancelling() > 0

@@ -54,7 +54,7 @@ def test_a_short_one_balances(tmp_path: Path) -> None:
 
 async def test_an_interrupted_one_leaves_no_worker_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
     """A stopped worker does not see that its gateway ends, and would be left with its browsers for ever."""
-    worker = subprocess.Popen(["sleep", "60"])
+    worker = await asyncio.create_subprocess_exec("sleep", "60")
     try:
         found = [Process(worker.pid, "worker", worker.pid, is_running=True)]
         monkeypatch.setattr(faults, "processes_of", lambda _: found)
@@ -71,7 +71,7 @@ async def test_an_interrupted_one_leaves_no_worker_stopped(monkeypatch: pytest.M
         assert process.status() != psutil.STATUS_STOPPED
     finally:
         worker.kill()
-        worker.wait()
+        await worker.wait()
 
 
 @pytest.mark.browser

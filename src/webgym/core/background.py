@@ -26,8 +26,8 @@ async def running_in_background(work: Coroutine[Any, Any, object]) -> AsyncItera
 
 
 def is_cancelled(error: BaseException) -> bool:
-    """Whether this is the cancellation of the running task, and not one that leaked out of code that it called:
-    a task that ends with that is taken for cancelled, and its group waits for nothing that it left undone."""
+    """Whether this is the cancellation of the running task, and not one that leaked out of code that it
+    called: a task that ends with that counts as cancelled, and its group does not learn of the failure."""
     if not isinstance(error, asyncio.CancelledError):
         return False
     task = asyncio.current_task()

@@ -155,6 +155,10 @@ async def test_what_is_used_wrongly_is_told() -> None:
         assert info["step"] == 1, "a wrong call costs no episode"
     with pytest.raises(ConfigError, match="no tasks named 'online-v1'"):
         webgym.make("online-v1")
+    with pytest.raises(ConfigError, match="did you mean offline-small-v1"):
+        webgym.make("offline-smal-v1")
+    with pytest.raises(ConfigError, match="a seed is an integer, not inf"):
+        webgym.make("offline-v1", seed=float("inf"))
     with pytest.raises(ConfigError, match="there is no task"):
         await Environment([]).__aenter__()
     with pytest.raises(ConfigError, match="split is one of train, test, all, unsplit, not 'tran'"):

@@ -132,7 +132,7 @@ class Environment:
         on_fault: as given.
 
     Raises:
-        ConfigError: ``on_fault`` is neither of the two.
+        ConfigError: ``on_fault`` is neither of the two, or the seed is no integer.
     """
 
     def __init__(
@@ -260,7 +260,7 @@ class Environment:
             The start page, as picture and description, and :data:`Info`.
 
         Raises:
-            ConfigError: there is no such task or option.
+            ConfigError: there is no such task or option, or the seed is no integer.
             WebGymError: the browser or the website failed, and no episode started; reset again. A server
                 without a browser is waited for (``config.collector.server_patience_seconds``), and no task is
                 skipped for it.
@@ -371,7 +371,10 @@ class Environment:
             await asyncio.shield(episode.give_back())
 
     def _restart_order(self, seed: SupportsIndex) -> None:
-        self._seed = operator.index(seed)  # such as numpy's integers, which no record holds
+        try:
+            self._seed = operator.index(seed)  # such as numpy's integers, which no record holds
+        except TypeError:
+            raise ConfigError(f"a seed is an integer, not {seed!r}") from None
         self._random = random.Random(self._seed)
         self._remaining: list[str] = []
         self._attempts: Counter[str] = Counter()
@@ -613,10 +616,9 @@ def config_of(name: str, split: SplitName, config: RunConfig | None = None) -> R
     elif Path(name).is_file():
         tasks = tasks.model_copy(update={"file": Path(name)})
     else:
-        raise ConfigError(
-            f"there are no tasks named {name!r}",
-            hint=f"give {', '.join(COLLECTIONS)} or the path of a task file",
-        )
+        near = get_close_matches(name, COLLECTIONS, 1)
+        known = f"did you mean {near[0]}?" if near else f"give {', '.join(COLLECTIONS)} or a task file's path"
+        raise ConfigError(f"there are no tasks named {name!r}", hint=known)
     return config.model_copy(update={"tasks": tasks})
 
 

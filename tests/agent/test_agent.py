@@ -57,6 +57,12 @@ class Parrot:
         self.entered -= 1
 
 
+class Silent(Parrot):
+    async def reply(self, turn: PolicyInput) -> Reply:
+        await asyncio.Event().wait()
+        raise AssertionError
+
+
 def observation(name: object) -> Observation:
     return Observation(f"picture-{name}", "http://mugs.webgym.test/", "Mugs", (1280, 768))
 
@@ -151,10 +157,24 @@ async def test_a_policys_own_errors_pass_and_others_are_wrapped() -> None:
     with pytest.raises(PolicyError, match="the policy parrot failed: KeyError: 'x'") as caught:
         await talk(Parrot(KeyError("x")), 0)
     assert isinstance(caught.value.__cause__, KeyError)
-    with pytest.raises(asyncio.CancelledError):
+    with pytest.raises(PolicyError, match="the policy parrot failed: CancelledError"):  # nobody cancelled us
         await talk(Parrot(asyncio.CancelledError()), 0)
+    cancelled = asyncio.create_task(talk(Silent(), 0))
+    await asyncio.sleep(0.01)
+    cancelled.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await cancelled
     with pytest.raises(PolicyBadReply, match="not valid Unicode"):
         await talk(Parrot("\ud800"), 0)
+
+
+@pytest.mark.parametrize(
+    "rubbish",
+    [{"seconds": float("nan")}, {"text": None}, {"weight_version": 3}, {"sampling": {"a": object()}}],
+)
+async def test_a_reply_that_no_record_can_hold_is_the_policys_error(rubbish: dict[str, Any]) -> None:
+    with pytest.raises(PolicyError, match="the reply cannot be recorded"):
+        await talk(Parrot(Reply(**{"text": SCROLL, "policy": "parrot"} | rubbish)), 0)
 
 
 async def test_after_an_error_the_same_turn_can_be_taken_again() -> None:

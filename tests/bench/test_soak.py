@@ -10,15 +10,18 @@ import sys
 from asyncio.subprocess import DEVNULL, PIPE
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import msgspec
+import psutil
 import pytest
 from tests.documented import documented
 
-from webgym.bench.soak import Counts, SoakPlan
-from webgym.bench.soak.disk import small_disk
-from webgym.bench.soak.leaks import Census, leaked, left_behind
-from webgym.bench.soak.target import running_target
+from webgym.bench.soak import Counts, SoakPlan, faults
+from webgym.bench.soak.disk import Disk, small_disk
+from webgym.bench.soak.leaks import Census, Process, leaked, left_behind
+from webgym.bench.soak.target import Target, running_target
 from webgym.core.errors import BrowserCrashed, BrowserError, LeaseLost, NoCapacity
 from webgym.server.client import BrowserClient
 
@@ -47,6 +50,28 @@ def test_a_short_one_balances(tmp_path: Path) -> None:
     assert books["opened"] > 0
     assert len(books["faults"]) > 3
     assert (tmp_path / "log").stat().st_size
+
+
+async def test_an_interrupted_one_leaves_no_worker_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stopped worker does not see that its gateway ends, and would be left with its browsers for ever."""
+    worker = await asyncio.create_subprocess_exec("sleep", "60")
+    try:
+        found = [Process(worker.pid, "worker", worker.pid, is_running=True)]
+        monkeypatch.setattr(faults, "processes_of", lambda _: found)
+        target = SimpleNamespace(pid=0, plan=SoakPlan(faults=60_000))
+        caused = faults.Faults(cast(Target, target), Counts(), cast(Disk, None), "seed")
+        caused._kinds = {"worker stopped": caused._kinds["worker stopped"]}
+        running = asyncio.create_task(caused.run(60))
+        process = psutil.Process(worker.pid)
+        async with asyncio.timeout(10):
+            while process.status() != psutil.STATUS_STOPPED:
+                await asyncio.sleep(0.01)
+        running.cancel()
+        await asyncio.wait({running})
+        assert process.status() != psutil.STATUS_STOPPED
+    finally:
+        worker.kill()
+        await worker.wait()
 
 
 @pytest.mark.browser

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import random
 import re
 from collections import Counter, defaultdict
@@ -11,6 +12,7 @@ from typing import Any, cast
 
 import httpx
 import msgspec
+import numpy as np
 import pytest
 from tests.judge.scenes import PICTURES, TASK, episode, pictures
 from tests.llm.endpoint import serve
@@ -136,6 +138,44 @@ async def test_a_judge_without_a_verdict_in_time_names_what_its_endpoint_did(
     assert found.failure is not None
     assert found.failure.message.startswith("no verdict within 1 s: the endpoint http://127.0.0.1:")
     assert told in found.failure.message
+
+
+class Faulty:
+    name = "faulty"
+
+    def __init__(self, said: Verdict | BaseException | None) -> None:
+        self.said = said
+
+    async def judge(self, task: Task, made: Episode, shots: Pictures) -> Verdict:
+        if isinstance(self.said, BaseException):
+            raise self.said
+        if self.said is None:
+            await asyncio.Event().wait()
+        return cast(Verdict, self.said)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        asyncio.CancelledError(),  # nobody cancelled the run: a task of the judge's own was
+        Verdict("faulty", 1, (), cast(Judgement, False)),
+        Verdict("faulty", 1, (), Judgement(cast(bool, np.bool_(False)), "")),
+        Verdict("faulty", 1, (), Judgement(False, ""), score=cast(float, "1")),
+    ],
+)
+async def test_a_judge_that_cancels_itself_or_returns_what_no_record_can_hold_gives_no_verdict(
+    said: Verdict | BaseException,
+) -> None:
+    found = await judge_episode(Faulty(said), TASK, episode(), pictures, 1)
+    assert (found.outcome, found.verdict) == (Outcome.JUDGE_ERROR, None)
+
+
+async def test_judging_can_be_cancelled() -> None:
+    judging = asyncio.create_task(judge_episode(Faulty(None), TASK, episode(), pictures, 60))
+    await asyncio.sleep(0.01)
+    judging.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await judging
 
 
 @pytest.mark.parametrize("tries", [2, 3])

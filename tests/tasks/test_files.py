@@ -135,3 +135,12 @@ def test_a_spread_draw_visits_every_group_before_it_comes_back() -> None:
     assert {item[0] for item in drawn[:4]} == {item[0] for item in drawn[4:8]} == set("abcd")
     assert drawn == draw_spread(items, 10, seed=3, key=lambda item: item[0])
     assert sorted(draw_spread(items, None, seed=3, key=lambda item: item[0])) == sorted(items)
+
+
+def test_a_record_whose_split_is_misspelt_may_be_a_test_task(tmp_path: Path) -> None:
+    """It is skipped, and no training task on its website is left."""
+    file = tmp_path / "mine.jsonl"
+    line = '{"id": "%s", "instruction": "Name the halls.", "website": "https://%s/", "split": "%s"}\n'
+    rows = [("a", "halls.org", "Test"), ("b", "halls.org", "train"), ("c", "other.org", "train")]
+    file.write_text("".join(line % row for row in rows))
+    assert [task.id for task in read_tasks(file).tasks] == ["c"]

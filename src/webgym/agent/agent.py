@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Self
+from typing import Any, Final, NamedTuple, Self
 
 from webgym.agent.compact import COMPACT_FORMATS
 from webgym.agent.config import AgentConfig
@@ -18,10 +18,12 @@ from webgym.agent.policy import Policy, PolicyInput
 from webgym.agent.profile import Profile
 from webgym.agent.profiles import choose_profile
 from webgym.core.action import Mode, Space
+from webgym.core.background import is_cancelled
 from webgym.core.errors import PolicyBadReply, PolicyError
 from webgym.core.observation import Observation
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply, Revision, Step, ended_by, was_cut_off
+from webgym.core.typed import refuse_untyped
 
 
 class AgentTraits(NamedTuple):
@@ -175,9 +177,14 @@ class Dialogue:
 
         Raises:
             PolicyBadReply: the reply is not valid Unicode, or it was the endpoint that ended it.
+            PolicyError: it is no reply, or a part of it is of the wrong type.
         """
         assert self._pending is not None, "request comes first"
         pending, turn = self._pending, self._pending.turn
+        try:
+            refuse_untyped(reply, Reply)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise PolicyError(f"the reply cannot be recorded: {error}", hint=_OWN_BUG) from error
         try:
             reply.text.encode()
         except UnicodeEncodeError as error:
@@ -301,6 +308,9 @@ def _action_fields(parsed: ParsedReply | ParseError) -> dict[str, Any]:
     return {"action": parsed.action}
 
 
+_OWN_BUG: Final = "this is a bug in the policy's own code"
+
+
 @contextmanager
 def _policy_errors(name: str) -> Iterator[None]:
     """Turn any exception of a policy into a :class:`PolicyError`, with the exception as its cause."""
@@ -308,7 +318,9 @@ def _policy_errors(name: str) -> Iterator[None]:
         yield
     except PolicyError:
         raise
-    except Exception as error:
+    except (Exception, asyncio.CancelledError) as error:
+        if is_cancelled(error):
+            raise
         detail = " ".join(str(error).split())[:300]
         message = f"the policy {name} failed: {type(error).__name__}: {detail}"
-        raise PolicyError(message, hint="this is a bug in the policy's own code") from error
+        raise PolicyError(message, hint=_OWN_BUG) from error

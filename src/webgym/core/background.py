@@ -1,4 +1,4 @@
-"""A background task for the duration of a block."""
+"""A background task for the duration of a block; whose cancellation it is."""
 
 from __future__ import annotations
 
@@ -23,3 +23,12 @@ async def running_in_background(work: Coroutine[Any, Any, object]) -> AsyncItera
         await asyncio.wait({task})
         if not task.cancelled():
             task.result()
+
+
+def is_cancelled(error: BaseException) -> bool:
+    """Whether this is the cancellation of the running task, and not one that leaked out of code that it
+    called: a task that ends with that counts as cancelled, and its group does not learn of the failure."""
+    if not isinstance(error, asyncio.CancelledError):
+        return False
+    task = asyncio.current_task()
+    return task is None or task.cancelling() > 0

@@ -7,10 +7,12 @@ import time
 from dataclasses import dataclass
 from typing import Final
 
+from webgym.core.background import is_cancelled
 from webgym.core.errors import JudgeError
 from webgym.core.outcome import Ending, Outcome, outcome_of
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode, Failure, Trajectory
+from webgym.core.typed import refuse_untyped
 from webgym.core.verdict import Verdict
 from webgym.judge.base import Judge, Pictures
 from webgym.llm.health import collect_cut_off
@@ -66,10 +68,13 @@ async def judge_episode(
         with collect_cut_off() as delays:
             async with asyncio.timeout(seconds):
                 given = await judge.judge(task, episode, pictures)
+        refuse_untyped(given, Verdict)  # one that cannot be stored would end the run
         if given.reward is None and not given.blocked.passed:  # from a user's own judge
             raise JudgeError(f"{judge.name} gave no reward, and says that the attempt was not blocked")
         verdict, outcome = given, outcome_of(episode.ending, given)
-    except Exception as error:
+    except (Exception, asyncio.CancelledError) as error:
+        if is_cancelled(error):
+            raise
         # The attempt remains without a verdict, and its record says why.
         judge_error = _as_judge_error(error, seconds, delays)
         failure = Failure(judge_error.code, judge_error.message)
@@ -77,7 +82,7 @@ async def judge_episode(
     return JudgedEpisode(verdict, failure, outcome, time.monotonic() - started)
 
 
-def _as_judge_error(error: Exception, seconds: float, delays: list[str]) -> JudgeError:
+def _as_judge_error(error: BaseException, seconds: float, delays: list[str]) -> JudgeError:
     if isinstance(error, JudgeError):
         return error
     if isinstance(error, TimeoutError):

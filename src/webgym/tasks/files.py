@@ -130,7 +130,7 @@ class TaskCollector:
         if not isinstance(record, dict):
             return
         split = record.get("split")
-        if split == "test" or (split != "train" and self.split == "test"):
+        if split not in ("train", None) or (split is None and self.split == "test"):  # "Test" is no train
             names = ("id", "website", "parent_id")
             told: dict[str, Any] = {"id": f"{file.name}:{line}", "website": ""}
             told |= {name: record[name] for name in names if isinstance(record.get(name), str)}

@@ -57,6 +57,7 @@ class Faults:
             "disk full": (1, self._fill_disk),
         }
         self._tasks: set[asyncio.Task[None]] = set()
+        self._stopped: set[int] = set()
 
     async def run(self, seconds: float) -> None:
         """Cause faults at the plan's rate for some time, and wait until the last of them are over.
@@ -79,6 +80,11 @@ class Faults:
                 if await self._kinds[name][1]():
                     self._counts.faults[name] += 1
             await asyncio.sleep(max(0.0, end - loop.time()))
+        except BaseException:  # interrupted: a stopped worker would not see that its gateway ends
+            for pid in self._stopped:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGCONT)
+            raise
         finally:
             self._over.set()
             await asyncio.gather(*self._tasks)
@@ -115,6 +121,8 @@ class Faults:
                 os.kill(victim.pid, number)
         except ProcessLookupError:
             return False
+        if number == signal.SIGSTOP:
+            self._stopped.add(victim.pid)
         return True
 
     async def _stand_still(self) -> bool:

@@ -171,7 +171,10 @@ def hold_display_after(event: str, monkeypatch: pytest.MonkeyPatch, delay: float
     async def mouse(page: Page, kind: str, point: tuple[float, float], **more: object) -> None:
         await send(page, kind, point, **more)
         if kind == event:
-            asyncio.get_running_loop().call_later(delay, hold) if delay else hold()
+            if delay:
+                asyncio.get_running_loop().call_later(delay, hold)
+            else:
+                hold()
 
     monkeypatch.setattr(pointer, "mouse", mouse)
 

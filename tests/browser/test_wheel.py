@@ -239,4 +239,4 @@ async def test_what_a_late_end_of_motion_uncovers_is_seen(
     await tab.goto(site.page(_BOX % reaction))
     hold_display_after("mouseReleased", monkeypatch, 0.2)
     await tab.step(LeftClick(at(300, 200)))
-    assert tab.find("seen", "button")
+    assert tab.find("seen", "button").name == "seen"

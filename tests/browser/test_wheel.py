@@ -152,8 +152,8 @@ async def test_a_box_that_a_script_scrolls_moves_by_what_it_shows(site: Site, ta
     assert (look.observation.title, look.observation.scroll[0]) == ("150", 0)
 
 
-def hold_display_after(event: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Stop the process that draws for 0.3 s after this mouse event."""
+def hold_display_after(event: str, monkeypatch: pytest.MonkeyPatch, delay: float = 0) -> None:
+    """Stop the process that draws for 0.3 s after this mouse event, or these seconds later."""
     children = psutil.Process().children(recursive=True)
     displays = [child for child in children if "--type=gpu-process" in child.cmdline()]
     assert displays
@@ -163,12 +163,18 @@ def hold_display_after(event: str, monkeypatch: pytest.MonkeyPatch) -> None:
         for display in displays:
             display.resume()
 
+    def hold() -> None:
+        for display in displays:
+            display.suspend()
+        asyncio.get_running_loop().call_later(0.3, go_on)
+
     async def mouse(page: Page, kind: str, point: tuple[float, float], **more: object) -> None:
         await send(page, kind, point, **more)
         if kind == event:
-            for display in displays:
-                display.suspend()
-            asyncio.get_running_loop().call_later(0.3, go_on)
+            if delay:
+                asyncio.get_running_loop().call_later(delay, hold)
+            else:
+                hold()
 
     monkeypatch.setattr(pointer, "mouse", mouse)
 
@@ -213,3 +219,24 @@ async def test_what_a_page_makes_of_a_late_frame_is_seen(
     hold_display_after("mouseReleased", monkeypatch)
     await tab.step(LeftClick(at(300, 200)))
     assert tab.text == ["seen"]
+
+
+async def test_what_a_page_makes_of_a_late_end_of_motion_is_seen(
+    site: Site, tab: Tab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    end = "p.ontransitionend = () => (p.textContent = 'seen')"
+    reaction = end + "; p.style = 'transition: opacity 150ms; opacity: 0.5'"
+    await tab.goto(site.page(_BOX % reaction))
+    hold_display_after("mouseReleased", monkeypatch, 0.12)
+    await tab.step(LeftClick(at(300, 200)))
+    assert tab.text == ["seen"]
+
+
+async def test_what_a_late_end_of_motion_uncovers_is_seen(
+    site: Site, tab: Tab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reaction = "document.startViewTransition(() => (p.innerHTML = '<button>seen</button>'))"
+    await tab.goto(site.page(_BOX % reaction))
+    hold_display_after("mouseReleased", monkeypatch, 0.2)
+    await tab.step(LeftClick(at(300, 200)))
+    assert tab.find("seen", "button").name == "seen"

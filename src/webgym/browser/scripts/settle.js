@@ -306,6 +306,7 @@
     webgym.askFrame();
     const early = timers.asked();
     let [elapsed, still, known, needed] = [0, 0, state.changes, quiet];
+    let wasMoving = false;
     const census = [busy / 3, Math.max(busy, stir / 3)]; // when changes are counted anew
     let isMarked = false; // have things been looked at that move on and on?
     let found = null;
@@ -343,7 +344,10 @@
       const pulse = Math.min(tick, Math.max(1, needed - still));
       await pause(pulse);
       elapsed += pulse;
-      if (moving(busy, stir).length) still = 0;
+      const isMoving = moving(busy, stir).length > 0;
+      if (wasMoving && !isMoving) webgym.askFrame(); // with which the page is told that it has ended
+      wasMoving = isMoving;
+      if (isMoving) still = 0;
       else if (state.changes === known) still += pulse;
       else still = Math.min(pulse, performance.now() - state.changedAt);
       if (state.changes !== known) webgym.attach();

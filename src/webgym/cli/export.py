@@ -19,6 +19,7 @@ from webgym.rollout.export import export
 from webgym.rollout.files import make_folder
 from webgym.task_choice import all_tasks
 from webgym.tasks.formats import write_tasks
+from webgym.tasks.split import leaking
 
 
 class Format(StrEnum):
@@ -108,7 +109,14 @@ def _export_tasks(source: Path, out: Path, kind: Format, split: Split) -> None:
         if name in COLLECTIONS
         else read_all([source])
     )
-    tasks = [task for task in records.tasks if split is Split.ALL or task.split == split.value]
+    leaks = leaking(records.tasks) if split is Split.TRAIN else set()
+    chosen = [task for task in records.tasks if split is Split.ALL or task.split == split.value]
+    tasks = [task for task in chosen if task.id not in leaks]
+    if chosen and not tasks:
+        raise UsageError(
+            f"all {len(chosen):,} training tasks of {source} share websites or families with its test tasks",
+            hint="webgym tasks split makes a split without leaks",
+        )
     if not tasks:
         held = Counter(task.split or "unsplit" for task in records.tasks)
         splits = ", ".join(f"{count:,} {name}" for name, count in held.items()) or "none that can be judged"
@@ -121,6 +129,10 @@ def _export_tasks(source: Path, out: Path, kind: Format, split: Split) -> None:
         raise RunFolderError(f"{out} is not empty", hint="choose another folder")
     file = out / f"tasks.{kind.value}"
     typer.echo(f"{write_tasks(file, tasks):,} tasks: {file}")
-    if len(tasks) < len(records.tasks):
-        typer.echo(f"left out: {len(records.tasks) - len(tasks):,} tasks of another split")
+    left_out = {
+        "tasks of another split": len(records.tasks) - len(chosen),
+        "tasks that share a website or family with test tasks": len(chosen) - len(tasks),
+    }
+    if any(left_out.values()):
+        typer.echo("left out: " + ", ".join(f"{count:,} {what}" for what, count in left_out.items() if count))
     records.print_left_out()

@@ -221,22 +221,21 @@ async def test_what_a_page_makes_of_a_late_frame_is_seen(
     assert tab.text == ["seen"]
 
 
-async def test_what_a_page_makes_of_a_late_end_of_motion_is_seen(
-    site: Site, tab: Tab, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    end = "p.ontransitionend = () => (p.textContent = 'seen')"
-    reaction = end + "; p.style = 'transition: opacity 150ms; opacity: 0.5'"
-    await tab.goto(site.page(_BOX % reaction))
-    hold_display_after("mouseReleased", monkeypatch, 0.12)
-    await tab.step(LeftClick(at(300, 200)))
-    assert tab.text == ["seen"]
+_BUTTON = "p.innerHTML = '<button>seen</button>'"
 
 
-async def test_what_a_late_end_of_motion_uncovers_is_seen(
-    site: Site, tab: Tab, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("reaction", "seconds"),
+    [
+        (f"p.ontransitionend = () => ({_BUTTON}); p.style = 'transition: opacity 150ms; opacity: 0.5'", 0.12),
+        (f"document.startViewTransition(() => ({_BUTTON}))", 0.2),
+    ],
+    ids=["told", "uncovered"],
+)
+async def test_what_a_late_end_of_motion_brings_is_seen(
+    site: Site, tab: Tab, monkeypatch: pytest.MonkeyPatch, reaction: str, seconds: float
 ) -> None:
-    reaction = "document.startViewTransition(() => (p.innerHTML = '<button>seen</button>'))"
     await tab.goto(site.page(_BOX % reaction))
-    hold_display_after("mouseReleased", monkeypatch, 0.2)
+    hold_display_after("mouseReleased", monkeypatch, seconds)
     await tab.step(LeftClick(at(300, 200)))
     assert tab.find("seen", "button").name == "seen"

@@ -6,8 +6,7 @@
   if (webgym.state) return;
   const {
     ownerDocument, localName, shadowRoot, defaultView, styleSheets, adoptedStyleSheets, documentOf, make, typeOf, nodeType,
-    querySelectorAll, children, isConnected, parentNode, getBoundingClientRect,
-    documentElement,
+    querySelectorAll, children, isConnected, parentNode, getBoundingClientRect, documentElement,
   } = webgym.dom;
   const state = {
     changedAt: 0, changes: 0, reactions: 0, ours: new WeakSet(), roots: new WeakMap(), list: null, shadowedFrames: [],

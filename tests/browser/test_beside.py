@@ -48,6 +48,26 @@ async def test_a_click_beside_what_has_opened(site: Site, open_tab: Open, mode: 
     assert look.observation.title == "sent"
 
 
+@pytest.mark.parametrize(
+    ("off", "on"),
+    [
+        ("[a, b].forEach((one) => { one.inert = true })", "[a, b].forEach((one) => { one.inert = false })"),
+        ("document.body.style.pointerEvents = 'none'", "document.body.style.pointerEvents = ''"),
+    ],
+)
+async def test_a_click_beside_what_keeps_the_mouse_from_all_else(site: Site, tab: Tab, off: str, on: str) -> None:
+    script = (
+        f"<script>a.addEventListener('click', () => {{ {off} }}); document.addEventListener('click', (event) => {{"
+        f"if (event.target !== a && !p.contains(event.target)) {{ {on}; p.hidden = true }} }})</script>"
+    )
+    page = PAGE.replace("LISTENER", "").replace("top: 135px;", "top: 300px; pointer-events: auto;")
+    await tab.goto(site.page(page + script))
+    await tab.step(LeftClick(tab.at("Open")))
+    assert names(tab) == ["One", BESIDE]
+    await tab.step(LeftClick(tab.at(BESIDE)))
+    assert names(tab) == ["Open", "Send"]
+
+
 async def test_nothing_beside_what_no_click_closes(site: Site, tab: Tab) -> None:
     await tab.goto(site.page(PAGE.replace("LISTENER", "")))
     await tab.step(LeftClick(tab.at("Open")))

@@ -88,6 +88,12 @@ NAMED = """
 <div onclick="1">Row</div>
 <summary>More</summary>
 <div contenteditable aria-label=Post>text</div>
+<div role=combobox tabindex=0 aria-label=Fruit>Apple</div>
+<div role=slider tabindex=0 aria-label=Volume aria-valuenow=30 style="height: 9px"></div>
+<div onclick="1" aria-hidden=true>Other <i aria-hidden=true>x</i></div>
+<div onmousedown="press()" style="position: fixed; right: 9px; top: 9px; width: 20px; height: 20px; cursor: pointer">
+<p style="position: absolute; width: 1px; height: 1px; clip-path: inset(50%); overflow: hidden">
+<input type=range aria-label=Price value=70></p></div>
 """
 
 
@@ -112,6 +118,10 @@ async def test_elements_have_roles_names_and_values(site: Site, tab: Tab) -> Non
         ("button", "Row"),
         ("button", "More"),
         ("textbox", "Post"),
+        ("combobox", "Fruit"),
+        ("slider", "Volume"),
+        ("button", "Other"),
+        ("slider", "Price"),
     ]
     assert tab.find("Next page").href == site.url("/next")
     assert tab.find("E-mail").value == "a@b.c"
@@ -119,6 +129,8 @@ async def test_elements_have_roles_names_and_values(site: Site, tab: Tab) -> Non
     assert tab.find("Small").value == "false"
     assert tab.find("Colour").value == "Red"
     assert tab.find("Olives").value == "true"
+    values = [tab.find(name).value for name in ("Post", "Fruit", "Volume", "Price")]
+    assert values == ["text", "Apple", "30", "70"]
 
 
 @pytest.mark.parametrize("hidden", ["position: absolute; opacity: 0; width: 0; height: 0", "display: none"])

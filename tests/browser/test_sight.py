@@ -46,6 +46,13 @@ UNSEEN = {
         "<span style='margin-left:90px'>hidden</span></div>"
     ),
     "clip-path: circle": "seen<div style='clip-path:circle(3px at 600px 9px);width:700px'>hidden</div>",
+    "a hint that takes no clicks, under something": (
+        "seen<div style='position:relative'><input placeholder=hidden style='pointer-events:none'>"
+        "<i style='position:absolute;inset:0;background:red'></i></div>"
+    ),
+    "a hint that takes no clicks, cut off": (
+        "seen<div style='width:0;overflow:hidden'><input placeholder=hidden inert></div>"
+    ),
     "clip": "seen<div style='position:absolute;clip:rect(0,0,0,0)'>hidden</div>",
     "for screen readers": (
         "seen<span style='position:absolute;width:1px;height:1px;overflow:hidden;"
@@ -262,6 +269,8 @@ SEEN = {
     "a button": "<input type=submit value=shown>",
     "a choice": "<select><option>other<option selected>shown</select>",
     "a hint": "<input placeholder=shown>",
+    "a hint that takes no clicks": "<button><input placeholder=shown inert></button>",
+    "a choice behind a dialog": "<select><option>shown</select>" + DIALOG.format("", ""),
     "signs": "<p lang=ja style='width:200px;overflow:hidden;white-space:nowrap'>東京shown</p>",
 }
 

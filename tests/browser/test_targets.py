@@ -525,6 +525,19 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         + LISTENS.format("click"),
         ["From", "To", "Tick"],
     ),
+    "a switch, and the field that it keeps for forms": (
+        "<style>input{position:fixed;left:0;top:0;width:1px;height:1px;clip:rect(0 0 0 0)}</style>"
+        "<label><button role=switch style='width:40px;height:20px' aria-label=Dark></button></label>"
+        "<label><span role=switch tabindex=0 style='border:9px solid'></span>"
+        "<input type=checkbox tabindex=-1 aria-hidden=true> Notify</label>",
+        ["Dark", "Notify"],
+    ),
+    "the combobox around a field": (
+        "<div role=combobox class=on aria-label=Fruit><input aria-label=Search><button>v</button></div>"
+        "<div role=combobox tabindex=0 aria-label=Town style='padding:20px'><input aria-label=Search></div>"
+        + LISTENS.format("click"),
+        ["Search", "v", "Town", "Search"],
+    ),
     "a label's own name": ("<i id=l aria-label=Town>x</i><input aria-labelledby=l>", ["Town"]),
 }
 

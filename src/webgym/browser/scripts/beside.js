@@ -2,7 +2,7 @@
 (() => {
   const webgym = globalThis.webgym;
   if (webgym.beside) return;
-  const { body, documentElement, getBoundingClientRect } = webgym.dom;
+  const { body, documentElement, closest, getBoundingClientRect } = webgym.dom;
   const { isFrame } = webgym;
   const { isShown, isHeardAt } = webgym.targets;
   const { middle, parentOf, contains, hit } = webgym.geometry;
@@ -13,22 +13,30 @@
     return Boolean(known) && known.left === left && known.top === top;
   };
 
-  // What lies over an element that was numbered at this place before: the outermost that does not hold it.
+  // What lies over an element that was numbered at this place before: the outermost that does not hold it. The page
+  // itself where it keeps the mouse from all but what has opened.
+  const isPage = (element) => element === body(document) || element === documentElement(document);
+  const isBlocked = (element) =>
+    Boolean(closest(element, '[inert]')) || getComputedStyle(body(document) || element).pointerEvents === 'none';
   const coverOf = (element) => {
     const box = getBoundingClientRect(element);
     if (!isWhereItWas(element, box) || !isShown(element)) return null;
     let cover = hit(...middle(box));
+    if (isPage(cover) && isBlocked(element)) return cover;
     if (!cover || contains(element, cover) || contains(cover, element)) return null;
     while (parentOf(cover) && !contains(parentOf(cover), element)) cover = parentOf(cover);
     return cover;
   };
 
   const GAP = 16; // pixels from what has opened to the place
-  const placesBeside = (cover) => {
-    const { left, top, right, bottom } = getBoundingClientRect(cover);
+  const around = (boxes) => ({
+    left: Math.min(...boxes.map(({ left }) => left)), top: Math.min(...boxes.map(({ top }) => top)),
+    right: Math.max(...boxes.map(({ right }) => right)), bottom: Math.max(...boxes.map(({ bottom }) => bottom)),
+  });
+  const placesBeside = ({ left, top, right, bottom }) => {
     const [x, y] = [(left + right) / 2, (top + bottom) / 2];
-    const around = [[right + GAP, y], [x, bottom + GAP], [left - GAP, y], [x, top - GAP]];
-    return around.filter(([x, y]) => x >= GAP && y >= GAP && x <= innerWidth - GAP && y <= innerHeight - GAP);
+    const places = [[right + GAP, y], [x, bottom + GAP], [left - GAP, y], [x, top - GAP]];
+    return places.filter(([x, y]) => x >= GAP && y >= GAP && x <= innerWidth - GAP && y <= innerHeight - GAP);
   };
 
   // `chosen`: the elements that are numbered now, of all `candidates`. Gives the box of such a place, or null: where
@@ -39,13 +47,14 @@
     let cover = null;
     for (const one of own)
       if (kept.has(one)) numberedAt.set(one.element, getBoundingClientRect(one.element));
-      else cover ||= coverOf(one.element);
-    if (!cover) return null;
+      else if (!cover || isPage(cover)) cover = coverOf(one.element) || cover;
+    if (!cover || !chosen.length) return null;
     if (![document, documentElement(document), body(document)].some((node) => node && isHeardAt(node))) return null;
     const isFree = (found) =>
-      found && !contains(cover, found) && !isFrame(found) &&
+      found && (isPage(cover) ? isPage(found) : !contains(cover, found)) && !isFrame(found) &&
       !chosen.some(({ element }) => element && contains(element, found));
-    const place = placesBeside(cover).find(([x, y]) => isFree(hit(x, y)));
+    const opened = isPage(cover) ? around(chosen.map(({ boxes }) => boxes[0])) : getBoundingClientRect(cover);
+    const place = placesBeside(opened).find(([x, y]) => isFree(hit(x, y)));
     if (!place) return null;
     const [x, y] = place;
     return { left: x - GAP / 2, top: y - GAP / 2, right: x + GAP / 2, bottom: y + GAP / 2 };

@@ -34,7 +34,7 @@
     const role = roleOf(element);
     const isWritten = role !== 'button' && localName(element) !== 'select' && element.value;
     const text = role === 'button' ? element.value : valueOf(element, role) || element.placeholder;
-    if (!text || !visibleParts(element, place, 1).length) return;
+    if (!text || !(visibleParts(element, place, 1).length || sight.isShownOf(element, place.map))) return;
     if (isWritten) sink.addValue(shorten(text, 'value'), [box]);
     else sink.addWords(shorten(text, 'value'), [box]);
   };

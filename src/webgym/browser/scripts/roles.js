@@ -74,7 +74,7 @@
   const contentName = (node, depth = 0) => {
     if (nodeType(node) === Node.TEXT_NODE) return first(node.data);
     if (nodeType(node) !== Node.ELEMENT_NODE || depth > 12) return '';
-    if (getAttribute(node, 'aria-hidden') === 'true') return '';
+    if (depth && getAttribute(node, 'aria-hidden') === 'true') return ''; // not of what is named: it can be used
     const tag = localName(node);
     if (tag === 'style' || tag === 'script' || tag === 'select') return '';
     const hasNoBox = depth && getComputedStyle(node).display === 'contents'; // never visible by `checkVisibility`
@@ -115,10 +115,11 @@
   };
 
   const FIELD_ROLES = new Set(['textbox', 'searchbox', 'combobox', 'listbox', 'spinbutton']);
+  const TICKS = new Set(['checkbox', 'radio', 'switch']);
   const findName = (element, role) => {
     const labelled = getAttribute(element, 'aria-labelledby');
     const isField = FIELD_ROLES.has(role);
-    const around = isField && closest(element, 'label'); // which labels the first one in it alone
+    const around = (isField || TICKS.has(role)) && closest(element, 'label'); // which labels the first one in it alone
     const candidates = [
       () => (labelled ? byIds(element, labelled).map(nameOfLabel).join(' ') : ''),
       () => getAttribute(element, 'aria-label'),
@@ -145,6 +146,8 @@
     return (names.get(element)[role] ??= findName(element, role));
   };
 
+  // What components of roles of their own hold.
+  const VALUED = new Set(['slider', 'textbox', 'searchbox', 'combobox', 'spinbutton']);
   const valueOf = (element, role) => {
     const tag = localName(element);
     if (role === 'checkbox' || role === 'radio' || role === 'switch')
@@ -163,7 +166,10 @@
       const value = shorten(element.value, 'value');
       return element.type === 'password' ? '•'.repeat(value.length) : value;
     }
-    return null;
+    if (!VALUED.has(role)) return null;
+    const told = getAttribute(element, 'aria-valuetext') ?? getAttribute(element, 'aria-valuenow');
+    if (told === null && role === 'slider') return null;
+    return shorten(fold(first(told ?? contentName(element))), 'value');
   };
 
   // A new look: what is called otherwise now.

@@ -344,6 +344,12 @@
     });
   };
 
+  // The same for the words in a control, which the mouse may be kept from.
+  const isShownOf = (element, map) => {
+    const rect = intersect(getBoundingClientRect(element), clipAround(element));
+    return Boolean(rect) && sightOf(element).alpha >= LEAST_ALPHA && isBare(element, rect, map);
+  };
+
   // --- whether it is cut --------------------------------------------------------------------------
 
   const SLACK = 1.5; // CSS pixels that a piece may lack at its ends
@@ -508,5 +514,5 @@
     loose = new Map();
   };
 
-  webgym.sight = { begin, read, join, isWithin, isVisible, sightOf, LEAST_ALPHA };
+  webgym.sight = { begin, read, join, isWithin, isVisible, isShownOf, sightOf, LEAST_ALPHA };
 })();

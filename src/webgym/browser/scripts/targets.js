@@ -5,7 +5,7 @@
   const {
     dispatchEvent, nodeType, parentNode, childNodes, textContent, getRootNode, localName, baseURI, getAttribute,
     getAttributeNames, hasAttribute, matches, closest,
-    checkVisibility, getBoundingClientRect, getClientRects, previousElementSibling, children, childElementCount, querySelector,
+    checkVisibility, getBoundingClientRect, getClientRects, previousElementSibling, nextElementSibling, children, childElementCount, querySelector,
     querySelectorAll, createRange, documentElement,
     offsetWidth, offsetHeight, tabIndex, ofKind, styleSheets, adoptedStyleSheets,
   } = webgym.dom;
@@ -507,6 +507,13 @@
     return labelsOf(tick).some((label) => isShown(label) && visibleParts(label, place, 1).length > 0);
   };
 
+  // The native field that a component keeps for forms, beside what takes its place.
+  const TWINS = '[role=checkbox],[role=radio],[role=switch]';
+  const isTwin = (element) => {
+    if (!isTick(element) || getAttribute(element, 'aria-hidden') !== 'true' || tabIndex(element) >= 0) return false;
+    return [previousElementSibling(element), nextElementSibling(element)].some((one) => one && matches(one, TWINS));
+  };
+
   // {element, place, role, isControl, isPointer, isText, isPart, isTold, items, kids, boxes}: `isText` if nothing is seen
   // of what listens, `isPart` if something around listens for this part of a row, `isTold` if for what bears such data,
   // `kids` are the candidates in it, `items` those of its children that are candidates because of it.
@@ -520,7 +527,7 @@
     if (!role && !isPointer && !(style && isUsed())) return null;
     if (isOff(element) || (!isControl && isOfLabel(element)) || isLabelOfTick(element)) return null;
     if (!role && !isPointer && isName(element)) return null; // it is a label, too
-    if (!role && isBoxOfTick(element, place)) return null;
+    if (isTwin(element) || (!role && isBoxOfTick(element, place))) return null;
     const isText = !role && !isPointer && isPlainText(element, style);
     if (isText && hasPointedKin(element)) return null;
     const isPlain = !role && !isPointer && !isPart && !isCell(element, style);
@@ -634,6 +641,11 @@
   const isCellOf = (one, [kid, ...more]) =>
     one.role === 'gridcell' && kid?.role === 'button' && kid.isControl && !more.length && isNameOf(one, kid);
 
+  // Is this only what ARIA once had around the field of a list that opens?
+  const isHolderOf = ({ element, role }, within) =>
+    role === 'combobox' && !hasAttribute(element, 'tabindex') && localName(element) !== 'button' && within.some(isTyped);
+  const isTyped = ({ element, role }) => TEXTS.has(role) && FIELDS.has(localName(element));
+
   // Are these, with all that is written on the button, the parts of it that a component listens for?
   const arePartsOf = (one, within) =>
     one.role === 'button' && within.length > 0 && within.every(({ isControl, isPointer }) => !isControl && !isPointer) &&
@@ -656,6 +668,12 @@
       if (found) return found;
     }
     return null;
+  };
+  // The slider that is hidden in its handle, for keys.
+  const hiddenSliderOf = (one) => {
+    const [kid, ...more] = one.kids;
+    const isHandle = kid?.role === 'slider' && kid.isControl && !more.length && one.isHeard();
+    return isHandle && checkVisibility(kid.element, { visibilityProperty: true }) ? kid : null;
   };
   const isTransparent = (element) => !isShown(element) && checkVisibility(element, { visibilityProperty: true });
 
@@ -680,6 +698,8 @@
       const isHeading = ({ element, isPart }) => isPart && matches(element, HEADING);
       if (!one.isPointer && (isNothing(one) || within.some(isHeading))) return null;
       const blind = within.some(({ role }) => TEXTS.has(role)) ? null : blindFieldOf(one);
+      const slider = within.length ? null : hiddenSliderOf(one);
+      if (slider) Object.assign(one, { role: slider.role, field: slider.element });
       if (blind && one.isHeard()) {
         Object.assign(one, { role: blind.role, field: blind.element });
         return kids;
@@ -714,7 +734,7 @@
     }
     const isInert = one.role === 'treeitem' && !one.isPointer && !one.isHeard();
     if (isInert && within.some((kid) => isItemOf(one, kid))) return null;
-    if (isCellOf(one, within)) return null;
+    if (isCellOf(one, within) || isHolderOf(one, within)) return null;
     if (arePartsOf(one, within)) return kids.filter((kid) => !within.includes(kid));
     const isBelow = (kid) => kid.role === 'treeitem' && one.role === 'treeitem';
     const same = within.filter((kid) => share(kid) >= COVER && !isBelow(kid));

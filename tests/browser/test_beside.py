@@ -68,6 +68,19 @@ async def test_a_click_beside_what_keeps_the_mouse_from_all_else(site: Site, tab
     assert names(tab) == ["Open", "Send"]
 
 
+@pytest.mark.parametrize("listener", ["v.onclick = () => { p.hidden = v.hidden = true }", ""])
+async def test_a_click_on_what_lies_over_all_of_the_page(site: Site, tab: Tab, listener: str) -> None:
+    veil = "<div id=v hidden style='position:fixed;inset:0'></div>"
+    opens = "<script>a.addEventListener('click', () => { v.hidden = false })</script>"
+    page = PAGE.replace("<div id=p", veil + "<div id=p").replace("LISTENER", listener)
+    await tab.goto(site.page(page + opens))
+    await tab.step(LeftClick(tab.at("Open")))
+    assert names(tab) == (["One", BESIDE] if listener else ["One"])
+    if listener:
+        await tab.step(LeftClick(tab.at(BESIDE)))
+        assert names(tab) == ["Open", "Send"]
+
+
 async def test_nothing_beside_what_no_click_closes(site: Site, tab: Tab) -> None:
     await tab.goto(site.page(PAGE.replace("LISTENER", "")))
     await tab.step(LeftClick(tab.at("Open")))

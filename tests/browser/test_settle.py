@@ -155,6 +155,11 @@ async def test_a_name_of_what_does_not_load_now_is_no_sign_of_loading(site: Site
     tab = await open_tab(config=BrowserConfig(linger_seconds=0.2))
     await tab.goto(site.page("".join(f"<p class='{name}'>text</p>" for name in _IDLE_NAMES)))
     assert reason(tab) == "quiet"
+    row = "<p class=month-skeleton style='display:grid'><b>1</b><b>2</b><b>3</b></p>"
+    await tab.goto(site.page(row))
+    assert reason(tab) == "quiet"
+    await tab.goto(site.page(f"<style>b{{visibility:hidden}}</style>{row}"))
+    assert reason(tab) == "loading"
     for name in ("casino-loader", "lazy-loading-skeleton", "ant-spin-nested-loading is-loading"):
         await tab.goto(site.page(f"<p class='{name}'>text</p>"))
         assert reason(tab) == "loading"

@@ -528,7 +528,7 @@ PAGES: dict[str, tuple[str, list[str]]] = {
     "a switch, and the field that it keeps for forms": (
         "<style>input{position:fixed;left:0;top:0;width:1px;height:1px;clip:rect(0 0 0 0)}</style>"
         "<label><button role=switch style='width:40px;height:20px' aria-label=Dark></button></label>"
-        "<label><span role=switch tabindex=0 style='border:9px solid'></span>"
+        "<label><span role=switch tabindex=0 style='border:9px solid'><i hidden>x</i></span>"
         "<input type=checkbox tabindex=-1 aria-hidden=true> Notify</label>",
         ["Dark", "Notify"],
     ),

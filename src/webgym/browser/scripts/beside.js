@@ -13,11 +13,17 @@
     return Boolean(known) && known.left === left && known.top === top;
   };
 
-  // What lies over an element that was numbered at this place before: the outermost that does not hold it. The page
-  // itself where it keeps the mouse from all but what has opened.
   const isPage = (element) => element === body(document) || element === documentElement(document);
+  const isWide = (element) => {
+    const { width, height } = getBoundingClientRect(element);
+    return isPage(element) || (width >= LEAST * innerWidth && height >= LEAST * innerHeight);
+  };
+  const LEAST = 0.9; // of the viewport
   const isBlocked = (element) =>
     Boolean(closest(element, '[inert]')) || getComputedStyle(body(document) || element).pointerEvents === 'none';
+
+  // What lies over an element that was numbered at this place before: the outermost that does not hold it. The page
+  // itself where it keeps the mouse from all but what has opened.
   const coverOf = (element) => {
     const box = getBoundingClientRect(element);
     if (!isWhereItWas(element, box) || !isShown(element)) return null;
@@ -27,6 +33,12 @@
     while (parentOf(cover) && !contains(parentOf(cover), element)) cover = parentOf(cover);
     return cover;
   };
+
+  // Of what lies over all of the viewport, is this what hears a click beside what has opened?
+  const isVeil = (found, cover) =>
+    isPage(found) ? isPage(cover) && isHeardByPage() : isWide(found) && isHeardAt(found);
+  const isHeardByPage = () =>
+    [document, documentElement(document), body(document)].some((node) => node && isHeardAt(node));
 
   const GAP = 16; // pixels from what has opened to the place
   const around = (boxes) => ({
@@ -40,20 +52,21 @@
   };
 
   // `chosen`: the elements that are numbered now, of all `candidates`. Gives the box of such a place, or null: where
-  // nothing has opened, the document does not listen for clicks, or there is an element.
+  // nothing has opened, nothing there listens for clicks, or there is an element.
   webgym.beside = (candidates, chosen) => {
     const kept = new Set(chosen);
     const own = candidates.filter(({ place }) => place && !place.map); // in no frame
     let cover = null;
     for (const one of own)
       if (kept.has(one)) numberedAt.set(one.element, getBoundingClientRect(one.element));
-      else if (!cover || isPage(cover)) cover = coverOf(one.element) || cover;
+      else if (!cover || !isWide(cover)) cover = coverOf(one.element) || cover;
     if (!cover || !chosen.length) return null;
-    if (![document, documentElement(document), body(document)].some((node) => node && isHeardAt(node))) return null;
+    const isOverAll = isWide(cover);
+    if (!isOverAll && !isHeardByPage()) return null;
     const isFree = (found) =>
-      found && (isPage(cover) ? isPage(found) : !contains(cover, found)) && !isFrame(found) &&
+      found && (isOverAll ? isVeil(found, cover) : !contains(cover, found)) && !isFrame(found) &&
       !chosen.some(({ element }) => element && contains(element, found));
-    const opened = isPage(cover) ? around(chosen.map(({ boxes }) => boxes[0])) : getBoundingClientRect(cover);
+    const opened = isOverAll ? around(chosen.map(({ boxes }) => boxes[0])) : getBoundingClientRect(cover);
     const place = placesBeside(opened).find(([x, y]) => isFree(hit(x, y)));
     if (!place) return null;
     const [x, y] = place;

@@ -120,18 +120,20 @@
     const labelled = getAttribute(element, 'aria-labelledby');
     const isField = FIELD_ROLES.has(role);
     const around = (isField || TICKS.has(role)) && closest(element, 'label'); // which labels the first one in it alone
+    const ofLabel = () => (around ? contentName(around) : '');
     const candidates = [
       () => (labelled ? byIds(element, labelled).map(nameOfLabel).join(' ') : ''),
       () => getAttribute(element, 'aria-label'),
       () => labelsOf(element).map((label) => contentName(label)).join(' '),
       () => (localName(element) === 'input' && role === 'button' ? element.value || element.alt : ''),
+      () => (TICKS.has(role) ? ofLabel() : ''),
       () => (isField ? '' : contentName(element)),
       () => getAttribute(element, 'placeholder'),
       () => getAttribute(element, 'title'),
       () => getAttribute(element, 'alt'),
       () => (localName(element) === 'option' ? element.label : ''),
       () => nameOfHost(element),
-      () => (around ? contentName(around) : ''),
+      ofLabel,
     ];
     for (const candidate of candidates) {
       const name = fold(first(candidate()));

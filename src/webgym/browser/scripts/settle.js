@@ -5,7 +5,7 @@
   const {
     nodeName, nodeType, ownerDocument, getAttribute, checkVisibility, getBoundingClientRect, body, defaultView,
     createTreeWalker, getAnimations, querySelector, querySelectorAll, offsetWidth, offsetHeight, matches, closest, isConnected,
-    parentNode, textContent,
+    parentNode, textContent, childElementCount, elementsFromPoint, getRootNode,
   } = webgym.dom;
   const { state, views } = webgym;
 
@@ -181,10 +181,21 @@
     if (!matches(box, CONTROLS) && !querySelector(box, CONTROLS)) return false;
     return ![...allTurning()].some((element) => isIn(element, box));
   };
+  // What is named a skeleton may be the frame of what is there: several texts show in it, with nothing over them.
+  const isFilled = (element, name) => {
+    const shows = (one) => {
+      const { left, top, width, height } = getBoundingClientRect(one);
+      const isText = !childElementCount(one) && textContent(one).trim();
+      return isText && elementsFromPoint(getRootNode(one), left + width / 2, top + height / 2)[0] === one;
+    };
+    const isOther = isNamed.test(name.replace(/skeleton|shimmer/gi, ''));
+    return !isOther && [...querySelectorAll(element, '*')].slice(0, PARTS).filter(shows).length >= TEXTS_SHOWN;
+  };
+  const [PARTS, TEXTS_SHOWN] = [100, 3];
   const isSaid = (element) => matches(element, SAID);
   const isCalled = (element) => {
     const name = (getAttribute(element, 'class') || '').replace(UNMEANT, '');
-    return isNamed.test(name) || (isNamedSpinner.test(name) && !isNumberBox(element));
+    return (isNamed.test(name) && !isFilled(element, name)) || (isNamedSpinner.test(name) && !isNumberBox(element));
   };
   const isTold = (element) => TELLS.test(textContent(element).slice(0, TEXT_LENGTH));
   const isTurning = (element) => allTurning().has(element);

@@ -94,6 +94,7 @@ NAMED = """
 <div onmousedown="press()" style="position: fixed; right: 9px; top: 9px; width: 20px; height: 20px; cursor: pointer">
 <p style="position: absolute; width: 1px; height: 1px; clip-path: inset(50%); overflow: hidden">
 <input type=range aria-label=Price value=70></p></div>
+<span onclick="1"><input type=checkbox checked style="opacity: 0; position: absolute; width: 0; height: 0">Drawn</span>
 """
 
 
@@ -122,6 +123,7 @@ async def test_elements_have_roles_names_and_values(site: Site, tab: Tab) -> Non
         ("slider", "Volume"),
         ("button", "Other"),
         ("slider", "Price"),
+        ("checkbox", "Drawn"),
     ]
     assert tab.find("Next page").href == site.url("/next")
     assert tab.find("E-mail").value == "a@b.c"
@@ -129,8 +131,8 @@ async def test_elements_have_roles_names_and_values(site: Site, tab: Tab) -> Non
     assert tab.find("Small").value == "false"
     assert tab.find("Colour").value == "Red"
     assert tab.find("Olives").value == "true"
-    values = [tab.find(name).value for name in ("Post", "Fruit", "Volume", "Price")]
-    assert values == ["text", "Apple", "30", "70"]
+    values = [tab.find(name).value for name in ("Post", "Fruit", "Volume", "Price", "Drawn")]
+    assert values == ["text", "Apple", "30", "70", "true"]
 
 
 @pytest.mark.parametrize("hidden", ["position: absolute; opacity: 0; width: 0; height: 0", "display: none"])

@@ -538,6 +538,12 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         + LISTENS.format("click"),
         ["Search", "v", "Town", "Search"],
     ),
+    "what is written in a button, or an item, that is called otherwise": (
+        "<style>button,[role]{padding:20px}</style><button aria-label=cancel><b class=on>No</b></button>"
+        "<button aria-label=Next><i class=on style='padding:9px;border:1px solid'></i></button>"
+        "<div role=menuitem tabindex=0><b class=on>big</b></div>" + LISTENS.format("click"),
+        ["cancel", "Next", "big"],
+    ),
     "a label's own name": ("<i id=l aria-label=Town>x</i><input aria-labelledby=l>", ["Town"]),
 }
 

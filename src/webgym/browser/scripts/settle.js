@@ -186,7 +186,8 @@
     const shows = (one) => {
       const { left, top, width, height } = getBoundingClientRect(one);
       const isText = !childElementCount(one) && textContent(one).trim();
-      return isText && elementsFromPoint(getRootNode(one), left + width / 2, top + height / 2)[0] === one;
+      const layers = isText ? elementsFromPoint(getRootNode(one), left + width / 2, top + height / 2) : [];
+      return isText && layers.find((layer) => isIn(layer, element)) === one;
     };
     const isOther = isNamed.test(name.replace(/skeleton|shimmer/gi, ''));
     return !isOther && [...querySelectorAll(element, '*')].slice(0, PARTS).filter(shows).length >= TEXTS_SHOWN;

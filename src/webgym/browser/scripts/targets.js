@@ -595,6 +595,7 @@
   const hasOtherText = (one, kids) =>
     nameOf(one.element, one.role).length > kids.reduce((sum, kid) => sum + nameOf(kid.element, kid.role).length + 1, 0);
 
+  const NAMED = new Set(['button', 'menuitem', 'menuitemcheckbox', 'menuitemradio']); // by all that is written on them
   const isNameOf = (one, kid) => nameOf(kid.element, kid.role) === nameOf(one.element, one.role);
 
   // Is this the component whose only control or icon, of the same name, has no box of its own size?
@@ -646,10 +647,14 @@
     role === 'combobox' && !hasAttribute(element, 'tabindex') && localName(element) !== 'button' && within.some(isTyped);
   const isTyped = ({ element, role }) => TEXTS.has(role) && FIELDS.has(localName(element));
 
-  // Are these, with all that is written on the button, the parts of it that a component listens for?
-  const arePartsOf = (one, within) =>
-    one.role === 'button' && within.length > 0 && within.every(({ isControl, isPointer }) => !isControl && !isPointer) &&
-    fold(within.map(({ element, role }) => nameOf(element, role)).join(' ')) === nameOf(one.element, one.role);
+  // Are these, with all that is written on the button, the parts of it that a component listens for? The one part of
+  // one that is called otherwise is all that it shows.
+  const arePartsOf = (one, within) => {
+    if (one.role !== 'button' || !within.length || within.some(({ isControl }) => isControl)) return false;
+    const name = fold(within.map(({ element, role }) => nameOf(element, role)).join(' '));
+    if (within.length === 1 && hasAttribute(one.element, 'aria-label') && name === fold(textContent(one.element))) return true;
+    return within.every(({ isPointer }) => !isPointer) && name === nameOf(one.element, one.role);
+  };
 
   // What is drawn as a whole, such as a board to play on. A drawing with texts is a chart: what it shows is in it.
   const isBoard = (element) =>
@@ -669,11 +674,12 @@
     }
     return null;
   };
-  // The slider that is hidden in its handle, for keys.
-  const hiddenSliderOf = (one) => {
+  // The slider that is hidden in its handle, for keys, or the box to tick in what is drawn for it.
+  const hiddenFieldOf = (one) => {
     const [kid, ...more] = one.kids;
-    const isHandle = kid?.role === 'slider' && kid.isControl && !more.length && one.isHeard();
-    return isHandle && checkVisibility(kid.element, { visibilityProperty: true }) ? kid : null;
+    if (!kid?.isControl || more.length || !one.isHeard() || !checkVisibility(kid.element, { visibilityProperty: true })) return null;
+    const { width, height } = getBoundingClientRect(kid.element);
+    return kid.role === 'slider' || (isTick(kid.element) && Math.min(width, height) <= 1) ? kid : null;
   };
   const isTransparent = (element) => !isShown(element) && checkVisibility(element, { visibilityProperty: true });
 
@@ -698,8 +704,8 @@
       const isHeading = ({ element, isPart }) => isPart && matches(element, HEADING);
       if (!one.isPointer && (isNothing(one) || within.some(isHeading))) return null;
       const blind = within.some(({ role }) => TEXTS.has(role)) ? null : blindFieldOf(one);
-      const slider = within.length ? null : hiddenSliderOf(one);
-      if (slider) Object.assign(one, { role: slider.role, field: slider.element });
+      const hidden = within.length ? null : hiddenFieldOf(one);
+      if (hidden) Object.assign(one, { role: hidden.role, field: hidden.element });
       if (blind && one.isHeard()) {
         Object.assign(one, { role: blind.role, field: blind.element });
         return kids;
@@ -741,7 +747,7 @@
     const isField = (kid) => kid.isControl && (GIVES_WAY.has(one.role) || FIELDS.has(localName(kid.element)));
     if (same.some(isField) && !WITHOUT_PARTS.has(one.role)) return null;
     const isNamesake = (kid) => !kid.isControl && Boolean(nameOf(kid.element, kid.role)) && isOfName(kid);
-    const isOfName = (kid) => one.role === 'button' && isNameOf(one, kid);
+    const isOfName = (kid) => NAMED.has(one.role) && isNameOf(one, kid);
     const opener = openerOf(one, within);
     const isOwn = (kid) => same.includes(kid) || isPartOf(one, kid) || isNamesake(kid) || kid === opener;
     const isArrow = (kid) => one.role === 'treeitem' && kid.isPointer && Boolean(classLike(kid.element, ICON));

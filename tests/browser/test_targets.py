@@ -544,6 +544,13 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         "<div role=menuitem tabindex=0><b class=on>big</b></div>" + LISTENS.format("click"),
         ["cancel", "Next", "big"],
     ),
+    "a heading that listens, and the arrow that a click brings": (
+        "<div role=columnheader aria-sort=ascending class=on style='width:200px;height:30px'>Town "
+        "<b role=button aria-label=Sorted style='cursor:pointer'>^</b></div>"
+        "<p class=on style='width:200px;height:30px'>Plain <b class=on style='cursor:pointer'>More</b></p>"
+        + LISTENS.format("click"),
+        ["Town Sorted", "Sorted", "More"],
+    ),
     "a label's own name": ("<i id=l aria-label=Town>x</i><input aria-labelledby=l>", ["Town"]),
 }
 

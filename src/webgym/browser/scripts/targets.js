@@ -710,7 +710,8 @@
         Object.assign(one, { role: blind.role, field: blind.element });
         return kids;
       }
-      const isUnpointed = !one.isTold && (one.isText || (!one.isPointer && within.length && hasOtherText(one, within)));
+      const isSorted = matches(one.element, HEADING) && hasAttribute(one.element, 'aria-sort') && hearsClicks(one.element);
+      const isUnpointed = !one.isTold && !isSorted && (one.isText || (!one.isPointer && within.length && hasOtherText(one, within)));
       const isPointed = ({ isPointer, role }) => isPointer && !(role === 'link' && isCard(one, within)); // all links have one
       if (isUnpointed && within.some((kid) => [kid, ...kid.kids].some(isPointed))) return null;
       if (!within.length) {

@@ -88,7 +88,7 @@ NAMED = """
 <div onclick="1">Row</div>
 <summary>More</summary>
 <div contenteditable aria-label=Post>text</div>
-<div role=combobox tabindex=0 aria-label=Fruit>Apple</div>
+<div role=combobox tabindex=0 aria-label=Fruit><b>Fruit</b> Apple</div>
 <div role=slider tabindex=0 aria-label=Volume aria-valuenow=30 style="height: 9px"></div>
 <div onclick="1" aria-hidden=true>Other <i aria-hidden=true>x</i></div>
 <div onmousedown="press()" style="position: fixed; right: 9px; top: 9px; width: 20px; height: 20px; cursor: pointer">

@@ -171,7 +171,8 @@
     if (!VALUED.has(role)) return null;
     const told = getAttribute(element, 'aria-valuetext') ?? getAttribute(element, 'aria-valuenow');
     if (told === null && role === 'slider') return null;
-    return shorten(fold(first(told ?? contentName(element))), 'value');
+    const [text, name] = [fold(first(told ?? contentName(element))), nameOf(element, role)];
+    return shorten(name && text.startsWith(`${name} `) ? text.slice(name.length + 1) : text, 'value'); // its own label
   };
 
   // A new look: what is called otherwise now.

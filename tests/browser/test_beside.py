@@ -55,9 +55,12 @@ async def test_a_click_beside_what_has_opened(site: Site, open_tab: Open, mode: 
         ("document.body.style.pointerEvents = 'none'", "document.body.style.pointerEvents = ''"),
     ],
 )
-async def test_a_click_beside_what_keeps_the_mouse_from_all_else(site: Site, tab: Tab, off: str, on: str) -> None:
+async def test_a_click_beside_what_keeps_the_mouse_from_all_else(
+    site: Site, tab: Tab, off: str, on: str
+) -> None:
     script = (
-        f"<script>a.addEventListener('click', () => {{ {off} }}); document.addEventListener('click', (event) => {{"
+        f"<script>a.addEventListener('click', () => {{ {off} }});"
+        "document.addEventListener('click', (event) => {"
         f"if (event.target !== a && !p.contains(event.target)) {{ {on}; p.hidden = true }} }})</script>"
     )
     page = PAGE.replace("LISTENER", "").replace("top: 135px;", "top: 300px; pointer-events: auto;")

@@ -91,10 +91,12 @@ NAMED = """
 <div role=combobox tabindex=0 aria-label=Fruit><b>Fruit</b> Apple</div>
 <div role=slider tabindex=0 aria-label=Volume aria-valuenow=30 style="height: 9px"></div>
 <div onclick="1" aria-hidden=true>Other <i aria-hidden=true>x</i></div>
-<div onmousedown="press()" style="position: fixed; right: 9px; top: 9px; width: 20px; height: 20px; cursor: pointer">
+<div onmousedown="press()"
+style="position: fixed; right: 9px; top: 9px; width: 20px; height: 20px; cursor: pointer">
 <p style="position: absolute; width: 1px; height: 1px; clip-path: inset(50%); overflow: hidden">
 <input type=range aria-label=Price value=70></p></div>
-<span onclick="1"><input type=checkbox checked style="opacity: 0; position: absolute; width: 0; height: 0">Drawn</span>
+<span onclick="1">
+<input type=checkbox checked style="opacity: 0; position: absolute; width: 0; height: 0">Drawn</span>
 """
 
 

@@ -40,7 +40,8 @@ class Element(msgspec.Struct, frozen=True, omit_defaults=True):
         name: accessible name: label, text, placeholder or title, white space folded; its first 200 characters
             (``browser.name_characters``).
         box: ``(x, y, width, height)`` of its visible part, CSS pixels of the viewport.
-        value: current value of a form control; ``"true"``/``"false"`` for a checkbox or radio.
+        value: current value of a form control, or of a component of such a role; ``"true"``/``"false"`` for a
+            checkbox or radio.
         href: absolute URL of a link.
     """
 

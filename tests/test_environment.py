@@ -315,7 +315,8 @@ async def test_an_opening_that_was_interrupted_closes_nothing_of_the_next(
     async with env:
         may_end.set()
         await asyncio.wait({first})
-        assert (closed, env._opened.judge) == ([1], 2)
+        judge: Any = env._opened.judge
+        assert (closed, judge) == ([1], 2)
     assert closed == [1, 2]
 
 

@@ -54,7 +54,7 @@ def why_unjudgeable(task: Task) -> str:
 class OfflineJudge:
     """Judges tasks that carry a :class:`webgym.core.truth.Truth`."""
 
-    name = "offline/4"
+    name = "offline/5"
 
     async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
         """Judge one episode; see :meth:`webgym.judge.base.Judge.judge`.
@@ -200,7 +200,8 @@ def _reference(task: Task, truth: Truth, answer: str, pages: Iterable[str] = ())
     if required.in_order and (fault := _out_of_order(required, folded)):
         return Judgement(False, fault)
     told = (task.instruction, *given)
-    if other := other_candidate(answer, required.required, told):
+    named = [wrong for wrong in required.forbidden if says(fold(task.instruction), wrong)]
+    if other := other_candidate(answer, required.required, told, named):
         return Judgement(False, f'the answer also claims "{other}"')
     if quoted := copied(answer, pages, required.required, told):
         return Judgement(False, f'the answer copies the page: "{quoted}"')
@@ -224,7 +225,7 @@ def _response(task: Task, truth: Truth, views: list[_View], episode: Episode) ->
         return Judgement(False, "the answer is empty")
     grounded = numbers(task.instruction)
     for options in truth.answer.required:
-        grounded.update(*(numbers(spelled(option)) for option in options))
+        grounded.update(*(numbers(spelled(each)) for option in options for each in numeral(option)))
     for view in views:
         grounded |= numbers(view.text)
     invented = {

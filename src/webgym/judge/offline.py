@@ -210,7 +210,13 @@ def _reference(task: Task, truth: Truth, answer: str, pages: Iterable[str] = ())
 
 def _out_of_order(truth: AnswerTruth, folded: str) -> str:
     """What is wrong with the order of an answer's values; empty if nothing is."""
-    value_of = {spelled(option): spellings for spellings in truth.required for option in spellings}
+    value_of = {
+        spelled(each): spellings
+        for spellings in truth.required
+        for option in spellings
+        for each in numeral(option)
+        if each != "one"  # may be a pronoun
+    }
     given = [value_of[mention] for mention in mentions(folded, value_of)]
     if given == list(truth.required):
         return ""

@@ -54,6 +54,8 @@ WRONG = [
     (KIND, "Pots and Planters, 1 or 2"),
     (KIND, "Pots and Kettles, 1"),
     (ZERO, "zero or 3"),
+    (ZERO, "zero or one"),
+    (ZERO, "None. Perhaps there is one."),
     (TEN, "zero, 10"),
     (HIRED, "Ann, on Tuesday, April 22, 2026."),
     (HIRED, "Ann, on 23/04/2026."),
@@ -119,6 +121,7 @@ RIGHT = [
     (KIND, "Pots & Planters, one"),
     (ZERO, "It is zero."),
     (ZERO, "0 reviews"),
+    (ZERO, "None of them: I looked at each one."),
     *(
         (HIRED, f"It is Ann, since {day}.")
         for day in (

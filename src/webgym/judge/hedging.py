@@ -42,6 +42,8 @@ _HEADING: Final = re.compile(rf"(?:^|(?<=[.;!?]))\s*[^\W\d_]{{2,20}}:\s*(?={_PLA
 _COUNTS: Final = {word: str(number) for word, number in NUMBER_WORDS.items() if number != 1}
 _COUNT: Final = re.compile(rf"\b(?:{'|'.join(sorted(_COUNTS, key=len, reverse=True))})\b", re.IGNORECASE)
 """Numbers in words, but "one", which may be a pronoun."""
+_LONE_ONE: Final = re.compile(r"(?:(?:there|it) (?:is|was) )?(?:only |just |exactly )?one", re.IGNORECASE)
+"""A piece that claims the number "one"."""
 _WORD_BEFORE: Final = re.compile(r"([^\W\d_]{1,40})[ -]$")
 _WORD_AFTER: Final = re.compile(r"[ -]([^\W\d_]+)")
 _MOST_WORDS: Final = 5
@@ -103,7 +105,7 @@ def other_candidate(
         values = [token for token in unexplained if token[0].isdigit()]
         is_value = all(token[0].isdigit() or token.isupper() for token in unexplained)  # a number, or a code
         claimed = values if is_value else _unlabelled(piece, known) if has_answer else []
-        if any(_shape(value) in shapes for value in claimed):
+        if any(_shape(value) in shapes for value in claimed) or ("9" in shapes and _LONE_ONE.fullmatch(piece)):
             return piece.replace(_PLACEHOLDER, "…")
         if (
             unexplained

@@ -105,7 +105,9 @@ def other_candidate(
         values = [token for token in unexplained if token[0].isdigit()]
         is_value = all(token[0].isdigit() or token.isupper() for token in unexplained)  # a number, or a code
         claimed = values if is_value else _unlabelled(piece, known) if has_answer else []
-        if any(_shape(value) in shapes for value in claimed) or ("9" in shapes and _LONE_ONE.fullmatch(piece)):
+        if any(_shape(value) in shapes for value in claimed) or (
+            "9" in shapes and _LONE_ONE.fullmatch(piece)
+        ):
             return piece.replace(_PLACEHOLDER, "…")
         if (
             unexplained

@@ -38,7 +38,7 @@ class Chosen(NamedTuple):
 
 
 def choose_tasks(config: RunConfig, tell: Tell | None = None) -> Chosen:
-    """The tasks of a run; training tasks that leak test tasks have no split, if tasks of all splits are chosen.
+    """The tasks of a run; of tasks of all splits, training tasks that leak test tasks have none.
 
     Args:
         config: of the run.

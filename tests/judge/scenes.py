@@ -43,7 +43,7 @@ def picture(text: str) -> str:
     image = Image.new("RGB", SIZE, "white")
     ImageDraw.Draw(image).text((10, 10), text, fill="black")
     out = io.BytesIO()
-    image.save(out, "PNG", compress_level=1)
+    image.save(out, "PNG")
     name = hashlib.sha256(out.getvalue()).hexdigest()
     PICTURES[name] = out.getvalue()
     return name

@@ -98,6 +98,10 @@ def test_an_episode_that_does_not_start_is_tried_with_the_next_task(tmp_path: Pa
 
 def test_if_none_starts_the_others_return_and_the_next_step_tries_again(tmp_path: Path) -> None:
     with flaky(tmp_path) as (envs, browsers):
+        space: Any = envs.observation_space
+        texts = space["text"]
+        assert len({id(text._char_index) for text in texts}) == 1, "copying them would take most of the start"
+        assert len({id(text.np_random) for text in texts}) == 3
         envs.reset(seed=1)
         last = envs.step([Answer("wrong"), GoBack(), GoBack()])[0]
         browsers.failures = 3

@@ -13,6 +13,8 @@ import asyncio
 import math
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import AsyncExitStack
+from copy import copy, deepcopy
+from functools import cache
 from io import BytesIO
 from typing import Any, Final, TypeAlias
 
@@ -79,9 +81,24 @@ class ActionSpace(gymnasium.Space[Any]):
         return hash(ActionSpace)
 
 
+class _AnyText(gymnasium.spaces.Text):
+    """Texts of any characters. Copies share the tables of all characters: a table's copy takes 0.1 s, and a
+    vector environment copies the space for each of its environments."""
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> _AnyText:
+        made = copy(self)
+        made._np_random = deepcopy(self._np_random, memo)
+        return made
+
+
+@cache
+def _any_text() -> _AnyText:
+    return _AnyText(_LONGEST, min_length=0, charset=_CHARACTERS)
+
+
 def _spaces(env: Environment) -> tuple[gymnasium.spaces.Dict, ActionSpace]:
     width, height = env.config.attempt.viewport
-    text = gymnasium.spaces.Text(_LONGEST, min_length=0, charset=_CHARACTERS)
+    text = deepcopy(_any_text())
     spaces = {
         "screenshot": gymnasium.spaces.Box(0, 255, (height, width, 3), np.uint8),
         "instruction": text,

@@ -7,22 +7,15 @@ blocked the event loop for that time.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import cache
-from importlib.util import find_spec
 from typing import Any, Final
 
 import httpx
 
 POOL: Final = 10
 """Connections per pool."""
-
-if find_spec("sniffio") is None:
-    # httpcore tries to import it for each of a request's locks: where it is not installed, the search along
-    # the path was a quarter of a request's CPU time. So marked, an import fails at once.
-    sys.modules["sniffio"] = None  # type: ignore[assignment]
 
 _certificates = cache(httpx.create_ssl_context)
 """Those that are trusted; reading them takes 30 ms."""

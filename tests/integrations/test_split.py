@@ -1,4 +1,4 @@
-"""An adapter that a trainer may use takes training tasks unless told otherwise, read without its framework."""
+"""An adapter that a trainer may use takes training tasks unless told otherwise."""
 
 from __future__ import annotations
 

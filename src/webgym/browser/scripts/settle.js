@@ -15,10 +15,10 @@
 
   const nothing = () => {};
   const counter = (ask, cancel) => {
-    const ours = new WeakMap(); // window -> handles that we took
+    const ours = new WeakMap(); // document -> handles that we took: a frame's next document counts anew, in the same window
     const take = (view, ...wanted) => {
       const handle = view[ask](...wanted);
-      if (handle) ours.set(view, (ours.get(view) || 0) + 1);
+      if (handle) ours.set(view.document, (ours.get(view.document) || 0) + 1);
       return handle;
     };
     const last = () =>
@@ -26,7 +26,7 @@
         const handle = take(view, nothing);
         if (!handle) return [0, 0]; // no scripts in this frame
         view[cancel](handle);
-        return [handle, handle - ours.get(view)];
+        return [handle, handle - ours.get(view.document)];
       });
     const sum = (index) => last().reduce((total, counts) => total + counts[index], 0);
     return { take, given: () => sum(0), asked: () => sum(1) };

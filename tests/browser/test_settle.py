@@ -171,9 +171,17 @@ async def test_signs_of_loading_in_shadow_roots(site: Site, tab: Tab, sign: str)
     assert reason(tab) == "loading"
 
 
-@pytest.mark.parametrize("content", ["<h1>All of it</h1>", "<slot>All of it</slot>"])
-async def test_a_page_in_a_shadow_root_is_not_blank(site: Site, tab: Tab, content: str) -> None:
-    await tab.goto(site.page(_SHADOW.format(content=content)))
+@pytest.mark.parametrize(
+    "page",
+    [
+        _SHADOW.format(content="<h1>All of it</h1>"),
+        _SHADOW.format(content="<slot>All of it</slot>"),
+        "<frameset><frame src=/frame></frameset>",
+    ],
+)
+async def test_a_page_in_a_shadow_root_or_frames_is_not_blank(site: Site, tab: Tab, page: str) -> None:
+    site.page("<p>All of it</p>", "/frame")
+    await tab.goto(site.page(page))
     assert reason(tab) == "quiet"
 
 

@@ -147,7 +147,7 @@
 
   const isShadow = (root) => nodeType(root) !== Node.DOCUMENT_NODE;
   const SKIPPED = new Set(['SCRIPT', 'STYLE', 'NOSCRIPT', 'TEMPLATE', 'TITLE']);
-  const CONTENT = 'img, svg, canvas, video, iframe, object, embed, input, button, select, textarea';
+  const CONTENT = 'img, svg, canvas, video, iframe, frame, object, embed, input, button, select, textarea';
 
   // What has no box of its own, such as a slot, shows its text if what it lies in does.
   const showsText = (element) =>

@@ -259,6 +259,10 @@ SEEN = {
         "<svg width=200 height=60><rect width=200 height=60 fill=navy /><g>"
         "<foreignObject width=200 height=60><p style='color:#fff'><b>shown</b></p></foreignObject></g></svg>"
     ),
+    "white on a dark hint that takes no clicks": (
+        "<div style='position:absolute;pointer-events:none;background:rgba(0,0,0,.8)'>"
+        "<p style='margin:0;color:#fff'>shown</p></div>"
+    ),
     "a button": "<input type=submit value=shown>",
     "a choice": "<select><option>other<option selected>shown</select>",
     "a hint": "<input placeholder=shown>",

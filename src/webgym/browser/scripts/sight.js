@@ -181,7 +181,11 @@
     const layers = elementsFromPoint(getRootNode(element), x, y);
     if (layers[0] && modalOver(layers[0], element)) return paintedAt(element, x, y).length ? null : pathOf(element);
     const first = layers.findIndex((layer) => contains(layer, element));
-    return first < 0 ? null : layers.slice(first);
+    if (first < 0) return null;
+    const path = pathOf(element);
+    const isPassedThrough = (node) =>
+      sightOf(node).style.pointerEvents === 'none' && isAt(getBoundingClientRect(node), x, y);
+    return [...path.slice(0, path.indexOf(layers[first])).filter(isPassedThrough), ...layers.slice(first)];
   };
 
   // --- whether it can be told from its ground -----------------------------------------------------

@@ -93,6 +93,7 @@ NAMED = """
 <summary>More</summary>
 <svg width=90 height=20><a xlink:href=/next><text y=15>Old</text></a></svg>
 <input type=reset>
+<button aria-hidden=true>Hidden from some</button>
 <div contenteditable aria-label=Post>text</div>
 """
 
@@ -119,6 +120,7 @@ async def test_elements_have_roles_names_and_values(site: Site, tab: Tab) -> Non
         ("button", "More"),
         ("link", "Old"),
         ("button", "Reset"),
+        ("button", "Hidden from some"),
         ("textbox", "Post"),
     ]
     assert tab.find("Next page").href == tab.find("Old").href == site.url("/next")

@@ -74,7 +74,7 @@
   const contentName = (node, depth = 0) => {
     if (nodeType(node) === Node.TEXT_NODE) return first(node.data);
     if (nodeType(node) !== Node.ELEMENT_NODE || depth > 12) return '';
-    if (getAttribute(node, 'aria-hidden') === 'true') return '';
+    if (depth && getAttribute(node, 'aria-hidden') === 'true') return ''; // what has a number has a name, too
     const tag = localName(node);
     if (tag === 'style' || tag === 'script' || tag === 'select') return '';
     const hasNoBox = depth && getComputedStyle(node).display === 'contents'; // never visible by `checkVisibility`

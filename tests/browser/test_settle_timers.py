@@ -78,8 +78,9 @@ async def test_a_timer_set_when_a_frame_has_loaded(site: Site, tab: Tab) -> None
     late = "setTimeout(() => { out.textContent = 'sent ' + ++n }, 300)"
     await tab.goto(
         site.page(
-            f"{PLACED}<script>let n = -1</script><p id=out></p><form action=/saved target=i><button id=b>Go</button>"
-            f"</form><iframe name=i style='top:400px' onload=\"{late}\"></iframe>"
+            f"{PLACED}<script>let n = -1</script><p id=out></p>"
+            "<form action=/saved target=i><button id=b>Go</button></form>"
+            f"<iframe name=i style='top:400px' onload=\"{late}\"></iframe>"
         )
     )
     for count in (1, 2, 3):

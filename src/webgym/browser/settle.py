@@ -301,7 +301,7 @@ class _Settling:
         if self._has_loaded:
             return quiet.timers > 0
         before = page.timers_set if quiet.planned is None else quiet.planned
-        # A page that neither reacts nor asks for anything has set them in its event listeners, or has set none.
+        # A page that neither reacts nor asks for anything has set them in its event listeners, or not at all.
         is_inert = quiet.reason == "unchanged" and page.requests == self._requests
         return (quiet.early if is_inert else quiet.timers) != before
 

@@ -145,6 +145,14 @@ async def test_a_box_for_numbers_is_no_sign_of_loading(site: Site, tab: Tab) -> 
     assert reason(tab) == "loading"
 
 
+async def test_news_in_one_line_are_no_sign_of_loading(site: Site, tab: Tab) -> None:
+    moved = "@keyframes move { from { transform: translateX(100%) } to { transform: translateX(-100%) } }"
+    for text, expected in {"Trains are late": "quiet", "": "loading"}.items():
+        style = "display:inline-block;width:200px;height:4px;animation:move 3s infinite linear"
+        await tab.goto(site.page(f"<style>{moved}</style><p>News</p><p style='{style}'>{text}</p>"))
+        assert reason(tab) == expected
+
+
 _IDLE_NAMES = (
     "ant-spin-nested-loading", "lazy-loading", "lazy-loader loaded", "infinite-loading", "loading-lazy",
     "not-loading", "no-skeleton", "loading-done", "card loader--hidden",

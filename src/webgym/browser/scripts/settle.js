@@ -137,8 +137,16 @@
     const { innerWidth, innerHeight } = defaultView(ownerDocument(element));
     return offsetWidth(element) * offsetHeight(element) < (innerWidth * innerHeight) / 4;
   };
+  // A text that runs through for ever, such as news in one line, says nothing of what is to come.
+  const MOVES = ['left', 'marginLeft', 'textIndent', 'translate'];
+  const isMoved = (frame) =>
+    MOVES.some((name) => name in frame) || (/translate/.test(frame.transform) && !/rotate|scale/.test(frame.transform));
+  const isTicker = ({ effect }) =>
+    Boolean(effect.target) && !effect.pseudoElement && effect.getKeyframes().some(isMoved) &&
+    /\p{L}{2}/u.test(textContent(effect.target));
   const endless = () => {
-    const found = animations().filter((animation) => animation.playState === 'running' && endOf(animation) === Infinity);
+    const found = animations().filter(
+      (animation) => animation.playState === 'running' && endOf(animation) === Infinity && !isTicker(animation));
     const elements = found.length > CROWD ? [] : found.map((animation) => animation.effect.target);
     return elements.filter((element) => element && isSmall(element));
   };

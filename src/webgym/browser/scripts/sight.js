@@ -7,9 +7,9 @@
     scrollWidth, scrollHeight, matches, checkVisibility, getBoundingClientRect, documentElement, defaultView,
     createRange, elementsFromPoint, offsetWidth, ofKind,
   } = webgym.dom;
-  const { fold } = webgym;
+  const { fold, rootOf } = webgym;
   const { near } = webgym.boxes;
-  const { intersect, middle, moved, parentOf, contains, hit, clipAround, clipWithin, isBox } = webgym.geometry;
+  const { intersect, middle, moved, slotIn, parentOf, contains, hit, clipAround, clipWithin, isBox } = webgym.geometry;
 
   const LEAST_ALPHA = 0.1; // of text on a ground whose colour is not known
   const LEAST_CONTRAST = 1.2; // of a text and its ground, by WCAG's ratio; #eee on white has 1.16
@@ -210,10 +210,10 @@
 
   const isVisible = (element) => {
     const { style } = sightOf(element);
-    if (style.visibility !== 'visible' || (localName(element) === 'details' && !element.open)) return false;
+    if (style.visibility !== 'visible') return false;
     let boxed = element;
     while (boxed && sightOf(boxed).style.display === 'contents') boxed = parentOf(boxed);
-    return !boxed || checkVisibility(boxed);
+    return !boxed || (checkVisibility(boxed) && !(localName(boxed) === 'details' && !boxed.open));
   };
 
   // What does not depend on where a piece of text lies.
@@ -283,6 +283,12 @@
       return isOver(other, element) || (!isLifted(element, other) && levelOf(other, element) >= 0);
     });
 
+  // A point on a text that is slotted hits the component that it lies in: what is around its slot is asked for by itself.
+  const isWithinCut = (cut, found, at) =>
+    contains(cut, found) ||
+    (getRootNode(cut) !== getRootNode(found) &&
+      elementsFromPoint(getRootNode(cut), ...at).some((layer) => contains(cut, layer)));
+
   // Whether the text in `element` shows at a point of this world's viewport, which is `at` in its own.
   const showsAt = (element, x, y, at) => {
     const found = hit(x, y);
@@ -296,7 +302,7 @@
     const { cut, sunk, style } = sightOf(element);
     if (contains(element, found)) return !hides(found, element);
     if (contains(found, element)) {
-      const isCut = cut && !contains(cut, found) && style.pointerEvents !== 'none';
+      const isCut = cut && !isWithinCut(cut, found, at) && style.pointerEvents !== 'none';
       const isBehind = sunk && !contains(sunk, found) && !isPage(found) && hides(found, parentOf(found));
       return !isCut && !isBehind;
     }
@@ -481,7 +487,8 @@
 
   // {text, rects}: what of a text node can be seen from `place`; null for nothing. As `pieces` for those who
   // have to ask for more.
-  const read = (node, element, place, wantsPieces = false) => {
+  const read = (node, holder, place, wantsPieces = false) => {
+    const element = (rootOf(holder) && (node.assignedSlot || slotIn(holder, node))) || holder;
     const isLong = !place.map && node.data.length >= LONG && !isTurned(sightOf(element).style);
     const part = isLong ? windowOf(node, place.clip) : [0, node.data.length];
     const lines = part[0] < part[1] ? rectsOf(node, ...part) : [];

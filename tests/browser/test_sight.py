@@ -277,6 +277,10 @@ SEEN = {
         for part in (
             "<div style='background:#000;color:#fff'><slot></slot></div>",
             "<div style='clip-path:inset(0)'><slot></slot></div>",
+            "<label style='position:relative'><slot></slot>"
+            "<input style='position:absolute;inset:0;opacity:0'></label>",
+            "<i style='position:absolute;width:90px;height:30px;background:#000;pointer-events:none'></i>"
+            "<b style='position:relative;color:#fff'><slot></slot></b>",
         )
     },
     "a button": "<input type=submit value=shown>",

@@ -188,6 +188,14 @@
     return [...path.slice(0, path.indexOf(layers[first])).filter(isPassedThrough), ...layers.slice(first)];
   };
 
+  // Is there something beside an element that takes no clicks, and so is in no list of layers, but may be its ground?
+  const isUnderlaid = (element, x, y) =>
+    near(getRootNode(element)).some(
+      ([other, box]) =>
+        isAt(box, x, y) && sightOf(other).style.pointerEvents === 'none' && !contains(other, element) &&
+        (paintOf(other)?.alpha ?? 1) >= VEIL,
+    );
+
   // --- whether it can be told from its ground -----------------------------------------------------
 
   const isWritten = (style) =>
@@ -205,14 +213,21 @@
     if (ground && ground.isSure && isClear(ground.colour)) return true;
     const layers = layersBelow(element, ...middle(rect));
     const below = layers && blend(layers, ownerDocument(element));
-    return below ? isClear(below) : opacity >= LEAST_ALPHA;
+    if (below && isClear(below)) return true;
+    return opacity >= LEAST_ALPHA && (!below || isUnderlaid(element, ...middle(rect)));
+  };
+
+  // The innermost element around a text that has a box: a slot, say, has none.
+  const boxedOf = (element) => {
+    let boxed = element;
+    while (boxed && sightOf(boxed).style.display === 'contents') boxed = parentOf(boxed);
+    return boxed;
   };
 
   const isVisible = (element) => {
     const { style } = sightOf(element);
     if (style.visibility !== 'visible') return false;
-    let boxed = element;
-    while (boxed && sightOf(boxed).style.display === 'contents') boxed = parentOf(boxed);
+    const boxed = boxedOf(element);
     return !boxed || (checkVisibility(boxed) && !(localName(boxed) === 'details' && !boxed.open));
   };
 
@@ -346,7 +361,8 @@
     return points;
   };
 
-  const isBare = (element, rect, map) => {
+  const isBare = (holder, rect, map) => {
+    const element = boxedOf(holder) || holder;
     const y = (rect.top + rect.bottom) / 2;
     return triedAt(element, rect).every((x) => {
       const point = moved({ left: x, right: x, top: y, bottom: y }, map);

@@ -145,9 +145,9 @@
     Boolean(effect.target) && !effect.pseudoElement && effect.getKeyframes().some(isMoved) &&
     /\p{L}{2}/u.test(textContent(effect.target));
   const endless = () => {
-    const found = animations().filter(
-      (animation) => animation.playState === 'running' && endOf(animation) === Infinity && !isTicker(animation));
-    const elements = found.length > CROWD ? [] : found.map((animation) => animation.effect.target);
+    const found = animations().filter((animation) => animation.playState === 'running' && endOf(animation) === Infinity);
+    const few = found.length > CROWD ? [] : found.filter((animation) => !isTicker(animation));
+    const elements = few.map((animation) => animation.effect.target);
     return elements.filter((element) => element && isSmall(element));
   };
   let turning = null; // what was found in this pass

@@ -126,6 +126,8 @@ class Trier:
         self.tab.begin_action()  # otherwise the tab is stopped because of too many navigations
         self._loads += 1
         url = f"{self.url}?{self._loads}"
+        chosen = {"origin": self.url.rpartition("/")[0], "storageTypes": "local_storage"}
+        await self.session.do("Storage.clearDataForOrigin", chosen, seconds=CALL_SECONDS)
         await self.session.do("Page.navigate", {"url": url}, seconds=CALL_SECONDS)
         is_there = f"location.href === {json.dumps(url)} && document.readyState === 'complete'"
         async with asyncio.timeout(CALL_SECONDS):

@@ -6,8 +6,8 @@
 A second browser paints the words of a page in a colour, by a highlight that does not change the layout, and
 takes a screenshot: a word is visible if most of its box has that colour, also under a translucent overlay.
 Equal words in the same place count once. The visible words are compared with the text of an observation,
-without placeholders and options of fields, which a highlight cannot paint. Exit code 1 if precision or recall
-is below its goal.
+without placeholders, options and captions of fields, which a highlight cannot paint. Exit code 1 if precision
+or recall is below its goal.
 """
 
 from __future__ import annotations
@@ -56,6 +56,8 @@ SCRIPT = """
     for (let node = walker.nextNode(); node; node = walker.nextNode()) {
       if (node.shadowRoot) walk(node.shadowRoot);
       if (node.placeholder && !node.value) fields.push(node.placeholder);
+      if (/^(button|submit|reset)$/.test(node.type) && node.localName === 'input') fields.push(node.value);
+      if (node.type === 'file') fields.push('Choose File No file chosen');
       if (node.localName === 'select') fields.push(...[...node.selectedOptions].map(({ label }) => label));
       const parent = node.parentNode;
       if (node.nodeType !== 3 || parent.isContentEditable) continue;

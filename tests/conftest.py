@@ -46,8 +46,18 @@ def pytest_collection() -> Generator[None, object, object]:
         gc.enable()
 
 
+MODELS = {"inference", "tiny", "train"} | {
+    f"test_{name}.py" for name in ("docs_run", "docs_shell", "slime", "token_rollout")
+}
+"""Folders and files whose tests import transformers' models, which takes a worker 3 s."""
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that drive a browser are skipped, and say why, where there is none."""
+    """Tests with models come first, so that one worker has them all: others take over what a worker has last.
+
+    Tests that drive a browser are skipped, and say why, where there is none.
+    """
+    items.sort(key=lambda item: MODELS.isdisjoint((item.path.name, item.path.parent.name)))
     if not any(item.get_closest_marker("browser") for item in items):
         return
     try:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import math
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, ClassVar
@@ -277,6 +278,63 @@ async def test_a_step_of_an_old_episode_does_not_end_the_next_one() -> None:
         await asyncio.wait({old})
         *_, info = await env.step(Scroll("down"))
         assert info["step"] == 1
+
+
+async def test_an_opening_that_was_interrupted_closes_nothing_of_the_next(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Ctrl-C in a notebook's `reset`, and the cell once more: the first still ends what it had begun."""
+    closed, judges, openings = list[int](), itertools.count(1), itertools.count(1)
+    entered, may_end = asyncio.Event(), asyncio.Event()
+
+    @contextlib.asynccontextmanager
+    async def judging(*_: Any) -> AsyncIterator[int]:
+        number = next(judges)
+        try:
+            yield number
+        finally:
+            closed.append(number)
+
+    @contextlib.asynccontextmanager
+    async def starting(*_: Any) -> AsyncIterator[tuple[None, Any]]:
+        if next(openings) == 1:
+            entered.set()
+            try:
+                await asyncio.sleep(9)
+            finally:
+                await may_end.wait()
+        yield None, conformance.StandInBrowsers()
+
+    monkeypatch.setattr(webgym.environment, "refuse_unjudgeable", lambda *_: None)
+    monkeypatch.setattr(webgym.environment, "open_judge", judging)
+    monkeypatch.setattr(webgym.environment, "open_services", starting)
+    env = Environment(conformance.STAND_IN_TASKS, config=stand_in_environment().config)
+    first = asyncio.create_task(env.__aenter__())
+    await entered.wait()
+    first.cancel()
+    async with env:
+        may_end.set()
+        await asyncio.wait({first})
+        judge: Any = env._opened.judge
+        assert (closed, judge) == ([1], 2)
+    assert closed == [1, 2]
+
+
+async def test_a_twin_uses_what_its_first_opened_as_long_as_that_is_open() -> None:
+    async with stand_in_environment() as env:
+        twin = env.twin(1).twin(2)
+        for _ in range(2):  # closed, and opened again
+            async with twin:
+                await twin.reset()
+                assert (await twin.step(Answer("right")))[1] == 1.0
+            with pytest.raises(UsageError, match="not open"):
+                await twin.reset()
+        other = env.twin(3)
+    for _ in range(2):
+        with pytest.raises(UsageError, match="not open"):
+            await other.reset()
+        with pytest.raises(UsageError, match="not open"):
+            await twin.__aenter__()
 
 
 async def test_an_episode_that_its_policy_leaves_is_judged_as_a_spent_budget() -> None:

@@ -165,6 +165,7 @@ class Environment:
         self.on_fault = on_fault
         self._stack = AsyncExitStack()
         self._services: _Services | None = None
+        self._twin_of: Environment | None = None
         self._restart_order(seed)
         self._episode: _Episode | None = None
 
@@ -172,11 +173,13 @@ class Environment:
 
     async def __aenter__(self) -> Self:
         if self._services is None:
+            stack = AsyncExitStack()  # of its own: an opening that was interrupted may still be closing its
             try:
-                self._services = await self._open()
+                services = await self._open(stack)
             except BaseException:
-                await self._stack.aclose()
+                await stack.aclose()
                 raise
+            self._stack, self._services = stack, services
         return self
 
     async def __aexit__(self, *exc: object) -> None:
@@ -188,7 +191,9 @@ class Environment:
         self._services = None
         await self._stack.aclose()
 
-    async def _open(self) -> _Services:
+    async def _open(self, stack: AsyncExitStack) -> _Services:
+        if self._twin_of is not None:
+            return self._twin_of._opened
         config, given = self.config, self._given
         tasks = list(given) if given is not None else (await asyncio.to_thread(choose_tasks, config)).tasks
         if not tasks:
@@ -198,13 +203,13 @@ class Environment:
             refuse_unjudgeable(config.judge, tasks)
             if config.policy.check:
                 await check_judge(config.judge)
-            judge = await self._stack.enter_async_context(open_judge(config.judge))
+            judge = await stack.enter_async_context(open_judge(config.judge))
         limits = {"policy": config.collector.policy_calls, "judge": config.collector.judges}
         calls = call_queues(config.limits.calls | limits)
         by_id = {task.id: task for task in tasks}
         if self._browsers is None:
             opened = open_services(config, self._secrets, tasks, None, calls)
-            site_state, client = await self._stack.enter_async_context(opened)
+            site_state, client = await stack.enter_async_context(opened)
             return _Services(by_id, client, site_state, judge)
         if any(task.truth is not None and any(fact.state for fact in task.truth.facts) for task in tasks):
             raise ConfigError(
@@ -223,12 +228,14 @@ class Environment:
             seed: of the order of tasks.
         """
         other = Environment(self._given, config=self.config, seed=seed, on_fault=self.on_fault)
+        other._twin_of = self._twin_of or self
         other._services = self._opened
         return other
 
     @property
     def _opened(self) -> _Services:
-        if self._services is None:
+        is_closed = self._twin_of is not None and self._twin_of._services is not self._services
+        if self._services is None or is_closed:
             raise UsageError(
                 "the environment is not open", hint="use it as: async with webgym.make(…) as env"
             )

@@ -102,6 +102,11 @@ def save(figure: Figure, path: Path) -> None:
         UsageError: the suffix is unknown, or the file cannot be written.
     """
     suffix = check_suffix(path)
+    if (layout := figure.get_layout_engine()) is not None:
+        # Once for the files in all formats, and without drawing: it takes most of the time.
+        figure.set_dpi(_DPI)
+        layout.execute(figure)
+        figure.set_layout_engine(None)
     try:
         figure.savefig(path, dpi=_DPI, metadata=_METADATA[suffix])
     except OSError as error:

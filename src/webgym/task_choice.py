@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from msgspec.structs import replace
+
 from webgym.core.errors import ConfigError
 from webgym.core.task import Task
 from webgym.offline.web import OfflineWeb
@@ -17,6 +19,7 @@ from webgym.tasks.files import BrokenRecord, TaskFile, unfit
 from webgym.tasks.formats import read_tasks
 from webgym.tasks.sampling import Sampler, SamplerConfig, draw, draw_spread
 from webgym.tasks.selection import Selected, select
+from webgym.tasks.split import leaking
 
 
 class Chosen(NamedTuple):
@@ -35,7 +38,7 @@ class Chosen(NamedTuple):
 
 
 def choose_tasks(config: RunConfig, tell: Tell | None = None) -> Chosen:
-    """The tasks of a run.
+    """The tasks of a run; of tasks of all splits, training tasks that leak test tasks have none.
 
     Args:
         config: of the run.
@@ -55,7 +58,14 @@ def choose_tasks(config: RunConfig, tell: Tell | None = None) -> Chosen:
             f"there is no task to attempt for the split {choice.split!r}: {why}",
             hint="choose another split or more domains",
         )
-    return Chosen(_drawn(selected.tasks, config), available.broken, available.set_aside, selected)
+    tasks = _drawn(selected.tasks, config)
+    if choice.split == "all":  # the run may hold them without the test tasks that they leak
+        leaked = leaking(available.tasks)
+        is_leak = [task.split == "train" and task.id in leaked for task in tasks]
+        tasks = [
+            replace(task, split=None) if leak else task for task, leak in zip(tasks, is_leak, strict=True)
+        ]
+    return Chosen(tasks, available.broken, available.set_aside, selected)
 
 
 def all_tasks(config: RunConfig, tell: Tell | None = None) -> list[Task]:

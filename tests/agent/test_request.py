@@ -56,7 +56,9 @@ async def endpoint(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Copies]:
 
 def screenshot(number: int, size: tuple[int, int]) -> tuple[str, bytes]:
     out = io.BytesIO()
-    Image.radial_gradient("L").resize(size).rotate(9 * number).convert("RGB").save(out, "PNG")
+    Image.radial_gradient("L").resize(size).rotate(9 * number).convert("RGB").save(
+        out, "PNG", compress_level=1
+    )
     return hashlib.sha256(out.getvalue()).hexdigest(), out.getvalue()
 
 

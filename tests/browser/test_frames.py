@@ -8,7 +8,7 @@ import pytest
 from starlette.requests import Request
 from starlette.responses import Response
 
-from webgym.core.action import LeftClick, Scroll, Type
+from webgym.core.action import GoBack, LeftClick, Scroll, Type
 from webgym.core.observation import Element
 
 from .conftest import VIEWPORT, Open, Site, Tab
@@ -296,3 +296,15 @@ async def test_a_frame_of_another_origin_within_a_closed_root(site: Site, tab: T
     assert "Press" in names(tab)
     await tab.step(Type(tab.at("Name"), "Ann"))
     assert tab.find("Name").value == "Ann"
+
+
+async def test_going_back_in_a_frame(site: Site, tab: Tab) -> None:
+    second = site.page("<p>second</p>")
+    inner, other = (site.page(f"<p>first</p><a href='{second}'>{name}</a>") for name in ("Next", "Beyond"))
+    await tab.goto(site.page(framed(inner) + framed(site.elsewhere(other))))
+    before = tab.text
+    for link, lines in {"Next": ["second", *before[2:]], "Beyond": [*before[:2], "second"]}.items():
+        await tab.step(LeftClick(tab.at(link)))
+        assert tab.text == lines
+        await tab.step(GoBack())
+        assert (tab.text, tab.notices) == (before, [])

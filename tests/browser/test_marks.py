@@ -164,7 +164,7 @@ CASES: dict[str, str] = {
     + "\" style='width:110px;height:60px;border:0'></iframe></div>",
     "drawing": "<svg width=90 height=50><a {m} href=#x><rect width=80 height=40 /></a></svg>",
     "area": "<img usemap=#{n} width=90 height=60 src=\"data:image/svg+xml,<svg xmlns='http://www.w3.org/2000/svg'/>\">"
-    "<map name={n}><area {m} href=#x coords='{b},{b},70,40'></map>",
+    "<map name={n}><area {m} href=#x coords='{b},{b},70,400'></map>",
     "round area": "<img usemap=#{n} width=90 height=60 style='zoom:1.2' "
     "src=\"data:image/svg+xml,<svg xmlns='http://www.w3.org/2000/svg'/>\">"
     "<map name={n}><area {m} href=#x shape=circle coords='45 30 20'></map>",

@@ -55,10 +55,14 @@ async def test_the_text_holds_what_controls_show_and_nobody_typed(site: Site, ta
             "<select><option>Red<option selected>Green</select><textarea>long note</textarea>"
             "<input type=submit value=Send><input type=checkbox value=x checked>"
             "<input type=checkbox role=switch value=''>"
+            "<input type=submit> <input type=reset> <input type=submit value=''> <input type=file>"
             "<select size=2><option>Oak<option>Elm<option>Fir</select>"
+            "<p>a <ruby>word<rt>sound</rt></ruby> and <math><mi>x</mi><mo>=</mo><mn>2</mn></math></p>"
         )
     )
-    assert tab.text == ["Your name Green Send", "Oak", "Elm"]
+    shown = "Your name Green Send Submit Reset Choose File No file chosen"
+    assert tab.text == [shown, "Oak", "Elm", "a word sound and x = 2"]
+    assert ("button", "Choose File") in names(tab)
 
 
 async def test_far_text_comes_into_view_by_scrolling(site: Site, tab: Tab) -> None:
@@ -87,6 +91,9 @@ NAMED = """
 <div style="cursor: pointer">Card <b>one</b></div>
 <div onclick="1">Row</div>
 <summary>More</summary>
+<svg width=90 height=20><a xlink:href=/next><text y=15>Old</text></a></svg>
+<input type=reset>
+<button aria-hidden=true>Hidden from some</button>
 <div contenteditable aria-label=Post>text</div>
 <div role=combobox tabindex=0 aria-label=Fruit><b>Fruit</b> Apple</div>
 <div role=slider tabindex=0 aria-label=Volume aria-valuenow=30 style="height: 9px"></div>
@@ -120,6 +127,9 @@ async def test_elements_have_roles_names_and_values(site: Site, tab: Tab) -> Non
         ("button", "Card one"),
         ("button", "Row"),
         ("button", "More"),
+        ("link", "Old"),
+        ("button", "Reset"),
+        ("button", "Hidden from some"),
         ("textbox", "Post"),
         ("combobox", "Fruit"),
         ("slider", "Volume"),
@@ -127,7 +137,7 @@ async def test_elements_have_roles_names_and_values(site: Site, tab: Tab) -> Non
         ("slider", "Price"),
         ("checkbox", "Drawn"),
     ]
-    assert tab.find("Next page").href == site.url("/next")
+    assert tab.find("Next page").href == tab.find("Old").href == site.url("/next")
     assert tab.find("E-mail").value == "a@b.c"
     assert tab.find("Agree").value == "true"
     assert tab.find("Small").value == "false"

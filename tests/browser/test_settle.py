@@ -145,6 +145,14 @@ async def test_a_box_for_numbers_is_no_sign_of_loading(site: Site, tab: Tab) -> 
     assert reason(tab) == "loading"
 
 
+async def test_news_in_one_line_are_no_sign_of_loading(site: Site, tab: Tab) -> None:
+    moved = "@keyframes move { from { transform: translateX(100%) } to { transform: translateX(-100%) } }"
+    for text, expected in {"Trains are late": "quiet", "": "loading"}.items():
+        style = "display:inline-block;width:200px;height:4px;animation:move 3s infinite linear"
+        await tab.goto(site.page(f"<style>{moved}</style><p>News</p><p style='{style}'>{text}</p>"))
+        assert reason(tab) == expected
+
+
 _IDLE_NAMES = (
     "ant-spin-nested-loading", "lazy-loading", "lazy-loader loaded", "infinite-loading", "loading-lazy",
     "not-loading", "no-skeleton", "loading-done", "card loader--hidden",
@@ -177,9 +185,17 @@ async def test_signs_of_loading_in_shadow_roots(site: Site, tab: Tab, sign: str)
     assert reason(tab) == "loading"
 
 
-@pytest.mark.parametrize("content", ["<h1>All of it</h1>", "<slot>All of it</slot>"])
-async def test_a_page_in_a_shadow_root_is_not_blank(site: Site, tab: Tab, content: str) -> None:
-    await tab.goto(site.page(_SHADOW.format(content=content)))
+@pytest.mark.parametrize(
+    "page",
+    [
+        _SHADOW.format(content="<h1>All of it</h1>"),
+        _SHADOW.format(content="<slot>All of it</slot>"),
+        "<frameset><frame src=/frame></frameset>",
+    ],
+)
+async def test_a_page_in_a_shadow_root_or_frames_is_not_blank(site: Site, tab: Tab, page: str) -> None:
+    site.page("<p>All of it</p>", "/frame")
+    await tab.goto(site.page(page))
     assert reason(tab) == "quiet"
 
 

@@ -67,6 +67,27 @@ async def test_a_frame_that_answers_by_a_timer(site: Site, tab: Tab) -> None:
         assert str(count) in tab.text
 
 
+async def test_a_timer_set_when_a_frame_has_loaded(site: Site, tab: Tab) -> None:
+    waits = [0, 0, 0.2]
+
+    async def saved(_: Request) -> Response:
+        await asyncio.sleep(waits.pop(0))
+        return Response("Saved", media_type="text/html")
+
+    site.on("/saved", saved)
+    late = "setTimeout(() => { out.textContent = 'sent ' + ++n }, 300)"
+    await tab.goto(
+        site.page(
+            f"{PLACED}<script>let n = -1</script><p id=out></p>"
+            "<form action=/saved target=i><button id=b>Go</button></form>"
+            f"<iframe name=i style='top:400px' onload=\"{late}\"></iframe>"
+        )
+    )
+    for count in (1, 2, 3):
+        await tab.step(BUTTON)
+        assert f"sent {count}" in tab.text
+
+
 @pytest.mark.parametrize(
     "work",
     [

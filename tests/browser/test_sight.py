@@ -16,6 +16,8 @@ IN_COMPONENT = (
     "'<b style=\"background:red\">{}</b>'</script>"
 )
 
+SLOTTED = "seen<x-y><template shadowrootmode={}>{}</template>{}</x-y>"
+
 UNSEEN = {
     "clipped by a box": "<div style='width:60px;overflow:hidden;white-space:nowrap'>seen <b>hidden</b></div>",
     "half a word": (
@@ -145,6 +147,13 @@ UNSEEN = {
     "typed": "seen<div contenteditable>hidden</div>",
     "a value": "seen <input value=hidden>",
     "a long value": "seen <textarea>hidden</textarea>",
+    **{
+        f"text slotted into {part}": SLOTTED.format(mode, part, "hidden")
+        for mode, part in {
+            "open": "<details><summary>More</summary><slot></slot></details>",
+            "closed": "<div style='opacity:0'><slot></slot></div>",
+        }.items()
+    },
 }
 
 
@@ -266,6 +275,21 @@ SEEN = {
         "<svg width=200 height=60><rect width=200 height=60 fill=navy /><g>"
         "<foreignObject width=200 height=60><p style='color:#fff'><b>shown</b></p></foreignObject></g></svg>"
     ),
+    "white on a dark hint that takes no clicks": (
+        "<div style='position:absolute;pointer-events:none;background:rgba(0,0,0,.8)'>"
+        "<p style='margin:0;color:#fff'>shown</p></div>"
+    ),
+    **{
+        f"text slotted into {part}": SLOTTED.format("open", part, "shown")
+        for part in (
+            "<div style='background:#000;color:#fff'><slot></slot></div>",
+            "<div style='clip-path:inset(0)'><slot></slot></div>",
+            "<label style='position:relative'><slot></slot>"
+            "<input style='position:absolute;inset:0;opacity:0'></label>",
+            "<i style='position:absolute;width:90px;height:30px;background:#000;pointer-events:none'></i>"
+            "<b style='position:relative;color:#fff'><slot></slot></b>",
+        )
+    },
     "a button": "<input type=submit value=shown>",
     "a choice": "<select><option>other<option selected>shown</select>",
     "a hint": "<input placeholder=shown>",

@@ -98,6 +98,10 @@ def test_an_episode_that_does_not_start_is_tried_with_the_next_task(tmp_path: Pa
 
 def test_if_none_starts_the_others_return_and_the_next_step_tries_again(tmp_path: Path) -> None:
     with flaky(tmp_path) as (envs, browsers):
+        space: Any = envs.observation_space
+        texts = space["text"]
+        assert len({id(text._char_index) for text in texts}) == 1, "copying them would take most of the start"
+        assert len({id(text.np_random) for text in texts}) == 3
         envs.reset(seed=1)
         last = envs.step([Answer("wrong"), GoBack(), GoBack()])[0]
         browsers.failures = 3
@@ -121,6 +125,31 @@ def test_if_none_starts_the_others_return_and_the_next_step_tries_again(tmp_path
         assert np.isnan(envs.step([GoBack()] * 3)[1]).all()
         _, _, _, _, infos = envs.step([GoBack()] * 3)
         assert infos["step"].tolist() == [0, 0, 0]
+
+
+def test_after_an_interruption_no_step_goes_on_in_another_episode(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-C loses what the call returned, such as an end; the next step would begin the next episode."""
+    with flaky(tmp_path) as (envs, _):
+        envs.reset(seed=1)
+        run = envs._loop.run
+
+        def interrupted(work: Any) -> None:
+            run(work)
+            raise KeyboardInterrupt
+
+        for call in (lambda: envs.step([GoBack(), GoBack(), Answer("right")]), lambda: envs.reset(seed=2)):
+            monkeypatch.setattr(envs._loop, "run", interrupted)
+            with pytest.raises(KeyboardInterrupt):
+                call()
+            monkeypatch.setattr(envs._loop, "run", run)
+            with pytest.raises(UsageError, match="interrupted"):
+                envs.step([GoBack()] * 3)
+            envs.reset(seed=1)
+            assert envs.step([GoBack()] * 3)[4]["step"].tolist() == [1, 1, 1]
+    with pytest.raises(UsageError, match="closed"):
+        envs.step([GoBack()] * 3)  # whose coroutines would be told of as never awaited
 
 
 def test_what_it_takes_and_what_is_refused_before_any_environment_acts(tmp_path: Path) -> None:

@@ -25,6 +25,9 @@ SMALL_COST = (("€2",), ("€1,450", "1,450", "1450"))
 KIND = (("Pots & Planters",), ("One",))
 ZERO = (count(0, "reviews", "review"),)
 FULL_HOURS = (times(8 * 60), times(17 * 60), times(13 * 60 + 30))
+STARS = (("4 of 5 stars",), ("6 days", "6days"))
+WALK = (times(9 * 60 + 45), ("€1,650", "1,650", "1650"), ("1.25%",))
+DOCTOR = (("Dr Ann Lee",),)
 THREE = (("93 min",), ("160 °C",), ("Room 7",))
 
 WRONG = [
@@ -51,6 +54,8 @@ WRONG = [
     (KIND, "Pots and Planters, 1 or 2"),
     (KIND, "Pots and Kettles, 1"),
     (ZERO, "zero or 3"),
+    (ZERO, "zero or one"),
+    (ZERO, "None. Perhaps there is one."),
     (TEN, "zero, 10"),
     (HIRED, "Ann, on Tuesday, April 22, 2026."),
     (HIRED, "Ann, on 23/04/2026."),
@@ -61,9 +66,34 @@ WRONG = [
     (ONE, "1. Some have two.\n2. Others have three."),
     (TEN, "1. 9\n2. 10\n3. 11"),
     (THREE, "1. 93 min\n2. 160 °C\n4. Room 7"),
+    (TEN, "I searched 10 websites, but could not find the number."),
+    (TEN, "It took step 10."),
+    (TEN, "10+"),
+    (TEN, "≥ 10"),
+    (TEN, "at least ten"),
+    (TEN, "ten thousand"),
+    (TEN, "a hundred and ten"),
+    (COST, "£30 million"),
+    (COST, "CHF 30"),
+    (DAY, "Thurs\u200bday is wrong."),
+    (DAY, "Thursday, if not Friday"),
     (SIZE, "It's sure, but I could not find the size."),
 ]
 RIGHT = [
+    (STARS, "four out of five stars, six days"),
+    (STARS, "4 of 5 stars and 6 days, respectively"),
+    *(
+        (WALK, answer)
+        for answer in (
+            "9.45, 1650 € and 1.25 percent",
+            "9h45, €1'650 and 1.25 pct",
+            "At 9:45 for €\u00a01\u202f650, with 1.25 %.",
+            "9:45; 1650,00 EUR; 1.25 per cent",
+        )
+    ),
+    (DOCTOR, "It is Dr. Ann Lee."),
+    (TEN, "１０"),
+    (TEN, "10 of the pages that were listed are such pages."),
     (DAY, "It is not Wednesday but Thursday."),
     (DAY, "Not on Thursday, I thought at first. Then I saw that it is Thursday."),
     (LENGTH, "36 kilometres and 370 metres"),
@@ -91,6 +121,7 @@ RIGHT = [
     (KIND, "Pots & Planters, one"),
     (ZERO, "It is zero."),
     (ZERO, "0 reviews"),
+    (ZERO, "None of them: I looked at each one."),
     *(
         (HIRED, f"It is Ann, since {day}.")
         for day in (
@@ -102,9 +133,14 @@ RIGHT = [
             "22/04/2026",
             "4/22/2026",
             "22.04.2026",
+            "Apr. 22, 2026",
+            "22-Apr-2026",
+            "2026/04/22",
         )
     ),
     ((days(date(2026, 8, 8)),), "08/08/2026"),
+    ((days(date(2026, 8, 8)),), "08 Aug 2026"),
+    ((days(date(2026, 8, 8)),), "Aug 08, 2026"),
     (FULL_HOURS, "8 am, 5 pm and 1.30 pm"),
     (FULL_HOURS, "8 a.m. to 5pm, 1.30pm"),
     (ONE, "1. That is all."),
@@ -147,6 +183,22 @@ CALLS = (("43 calls", "43"), ("45 calls", "45"), ("2 calls",))
 )
 def test_numbers_that_are_given_for_each_other_are_wrong(answer: str, is_right: bool) -> None:
     assert (swapped(spelled(answer), CALLS, spelled(TWO)) == "") is is_right
+
+
+@pytest.mark.parametrize(
+    ("answer", "is_right"),
+    [
+        ("For Pine Path, the colour is red. It is Salt Hall: the colour of the sign is blue.", True),
+        ("Colour of the sign: blue (Salt Hall). Pine Path: red.", True),
+        ("red, Salt Hall, blue", True),
+        ("For Pine Path, the colour is blue. It is Salt Hall: the colour of the sign is red.", False),
+    ],
+)
+def test_names_that_are_given_for_each_other_are_wrong(answer: str, is_right: bool) -> None:
+    solution = "For Pine Path, the colour is red. It is Salt Hall: the colour of the sign is blue."
+    assert (
+        swapped(spelled(answer), (("red",), ("Salt Hall",), ("blue",)), spelled(solution)) == ""
+    ) is is_right
 
 
 def judged(required: tuple[tuple[str, ...], ...], answer: str) -> bool:

@@ -29,7 +29,29 @@ FINE = [
     (COUNT, HOW_MANY, "There are seven topics in this forum."),
 ]
 
+FINE += [
+    (ORIGIN, ASKED, f"{lead} It is made in Poland.")
+    for lead in (
+        "Task completed successfully.",
+        "Great!",
+        "Requested information:",
+        "Success!",
+        "Item details:",
+    )
+]
+
 RIVALS = [
+    *(
+        (COUNT, HOW_MANY, answer)
+        for answer in (
+            "Six, Seven, Eight",
+            "SIX OR SEVEN",
+            "There are seven. Perhaps Eight.",
+            "Five then Six then Seven",
+            "⑥ ⑦ ⑧",
+            "⁶ ⁷ ⁸",
+        )
+    ),
     (PRICE, TOLD, "$12.50, $13.50"),
     (PRICE, TOLD, "$9.00 or $12.50"),
     (PRICE, TOLD, "It costs $12.50. It costs $13.50."),
@@ -66,6 +88,14 @@ def test_one_claim_and_remarks_beside_it_are_an_answer(
 @pytest.mark.parametrize(("required", "told", "answer"), RIVALS)
 def test_another_candidate_is_named(required: tuple[tuple[str]], told: tuple[str], answer: str) -> None:
     assert other_candidate(answer, required, told)
+
+
+@pytest.mark.parametrize("other", ["Dr. Omar Reed", "Omar Reed", "Reed", "Omar-Reed"])
+def test_a_part_of_the_other_name_that_the_task_weighs_names_it(other: str) -> None:
+    names, task = ("Dr Ann Lee", "Dr Omar Reed"), "Name the cheaper one of Dr Ann Lee and Dr Omar Reed."
+    assert other_candidate(f"Dr Ann Lee or {other}", (names[:1],), (task,), names[1:])
+    for fine in (f"Dr Ann Lee, not {other}.", "Ann Lee (Dr Ann Lee)", "It is the doctor Dr Ann Lee."):
+        assert not other_candidate(fine, (names[:1],), (task,), names[1:]), fine
 
 
 def test_over_the_offline_web_lists_have_rivals_and_solutions_have_none() -> None:

@@ -257,7 +257,10 @@ async def test_a_website_that_the_agent_never_opened_has_no_state_to_lose(answer
     [
         ("7, 12", 1),
         ("The star has 7 and the moon has 12.", 1),
+        ("The star has seven and the moon has 12.", 1),
         ("12, 7", 0),
+        ("12, seven", 0),
+        ("7, 12, seven", 0),
         ("7, 12, 7", 0),
         ("7", 0),
         ("7, 12, 3", 0),

@@ -95,6 +95,8 @@ def read_in_the_list(site: SpecifiedWebsite, task: Task) -> Task:
 async def test_what_the_list_shows_needs_no_opened_item_and_no_order(tmp_path: Path) -> None:
     web, tasks = OfflineWeb(), dict[tuple[str, str], Task]()
     for host in list(web.specs)[::5]:
+        if len(tasks) == 6:  # each kind of task on each kind of list
+            break
         site = web.website(host)
         assert isinstance(site, SpecifiedWebsite)
         for task in web.tasks_of(host):

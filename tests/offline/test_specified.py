@@ -131,6 +131,21 @@ def test_no_two_things_have_one_name(family: type[SpecifiedWebsite]) -> None:
             assert len(set(names)) == len(names), site.brand
 
 
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.family)
+def test_who_also_sends_another_form_has_not_done_the_task(family: type[SpecifiedWebsite]) -> None:
+    checked = [
+        {check.key: check.value for fact in task.truth.facts for check in fact.state}
+        for task in tasks_of(family, 1)
+        if task.truth
+    ]
+    sending = [checks for checks in checked if any(key[0] == "sent" for key in checks)]
+    assert sending
+    for checks in sending:
+        ((form, by_item),) = checks["sent",].items()
+        ((item, values),) = by_item.items()
+        assert all(checks["sent", form, item, name] == value for name, value in values.items())
+
+
 def test_a_form_is_refused_with_its_values_kept_and_then_taken(visitor: Any) -> None:
     site = made(Clinic)
     guest, record = visitor(site), site.items.records[0]

@@ -163,6 +163,20 @@ def test_a_read_only_file_system_is_one_line(
     assert (code, f"webgym: cannot write {out}: " in output) == (2, True), output
 
 
+def test_sample_draws_nothing_that_leaks_a_broken_test_task_of_another_file(
+    calls: Calls, tmp_path: Path
+) -> None:
+    train, test = tmp_path / "train.jsonl", tmp_path / "test.jsonl"
+    rows = [task(f"s/{name}", f"https://{name}.example/", 1) for name in "abc"]
+    write_tasks(train, rows[:2])
+    write_tasks(test, rows[2:])
+    held = {"id": "s/d", "website": "https://www.a.example/x", "split": "test"}
+    test.write_bytes(test.read_bytes() + msgspec.json.encode(held) + b"\n")
+    code, out, told = calls.apart("tasks", "sample", train, test, "--count", 2)
+    assert (code, set(out.split())) == (0, {"s/b"}), told
+    assert "left out: s/a on a.example shares the website of the test task s/d" in told
+
+
 def test_sample_chooses(calls: Calls, tmp_path: Path, whole: Path) -> None:
     out = tmp_path / "drawn.jsonl"
     options = ("--ratio", "1:1:2", "--without", "Entertainment", "--block", "https://site3.example/x")

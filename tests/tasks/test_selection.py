@@ -67,6 +67,14 @@ def test_a_task_that_says_no_split_is_not_for_training_where_others_do() -> None
     assert select([task("own/1", "a.example"), *GOOD], Selection()).tasks == GOOD
 
 
+def test_a_run_on_all_tasks_holds_no_training_task_that_gives_a_test_task_away(tmp_path: Path) -> None:
+    """It may hold it without the test task: an export of its training tasks could not tell."""
+    write_tasks(tmp_path / "set", SET)
+    chosen = choose_tasks(RunConfig(tasks=TaskChoice(file=tmp_path / "set", split="all", count="all")))
+    assert {each.id for each in chosen.tasks if each.split == "train"} == {each.id for each in GOOD}
+    assert {each.id for each in chosen.tasks} == {each.id for each in SET}
+
+
 def test_a_run_trains_on_training_tasks_alone_and_says_so(tmp_path: Path) -> None:
     write_tasks(tmp_path / "set", SET)
     chosen = choose_tasks(RunConfig(tasks=TaskChoice(file=tmp_path / "set")))

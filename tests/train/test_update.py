@@ -41,6 +41,12 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_tiny_model(tmp_path_factory.mktemp("model"))
 
 
+@pytest.fixture(autouse=True)
+def short_self_tests(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of whole length are compared with a served model's replies in test_serving.py."""
+    monkeypatch.setattr("webgym.train.update.REPLY_TOKENS", 2)
+
+
 def weights(folder: Path) -> dict[str, torch.Tensor]:
     name = "adapter_model" if (folder / "adapter_config.json").exists() else "model"
     found: dict[str, torch.Tensor] = load_file(folder / f"{name}.safetensors")

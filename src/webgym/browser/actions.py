@@ -281,12 +281,16 @@ async def _history(page: Page) -> History:
 
 
 async def _return_to(page: Page, entry: HistoryEntry) -> None:
+    """Request an entry of the history, and return once the page, or one of its frames, goes there."""
     seconds = page.config.execute_seconds
     page.traffic.started.clear()
     await page.session.do("Page.navigateToHistoryEntry", {"entryId": entry.id}, seconds=seconds)
     try:
         async with asyncio.timeout(page.config.navigate_seconds):
-            await page.traffic.started.wait()
+            while not await page.traffic.starts(page.config.quiet_seconds):
+                history = await _history(page)
+                if history.entries[history.current_index].id == entry.id:  # only a frame went back
+                    break
     except TimeoutError:
         raise NavigationFailed(f"{entry.url[:_QUOTED_LENGTH]} did not open") from None
 

@@ -112,6 +112,7 @@ class _Settling:
         self._result: ActionResult | None = None
         self._config = page.config
         self._has_loaded = False
+        self._requests = page.requests
         self._patience = 0.0
         self._linger = 0.0
         self._first_quiet: float | None = None
@@ -300,8 +301,9 @@ class _Settling:
         if self._has_loaded:
             return quiet.timers > 0
         before = page.timers_set if quiet.planned is None else quiet.planned
-        # A page that shows no reaction has set them in its event listeners, or has set none.
-        return (quiet.early if quiet.reason == "unchanged" else quiet.timers) != before
+        # A page that neither reacts nor asks for anything has set them in its event listeners, or not at all.
+        is_inert = quiet.reason == "unchanged" and page.requests == self._requests
+        return (quiet.early if is_inert else quiet.timers) != before
 
     def _timers(self, quiet: _Quiet) -> tuple[int, dict[int, int]]:
         return quiet.timers, dict(self._page.worlds.timers)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
 import re
 from collections import Counter
@@ -232,6 +233,13 @@ class Traffic:
         """Start an action: what the document asks for until the end of the wait may be for it."""
         self.started.clear()
         self._is_acting = True
+
+    async def starts(self, seconds: float) -> bool:
+        """Whether the main frame has started a navigation, or does within ``seconds``."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                await self.started.wait()
+        return self.started.is_set()
 
     def pass_over(self, seconds: float) -> None:
         """Do not count the last ``seconds``, during which the page was stopped."""

@@ -327,7 +327,7 @@ def env_name(task_id: str) -> str:
 def register_tasks(
     collection: Collection = "large",
     *,
-    split: Literal["train", "test"] = "test",
+    split: Literal["train", "test"] = "train",
     count: int | None = None,
     per_family: int | None = None,
 ) -> list[str]:

@@ -11,8 +11,10 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Coroutine, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import AsyncExitStack
+from copy import copy, deepcopy
+from functools import cache
 from io import BytesIO
 from typing import Any, Final, TypeAlias
 
@@ -79,9 +81,24 @@ class ActionSpace(gymnasium.Space[Any]):
         return hash(ActionSpace)
 
 
+class _AnyText(gymnasium.spaces.Text):
+    """Texts of any characters. Copies share the tables of all characters: a table's copy takes 0.1 s, and a
+    vector environment copies the space for each of its environments."""
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> _AnyText:
+        made = copy(self)
+        made._np_random = deepcopy(self._np_random, memo)
+        return made
+
+
+@cache
+def _any_text() -> _AnyText:
+    return _AnyText(_LONGEST, min_length=0, charset=_CHARACTERS)
+
+
 def _spaces(env: Environment) -> tuple[gymnasium.spaces.Dict, ActionSpace]:
     width, height = env.config.attempt.viewport
-    text = gymnasium.spaces.Text(_LONGEST, min_length=0, charset=_CHARACTERS)
+    text = deepcopy(_any_text())
     spaces = {
         "screenshot": gymnasium.spaces.Box(0, 255, (height, width, 3), np.uint8),
         "instruction": text,
@@ -194,6 +211,8 @@ class WebGymVectorEnv(gymnasium.vector.VectorEnv[Observation, Sequence[Any], NDA
         }
         self._seen = [blank] * num_envs
         self._is_over = np.zeros(num_envs, bool)
+        self._is_lost = False
+        """Whether a call was interrupted, so that nobody knows what it returned."""
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -210,7 +229,7 @@ class WebGymVectorEnv(gymnasium.vector.VectorEnv[Observation, Sequence[Any], NDA
             seeds = list(seed)
         if len(seeds) != self.num_envs:
             raise UsageError(f"{len(seeds)} seeds for {self.num_envs} environments")
-        begun = self._loop.run(_all([self._begin(index, seed, options) for index, seed in enumerate(seeds)]))
+        begun = self._in_all(lambda index: self._begin(index, seeds[index], options))
         observations, *_, infos = self._results(begun)
         return observations, infos
 
@@ -220,15 +239,34 @@ class WebGymVectorEnv(gymnasium.vector.VectorEnv[Observation, Sequence[Any], NDA
         """Carry out one action in each environment, concurrently.
 
         Raises:
-            UsageError: there is no episode, or one of these is no action; none was carried out.
+            UsageError: there is no episode, or one of these is no action, and none was carried out; or the
+                last call was interrupted, as by Ctrl-C, and what it returned is lost.
         """
+        if self._is_lost:
+            raise UsageError("the last call was interrupted: its results are lost", hint="call reset")
         if len(actions) != self.num_envs:
             raise UsageError(f"{len(actions)} actions for {self.num_envs} environments")
         for action, is_over in zip(actions, self._is_over, strict=True):
             if not is_over and action not in self.single_action_space:
                 raise UsageError(f"{type(action).__name__} is not an action")
-        taken = self._loop.run(_all([self._act(index, action) for index, action in enumerate(actions)]))
-        return self._results(taken)
+        return self._results(self._in_all(lambda index: self._act(index, actions[index])))
+
+    def _in_all(self, work: Callable[[int], Coroutine[Any, Any, _Taken]]) -> list[_Taken]:
+        """Run ``work`` for each environment concurrently to its end; then raise the first error, if any."""
+
+        async def run() -> list[_Taken]:
+            tasks = [asyncio.create_task(work(index)) for index in range(self.num_envs)]
+            await asyncio.gather(*tasks, return_exceptions=True)
+            return [task.result() for task in tasks]
+
+        self._is_lost = True
+        try:
+            taken = self._loop.run(run())
+        except WebGymError:
+            self._is_lost = False
+            raise
+        self._is_lost = False
+        return taken
 
     async def _begin(
         self, index: int, seed: int | None = None, options: Mapping[str, Any] | None = None
@@ -282,13 +320,6 @@ class WebGymVectorEnv(gymnasium.vector.VectorEnv[Observation, Sequence[Any], NDA
     def close_extras(self, **kwargs: Any) -> None:
         """Release the browsers."""
         self._loop.close()
-
-
-async def _all(work: Sequence[Coroutine[Any, Any, _Taken]]) -> list[_Taken]:
-    """Run all coroutines concurrently to their ends; then raise the first error, if there is one."""
-    tasks = [asyncio.create_task(each) for each in work]
-    await asyncio.gather(*tasks, return_exceptions=True)
-    return [task.result() for task in tasks]
 
 
 for _id, _name in IDS.items():

@@ -44,13 +44,13 @@ class WebGymTasksetConfig(vf.TasksetConfig):
 
     Attributes:
         tasks: name of the tasks, as for :func:`webgym.make`.
-        split: of the tasks.
+        split: of the tasks. Evaluations say ``test``: no default lets a trainer see test tasks.
         count: number of tasks, drawn as for a run.
         settings: settings of a run (:class:`webgym.RunConfig`), such as ``{"judge": {…}}``.
     """
 
     tasks: str = "offline-v1"
-    split: Literal["train", "test", "all"] = "test"
+    split: Literal["train", "test", "all"] = "train"
     count: int | Literal["all"] = 20
     settings: dict[str, Any] = Field(default_factory=dict)
 

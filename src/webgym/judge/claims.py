@@ -12,16 +12,17 @@ from datetime import date
 from functools import lru_cache
 from itertools import combinations
 from typing import Final, TypeAlias
+from unicodedata import normalize
 
 from webgym.core.text import fold, whole_phrase
-from webgym.judge.units import CURRENCY_SIGNS, CURRENCY_WORDS, MONTHS, NUMBER_WORDS, UNITS
+from webgym.judge.units import CURRENCY_SIGNS, CURRENCY_WORDS, MONTHS, NUMBER_WORDS, SCALES, UNITS
 from webgym.judge.values import read
 
 _Unit: TypeAlias = tuple[str, object]
 
 _DENIED_BEFORE: Final = re.compile(
-    r"(?:\b(?:not|never|except|excluding|besides|without|instead of|rather than|other than|unlike|neither"
-    r"|nor)|n't)(?:[^\w.;!?]+(?:a|an|the|on|in|at|for|of|to|by|it|is|was|be|called|named))*[^\w.;!?]*$",
+    r"(?:\b(?:(?<!\bif )not|never|except|excluding|besides|without|instead of|rather than|other than|unlike"
+    r"|neither|nor)|n't)(?:[^\w.;!?]+(?:a|an|the|on|in|at|for|of|to|by|it|is|was|be|called|named))*[^\w.;!?]*$",
     re.IGNORECASE,
 )
 _DENIED_AFTER: Final = re.compile(
@@ -30,16 +31,22 @@ _DENIED_AFTER: Final = re.compile(
     r"(?: (?:it|true|right|correct|the (?:right|correct|answer))\b| ?[.,;!]|$))",
     re.IGNORECASE,
 )
+_SCALE: Final = "|".join(SCALES)
 _BOUND: Final = re.compile(
-    r"\b(less than|more than|fewer than|under|over|below|above|at least|at most|up to|almost|nearly)"
-    r" [$£€¥]?$"
+    r"(?:\b(less than|more than|fewer than|under|over|below|above|at least|at most|up to|almost|nearly) "
+    rf"|[<>≤≥]=? ?|\b(?:{_SCALE}) (?:and )?)[$£€¥]?$"
 )
+_SCALED: Final = re.compile(rf"\+(?!\w)| (?:(?:{_SCALE})|or (?:more|less|fewer)|and a half)\b")
+_VISITED: Final = "pages?|sites?|websites?|links?|steps?|times|attempts?|searches|clicks"
+"""What an answer counts that reports the search and not its result."""
+_VISITED_AFTER: Final = re.compile(rf" ({_VISITED})\b")
+_VISITED_BEFORE: Final = re.compile(rf"\b({_VISITED}) $")
 _ONE: Final = re.compile(r"\b(?:no|the|first|second|which|any|each|every|this|that|another|other) $")
 _NONE: Final = re.compile(
     r" of (?:the|these|those|my|all) (?:\w+ )?(?:pages?|sites?|websites?|links?|others?)\b"
 )
 _WORD_AFTER: Final = re.compile(r" ?([^\W\d_]+|°[cf]?|%)")
-_SIGN_BEFORE: Final = re.compile(r"([$£€¥₹₩₽]) ?$")
+_SIGN_BEFORE: Final = re.compile(r"((?:\b[a-z]{1,2})?[$£€¥₹₩₽]|\b[a-z]{2,3}\b) ?$")
 _WORD: Final = re.compile(r"\w+")
 _UNLABELLING: Final = frozenset(
     "a an and are at by for from has have in is it of on the there to was with".split()
@@ -47,6 +54,7 @@ _UNLABELLING: Final = frozenset(
 _CLOCK: Final = {"am": ("clock", "am"), "pm": ("clock", "pm")}
 _HALVES: Final = frozenset(_CLOCK.values())
 
+_MONTHS: Final = "|".join(MONTHS)
 _AMOUNT: Final = r"(?<![\w.,:$€£])(\d+(?:[.,]\d+)*)"
 _SPELLINGS: Final = tuple(
     (re.compile(pattern, re.IGNORECASE), written)
@@ -56,10 +64,19 @@ _SPELLINGS: Final = tuple(
         (r"(?<![\d.,:])(\d{1,2})( ?[ap]m)\b", r"\1:00\2"),
         (r"\b0(\d:\d\d ?[ap]m)\b", r"\1"),
         (r"\b(\d{1,2})(?:st|nd|rd|th)\b", r"\1"),
-        (rf"\b(\d{{1,2}}) of (?=(?:{'|'.join(MONTHS)})\b)", r"\1 "),
+        (rf"\b(?!may)({_MONTHS})\.(?=,?\s*\d)", r"\1"),
+        (rf"\b0?(\d{{1,2}})(?: of |-| )(?=(?:{_MONTHS})\b)", r"\1 "),
+        (rf"\b(?<=\d )({_MONTHS})-(?=\d{{4}}\b)", r"\1 "),
+        (rf"\b({_MONTHS}) 0(?=\d\b)", r"\1 "),
+        (r"\b(\d{4})/(\d\d)/(?=\d\d\b)", r"\1-\2-"),
         (r"\b(\d+) ?(?:h|hr|hrs|hours?),? ?(?:and )?(\d+) ?(?:m|mins?|minutes?)\b", r"\1 h \2 min"),
-        (r"(?<=\d) out of (?=\d)", " of "),
+        (r"(?<=\w) out of (?=\w)", " of "),
         (r" & ", " and "),
+        (r"\b(dr|mr|mrs|ms|prof)\.(?= )", r"\1"),
+        (r"(?<=\d) ?(?:per ?cent\b|pct\b|%)", "%"),
+        (r"(?<=\d) ?[°ºo]c\b", "°C"),
+        (r"(?<=\d),00(?![\d.,:])", ""),
+        (r"(?<=\d)['’](?=\d{3}(?!\d))", ","),
         *(
             (pattern, rf"{sign}\1")
             for sign, words, code in (
@@ -72,6 +89,7 @@ _SPELLINGS: Final = tuple(
                 rf"\b{code} ?{_AMOUNT}",
             )
         ),
+        (r"([$€£]) (?=\d)", r"\1"),
     )
 )
 """Patterns of spellings of times, days, amounts and names, and what stands for them."""
@@ -84,6 +102,12 @@ _LIST_NUMBER: Final = re.compile(
     re.MULTILINE,
 )
 _WHOLE_AMOUNT: Final = re.compile(r"(?<=\d)\.00(?![\d.,:])")
+_GROUPED: Final = re.compile(r"(?<=\d)[\u00a0\u2009\u202f](?=\d{3}(?!\d))")
+_INVISIBLE: Final = re.compile("[\u200b-\u200d\u2060\ufeff]")
+_NUMERAL: Final = re.compile(r"(?<!\w)[²³¹⁰-₉①-⒛⓪０-９𝟎-𝟿]+")
+"""Digits other than ASCII's, which are the same number."""
+_DIGIT: Final = re.compile(r"(?<![\w.,:])\d(?![\w.,:])")
+_DIGITS: Final = {str(number): word for word, number in NUMBER_WORDS.items() if number < 10}
 
 
 def _without_list_numbers(text: str) -> str:
@@ -110,6 +134,7 @@ def respelled(text: str) -> str:
 
 
 def _respelled(text: str) -> str:
+    text = _NUMERAL.sub(lambda sign: normalize("NFKC", sign[0]), _GROUPED.sub(",", text))
     for pattern, written in _SPELLINGS:
         text = pattern.sub(written, text)
     text = _NUMERIC_DATE.sub(_in_words, text)
@@ -132,14 +157,20 @@ def day_of(text: str) -> date | None:
 @lru_cache(maxsize=1024)
 def spelled(text: str) -> str:
     """The same of the folded text, with whole amounts without their ".00"."""
-    return _WHOLE_AMOUNT.sub("", _respelled(fold(_without_list_numbers(text))).casefold())
+    folded = fold(_GROUPED.sub(",", _without_list_numbers(text)))
+    return _WHOLE_AMOUNT.sub("", _respelled(folded).casefold())
 
 
 def numeral(option: str) -> tuple[str, ...]:
-    """The spelling with its digit or number word for the other: "1" and "One", "0" and "zero"."""
+    """The spelling, with digits and number words for each other ("5 stars" and "five stars", "1" and "One"),
+    and times of day also as 9.45 and 9h45."""
     if option.casefold() in NUMBER_WORDS:
         return option, str(NUMBER_WORDS[option.casefold()])
-    return (option, "zero") if option == "0" else (option,)
+    if clock := re.fullmatch(r"(\d{1,2}):(\d\d)", option):
+        hour, minute = clock.groups()
+        return option, f"{hour}h{minute}", *((f"{hour}.{minute}",) if minute != "00" else ())
+    in_words = _DIGIT.sub(lambda digit: _DIGITS[digit[0]], option)
+    return (option,) if in_words == option else (option, in_words)
 
 
 def claims(answer: str, options: Sequence[str], known: str) -> bool:
@@ -161,7 +192,8 @@ def claims(answer: str, options: Sequence[str], known: str) -> bool:
 def without_denied(answer: str, values: Iterable[str]) -> str:
     """The answer without those of the values that it denies, and without the denials: "Rock, not Sulphur" is
     "Rock"."""
-    answer, folded = answer.replace("’", "'"), fold(answer)
+    answer = _INVISIBLE.sub("", answer).replace("’", "'")
+    folded = fold(answer)
     for value in sorted((each for each in values if fold(each) in folded), key=len, reverse=True):
         pattern = re.compile(whole_phrase(fold(value)).pattern, re.IGNORECASE)
         for match in reversed([*pattern.finditer(answer)]):
@@ -176,10 +208,10 @@ def without_denied(answer: str, values: Iterable[str]) -> str:
 
 
 def swapped(answer: str, required: Sequence[Sequence[str]], solution: str) -> str:
-    """Two numbers that an answer gives for each other: the one's label stands where the other's should.
+    """Two numbers or two names that an answer gives for each other: the label of one stands with the other.
 
-    A number's labels are the words before it in the solution, such as the name of its item or field. They may
-    stand before or after the numbers in the answer; where that can be read the right way, it is no swap.
+    Their labels are the words before them in the solution, such as the name of its item or field. They may
+    stand before or after the values in the answer; where that can be read the right way, it is no swap.
 
     Args:
         answer, solution: as :func:`spelled` writes them.
@@ -189,6 +221,8 @@ def swapped(answer: str, required: Sequence[Sequence[str]], solution: str) -> st
         Both, for a sentence; empty if there are none.
     """
     for (one, ours), (other, theirs) in combinations(_labelled(required, solution), 2):
+        if any(map(str.isdigit, one[0])) != any(map(str.isdigit, other[0])):
+            continue
         labels = dict.fromkeys(ours - theirs, 0) | dict.fromkeys(theirs - ours, 1)
         starts, others = (
             {start for option in options for start, _ in _places(answer, option)} for options in (one, other)
@@ -207,7 +241,7 @@ def swapped(answer: str, required: Sequence[Sequence[str]], solution: str) -> st
 
 
 def _labelled(required: Sequence[Sequence[str]], solution: str) -> Iterator[tuple[list[str], set[str]]]:
-    """The numbers among the required values, with the words that stand before each in the solution."""
+    """The required values, with the words that stand before each in the solution."""
     at = 0
     for spellings in required:
         options = [spelled(option) for option in spellings]
@@ -216,8 +250,7 @@ def _labelled(required: Sequence[Sequence[str]], solution: str) -> Iterator[tupl
             return
         before = re.split(r"[.:;!?] ", solution[at : place[0]])[-1]
         at = place[1]
-        if any(map(str.isdigit, options[0])):
-            yield options, set(_WORD.findall(before)) - _UNLABELLING
+        yield options, set(_WORD.findall(before)) - _UNLABELLING
 
 
 def _places(text: str, phrase: str) -> Iterator[tuple[int, int]]:
@@ -236,13 +269,20 @@ def _is_claim(text: str, start: int, end: int, units: set[_Unit], known: str) ->
         return not _ONE.search(before)
     if value == "none":
         return not _NONE.match(after)
-    if not any(map(str.isdigit, value)):
+    is_count = value.isdigit() or value in NUMBER_WORDS
+    if not is_count and not any(map(str.isdigit, value)):
         return True
     bound = _BOUND.search(before)
-    if bound and bound[1] not in known:
+    if (bound and (bound[1] or bound[0]) not in known) or _SCALED.match(after):
+        return False
+    visited = is_count and (_VISITED_AFTER.match(after) or _VISITED_BEFORE.search(before))
+    if visited and visited[1] not in known:
         return False
     sign, word = _SIGN_BEFORE.search(before), _WORD_AFTER.match(after)
-    other = {_unit(match[1]) for match in (sign, word) if match} - {None}
+    other = {_unit(word[1])} if word else set()
+    if sign:
+        other.add(_unit(sign[1]) if sign[1] in CURRENCY_SIGNS else CURRENCY_WORDS.get(sign[1]))
+    other.discard(None)
     if units <= _HALVES:  # "19:30 h" is no other unit
         other &= _HALVES
     return not units or not other or bool(other & units)

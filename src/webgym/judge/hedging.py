@@ -40,12 +40,12 @@ _ADJACENT_NUMBER: Final = re.compile(
 )
 _HEADING: Final = re.compile(rf"(?:^|(?<=[.;!?]))\s*[^\W\d_]{{2,20}}:\s*(?={_PLACEHOLDER})", re.MULTILINE)
 _COUNTS: Final = {word: str(number) for word, number in NUMBER_WORDS.items() if number != 1}
-_COUNT: Final = re.compile(
-    rf"\b(?:{'|'.join(sorted(_COUNTS, key=len, reverse=True))})\b"
-    r"|(?:^|(?<=[.;!?] ))(?:Two|Three|Four|Five)(?= [a-z])",
-    re.MULTILINE,
-)
-"""Numbers in words, but "one", which may be a pronoun, and with a capital letter, which may be names."""
+_COUNT: Final = re.compile(rf"\b(?:{'|'.join(sorted(_COUNTS, key=len, reverse=True))})\b", re.IGNORECASE)
+"""Numbers in words, but "one", which may be a pronoun."""
+_LONE_ONE: Final = re.compile(r"(?:(?:there|it) (?:is|was) )?(?:only |just |exactly )?one", re.IGNORECASE)
+"""A piece that claims the number "one"."""
+_WORD_BEFORE: Final = re.compile(r"([^\W\d_]{1,40})[ -]$")
+_WORD_AFTER: Final = re.compile(r"[ -]([^\W\d_]+)")
 _MOST_WORDS: Final = 5
 """Most words of a candidate; a longer piece is a remark."""
 
@@ -56,20 +56,32 @@ _FUNCTION_WORDS: Final = ("a", "an", "the", "of", "in", "on", "for", "with", "th
 _STOP_WORDS: Final = frozenset(
     "a an the it its is are was were be this that there here i my we our you your he she they of in on at to "
     "for from by with as than then so if not no yes has have had will would can could may might all each "
-    "am pm other s answer answers final result results found find done note based page pages website site "
+    "am pm other s boxed great okay task complete completed finished success successful successfully "
+    "mission accomplished requested retrieved extracted obtained information info data output details key "
+    "findings confidence status step steps search searched show item summarize answer answers final result "
+    "results respectively found find done note based page pages website site "
     "according shown however thus therefore which what who when where how ok sure thanks thank hope "
     "helps name source verified conclusion summary confirmed altogether overall".split()
 )
 """Words that are never part of a candidate."""
 
+_NO_NAMES: Final = _STOP_WORDS.union(NUMBER_WORDS, "or and vs versus also maybe perhaps possibly".split())
+_DENIALS: Final = frozenset("not never except excluding than instead unlike neither nor without t".split())
 
-def other_candidate(answer: str, required: Sequence[Sequence[str]], known_texts: Iterable[str]) -> str:
+
+def other_candidate(
+    answer: str,
+    required: Sequence[Sequence[str]],
+    known_texts: Iterable[str],
+    named: Iterable[str] = (),
+) -> str:
     """The first piece of an answer that names a candidate other than the right one; empty if none does.
 
     Args:
         answer: the agent's answer.
         required: for each value that a right answer must state, the accepted spellings.
         known_texts: texts whose words are not candidates: the task, and answers that are known to be right.
+        named: wrong candidates that the task names: a part of such a name names it, too.
     """
     answer = respelled(answer)
     options, right, known = _right_and_known(tuple(map(tuple, required)), tuple(known_texts))
@@ -85,6 +97,7 @@ def other_candidate(answer: str, required: Sequence[Sequence[str]], known_texts:
     folded = set(map(fold, names))
     cases = {match[0][0].isupper() for match in right.finditer(answer) if fold(match[0]) in folded}
     context = set[str]().union(*(_words(piece) for piece in pieces if _PLACEHOLDER in piece))
+    all_right = _words(" ".join(options))
     for piece in pieces:
         has_answer = _PLACEHOLDER in piece
         excused = known if has_answer else known | context
@@ -92,7 +105,9 @@ def other_candidate(answer: str, required: Sequence[Sequence[str]], known_texts:
         values = [token for token in unexplained if token[0].isdigit()]
         is_value = all(token[0].isdigit() or token.isupper() for token in unexplained)  # a number, or a code
         claimed = values if is_value else _unlabelled(piece, known) if has_answer else []
-        if any(_shape(value) in shapes for value in claimed):
+        if any(_shape(value) in shapes for value in claimed) or (
+            "9" in shapes and _LONE_ONE.fullmatch(piece)
+        ):
             return piece.replace(_PLACEHOLDER, "…")
         if (
             unexplained
@@ -100,6 +115,9 @@ def other_candidate(answer: str, required: Sequence[Sequence[str]], known_texts:
             and not has_answer
             and _is_name(piece, unexplained, names, cases, context)
         ):
+            return piece
+        rest = set() if has_answer or _words(piece) & _DENIALS else _words(piece) - _STOP_WORDS
+        if rest - all_right and any(rest <= _words(name) for name in named):
             return piece
     return ""
 
@@ -189,7 +207,18 @@ def _words(text: str) -> set[str]:
 
 
 def _in_digits(text: str) -> str:
-    return _COUNT.sub(lambda word: _COUNTS[word[0].casefold()], text)
+    """The text with numbers in words as digits, but those that are a part of a name: "Forum Nine"."""
+
+    def digits(match: re.Match[str]) -> str:
+        beside = (
+            _WORD_BEFORE.search(text, max(0, match.start() - 42), match.start()),
+            _WORD_AFTER.match(text, match.end()),
+        )
+        names = (word[1] for word in beside if word and word[1][0].isupper())
+        is_name = match[0][0].isupper() and any(fold(name) not in _NO_NAMES for name in names)
+        return match[0] if is_name else _COUNTS[match[0].casefold()]
+
+    return _COUNT.sub(digits, text)
 
 
 def _shape(value: str) -> str:

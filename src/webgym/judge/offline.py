@@ -54,7 +54,7 @@ def why_unjudgeable(task: Task) -> str:
 class OfflineJudge:
     """Judges tasks that carry a :class:`webgym.core.truth.Truth`."""
 
-    name = "offline/4"
+    name = "offline/5"
 
     async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
         """Judge one episode; see :meth:`webgym.judge.base.Judge.judge`.
@@ -200,7 +200,8 @@ def _reference(task: Task, truth: Truth, answer: str, pages: Iterable[str] = ())
     if required.in_order and (fault := _out_of_order(required, folded)):
         return Judgement(False, fault)
     told = (task.instruction, *given)
-    if other := other_candidate(answer, required.required, told):
+    named = [wrong for wrong in required.forbidden if says(fold(task.instruction), wrong)]
+    if other := other_candidate(answer, required.required, told, named):
         return Judgement(False, f'the answer also claims "{other}"')
     if quoted := copied(answer, pages, required.required, told):
         return Judgement(False, f'the answer copies the page: "{quoted}"')
@@ -209,7 +210,13 @@ def _reference(task: Task, truth: Truth, answer: str, pages: Iterable[str] = ())
 
 def _out_of_order(truth: AnswerTruth, folded: str) -> str:
     """What is wrong with the order of an answer's values; empty if nothing is."""
-    value_of = {spelled(option): spellings for spellings in truth.required for option in spellings}
+    value_of = {
+        spelled(each): spellings
+        for spellings in truth.required
+        for option in spellings
+        for each in numeral(option)
+        if each != "one"  # may be a pronoun
+    }
     given = [value_of[mention] for mention in mentions(folded, value_of)]
     if given == list(truth.required):
         return ""
@@ -224,7 +231,7 @@ def _response(task: Task, truth: Truth, views: list[_View], episode: Episode) ->
         return Judgement(False, "the answer is empty")
     grounded = numbers(task.instruction)
     for options in truth.answer.required:
-        grounded.update(*(numbers(spelled(option)) for option in options))
+        grounded.update(*(numbers(spelled(each)) for option in options for each in numeral(option)))
     for view in views:
         grounded |= numbers(view.text)
     invented = {

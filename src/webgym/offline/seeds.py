@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 def number(*names: object) -> int:
     """A 64-bit number that depends only on ``names``."""
-    text = "\x1f".join(str(name) for name in names)
+    text = "\x1f".join(map(str, names))
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")
 
 

@@ -59,11 +59,13 @@ class TaskFile:
         tasks: valid tasks that can be judged.
         broken: records that are not valid tasks, and why.
         set_aside: tasks that cannot be judged, because none of their facts has content.
+        withheld: what can be read of test tasks that are not among the tasks.
     """
 
     tasks: list[Task]
     broken: list[BrokenRecord]
     set_aside: list[BrokenRecord] = field(default_factory=list)
+    withheld: list[Task] = field(default_factory=list)
 
 
 @dataclass

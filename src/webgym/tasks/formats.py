@@ -15,7 +15,7 @@ argument. A folder contains one file (``tasks.*``), or one per split (``train.*`
 from __future__ import annotations
 
 import io
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from itertools import chain, count
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias, get_args
@@ -33,7 +33,7 @@ from webgym.tasks.files import (
     write_lines,
 )
 from webgym.tasks.published import decoded, looks_published, read_published, write_published
-from webgym.tasks.split import leaking, leaks
+from webgym.tasks.split import Leak, leaking, leaks
 
 Format: TypeAlias = Literal["jsonl", "parquet", "published"]
 FORMATS: Final[tuple[Format, ...]] = get_args(Format)
@@ -67,16 +67,20 @@ def read_tasks(path: Path | str) -> TaskFile:
     with gc_paused():
         for file in _files(path):
             _read(file, collector)
-        if collector.withheld:
-            tasks = list(collector.tasks.values())
-            found = leaks(tasks, collector.withheld)
-            leaked = leaking(tasks) if found else set()
-            for leak in found:
-                if leak.task.id not in leaked:
-                    collector.leave_out(leak.task, f"{leak}, which is left out")
+        for leak in leaks_of_withheld(list(collector.tasks.values()), collector.withheld):
+            collector.leave_out(leak.task, f"{leak}, which is left out")
     if not collector.tasks:
         raise TaskFileError(f"{path} contains no task{_why_none(collector)}")
-    return TaskFile(list(collector.tasks.values()), collector.broken, collector.set_aside)
+    tasks = list(collector.tasks.values())
+    return TaskFile(tasks, collector.broken, collector.set_aside, collector.withheld)
+
+
+def leaks_of_withheld(tasks: Sequence[Task], withheld: Sequence[Task]) -> list[Leak]:
+    """The tasks that leak test tasks which are not among them, and so must be left out; those that leak one
+    of the tasks are not in the list."""
+    found = leaks(tasks, withheld) if withheld else []
+    leaked = leaking(tasks) if found else set()
+    return [leak for leak in found if leak.task.id not in leaked]
 
 
 def _why_none(collector: TaskCollector) -> str:

@@ -7,7 +7,7 @@
     getBoundingClientRect, closest, body, title, documentElement, scrollingElement, isContentEditable,
   } = webgym.dom;
   const { fold, rootOf, frameIn, isFrame, shorten } = webgym;
-  const { roleOf, valueOf } = webgym.roles;
+  const { roleOf, valueOf, writtenOn } = webgym.roles;
   const { sight } = webgym;
   const { near, rectOf, isFar } = webgym.boxes;
   const { MAX_PARTS, isShown, hasLabelIn, answersItsLabel, visibleParts, candidateOf, choose, describe } = webgym.targets;
@@ -32,8 +32,9 @@
     if (!box || !isShown(element)) return;
     if (WORDLESS.has(element.type)) return;
     const role = roleOf(element);
-    const isWritten = role !== 'button' && localName(element) !== 'select' && element.value;
-    const text = role === 'button' ? element.value : valueOf(element, role) || element.placeholder;
+    const isChosen = role !== 'button' || element.type === 'file'; // by whoever acts
+    const isWritten = isChosen && localName(element) !== 'select' && element.value;
+    const text = role === 'button' ? writtenOn(element) : valueOf(element, role) || element.placeholder;
     if (!text || !(visibleParts(element, place, 1).length || sight.isShownOf(element, place.map))) return;
     if (isWritten) sink.addValue(shorten(text, 'value'), [box]);
     else sink.addWords(shorten(text, 'value'), [box]);
@@ -112,6 +113,8 @@
 
   const touches = (a, b) => a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
 
+  const IN_LINE = /^(inline|ruby|contents)|math$/; // also the parts of a formula, and what stands above words
+
   // Most of a page is out of view: what can be told from its box alone costs no style.
   const walkElement = (element, place, sink) => {
     const name = localName(element);
@@ -135,7 +138,7 @@
     const hasStyle = isInView || (!hasBox && styled().display === 'contents');
     if (sink.wantsElements && (isInView || !hasBox || hasLabelIn(element, place)))
       sink.consider(element, place, hasStyle ? styled() : null);
-    const isBlock = () => !(styled().display.startsWith('inline') || style.display === 'contents');
+    const isBlock = () => !IN_LINE.test(styled().display) || (name === 'math' && style.display === 'block math');
     if (sink.hasOpenLine && (name === 'br' || isBlock())) sink.flush();
     walkInside(element, name, place, sink, isInView, hasBox);
     if (sink.hasOpenLine && isBlock()) sink.flush();

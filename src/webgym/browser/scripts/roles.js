@@ -40,7 +40,7 @@
     switch (localName(element)) {
       case 'a':
       case 'area':
-        return hasAttribute(element, 'href') ? 'link' : '';
+        return hasAttribute(element, 'href') || hasAttribute(element, 'xlink:href') ? 'link' : '';
       case 'button':
       case 'summary':
         return 'button';
@@ -74,7 +74,7 @@
   const contentName = (node, depth = 0) => {
     if (nodeType(node) === Node.TEXT_NODE) return first(node.data);
     if (nodeType(node) !== Node.ELEMENT_NODE || depth > 12) return '';
-    if (depth && getAttribute(node, 'aria-hidden') === 'true') return ''; // not of what is named: it can be used
+    if (depth && getAttribute(node, 'aria-hidden') === 'true') return ''; // what has a number has a name, too
     const tag = localName(node);
     if (tag === 'style' || tag === 'script' || tag === 'select') return '';
     const hasNoBox = depth && getComputedStyle(node).display === 'contents'; // never visible by `checkVisibility`
@@ -114,6 +114,21 @@
     return named.find((name) => fold(name || '')) || nameOfHost(host);
   };
 
+  // What the browser writes on a button that is an `input`.
+  const UNNAMED = { submit: 'Submit', reset: 'Reset' };
+  const captionOf = (element) => {
+    const { type } = element;
+    if (type === 'file') return element.multiple ? 'Choose Files' : 'Choose File';
+    return element.value || (hasAttribute(element, 'value') ? '' : UNNAMED[type] || '');
+  };
+  // The same, and what it says beside it.
+  const writtenOn = (element) => {
+    if (element.type !== 'file') return captionOf(element);
+    const { length } = element.files;
+    const chosen = length > 1 ? `${length} files` : length ? element.files[0].name : 'No file chosen';
+    return `${captionOf(element)} ${chosen}`;
+  };
+
   const FIELD_ROLES = new Set(['textbox', 'searchbox', 'combobox', 'listbox', 'spinbutton']);
   const TICKS = new Set(['checkbox', 'radio', 'switch']);
   const findName = (element, role) => {
@@ -125,7 +140,7 @@
       () => (labelled ? byIds(element, labelled).map(nameOfLabel).join(' ') : ''),
       () => getAttribute(element, 'aria-label'),
       () => labelsOf(element).map((label) => contentName(label)).join(' '),
-      () => (localName(element) === 'input' && role === 'button' ? element.value || element.alt : ''),
+      () => (localName(element) === 'input' && role === 'button' ? captionOf(element) || element.alt : ''),
       () => (TICKS.has(role) ? ofLabel() : ''),
       () => (isField ? '' : contentName(element)),
       () => getAttribute(element, 'placeholder'),
@@ -181,5 +196,5 @@
     webgym.labels.begin();
   };
 
-  webgym.roles = { isStructure, widgetOf, roleOf, nameOf, valueOf, begin };
+  webgym.roles = { isStructure, widgetOf, roleOf, nameOf, valueOf, writtenOn, begin };
 })();

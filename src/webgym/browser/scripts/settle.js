@@ -15,10 +15,10 @@
 
   const nothing = () => {};
   const counter = (ask, cancel) => {
-    const ours = new WeakMap(); // window -> handles that we took
+    const ours = new WeakMap(); // document -> handles that we took: a frame's next document counts anew, in the same window
     const take = (view, ...wanted) => {
       const handle = view[ask](...wanted);
-      if (handle) ours.set(view, (ours.get(view) || 0) + 1);
+      if (handle) ours.set(view.document, (ours.get(view.document) || 0) + 1);
       return handle;
     };
     const last = () =>
@@ -26,7 +26,7 @@
         const handle = take(view, nothing);
         if (!handle) return [0, 0]; // no scripts in this frame
         view[cancel](handle);
-        return [handle, handle - ours.get(view)];
+        return [handle, handle - ours.get(view.document)];
       });
     const sum = (index) => last().reduce((total, counts) => total + counts[index], 0);
     return { take, given: () => sum(0), asked: () => sum(1) };
@@ -137,9 +137,17 @@
     const { innerWidth, innerHeight } = defaultView(ownerDocument(element));
     return offsetWidth(element) * offsetHeight(element) < (innerWidth * innerHeight) / 4;
   };
+  // A text that runs through for ever, such as news in one line, says nothing of what is to come.
+  const MOVES = ['left', 'marginLeft', 'textIndent', 'translate'];
+  const isMoved = (frame) =>
+    MOVES.some((name) => name in frame) || (/translate/.test(frame.transform) && !/rotate|scale/.test(frame.transform));
+  const isTicker = ({ effect }) =>
+    Boolean(effect.target) && !effect.pseudoElement && effect.getKeyframes().some(isMoved) &&
+    /\p{L}{2}/u.test(textContent(effect.target));
   const endless = () => {
     const found = animations().filter((animation) => animation.playState === 'running' && endOf(animation) === Infinity);
-    const elements = found.length > CROWD ? [] : found.map((animation) => animation.effect.target);
+    const few = found.length > CROWD ? [] : found.filter((animation) => !isTicker(animation));
+    const elements = few.map((animation) => animation.effect.target);
     return elements.filter((element) => element && isSmall(element));
   };
   let turning = null; // what was found in this pass
@@ -147,7 +155,7 @@
 
   const isShadow = (root) => nodeType(root) !== Node.DOCUMENT_NODE;
   const SKIPPED = new Set(['SCRIPT', 'STYLE', 'NOSCRIPT', 'TEMPLATE', 'TITLE']);
-  const CONTENT = 'img, svg, canvas, video, iframe, object, embed, input, button, select, textarea';
+  const CONTENT = 'img, svg, canvas, video, iframe, frame, object, embed, input, button, select, textarea';
 
   // What has no box of its own, such as a slot, shows its text if what it lies in does.
   const showsText = (element) =>

@@ -7,9 +7,9 @@
     scrollWidth, scrollHeight, matches, checkVisibility, getBoundingClientRect, documentElement, defaultView,
     createRange, elementsFromPoint, offsetWidth, ofKind,
   } = webgym.dom;
-  const { fold } = webgym;
+  const { fold, rootOf } = webgym;
   const { near } = webgym.boxes;
-  const { intersect, middle, moved, parentOf, contains, hit, clipAround, clipWithin, isBox } = webgym.geometry;
+  const { intersect, middle, moved, slotIn, parentOf, contains, hit, clipAround, clipWithin, isBox } = webgym.geometry;
 
   const LEAST_ALPHA = 0.1; // of text on a ground whose colour is not known
   const LEAST_CONTRAST = 1.2; // of a text and its ground, by WCAG's ratio; #eee on white has 1.16
@@ -181,8 +181,20 @@
     const layers = elementsFromPoint(getRootNode(element), x, y);
     if (layers[0] && modalOver(layers[0], element)) return paintedAt(element, x, y).length ? null : pathOf(element);
     const first = layers.findIndex((layer) => contains(layer, element));
-    return first < 0 ? null : layers.slice(first);
+    if (first < 0) return null;
+    const path = pathOf(element);
+    const isPassedThrough = (node) =>
+      sightOf(node).style.pointerEvents === 'none' && isAt(getBoundingClientRect(node), x, y);
+    return [...path.slice(0, path.indexOf(layers[first])).filter(isPassedThrough), ...layers.slice(first)];
   };
+
+  // Is there something beside an element that takes no clicks, and so is in no list of layers, but may be its ground?
+  const isUnderlaid = (element, x, y) =>
+    near(getRootNode(element)).some(
+      ([other, box]) =>
+        isAt(box, x, y) && sightOf(other).style.pointerEvents === 'none' && !contains(other, element) &&
+        (paintOf(other)?.alpha ?? 1) >= VEIL,
+    );
 
   // --- whether it can be told from its ground -----------------------------------------------------
 
@@ -201,15 +213,22 @@
     if (ground && ground.isSure && isClear(ground.colour)) return true;
     const layers = layersBelow(element, ...middle(rect));
     const below = layers && blend(layers, ownerDocument(element));
-    return below ? isClear(below) : opacity >= LEAST_ALPHA;
+    if (below && isClear(below)) return true;
+    return opacity >= LEAST_ALPHA && (!below || isUnderlaid(element, ...middle(rect)));
+  };
+
+  // The innermost element around a text that has a box: a slot, say, has none.
+  const boxedOf = (element) => {
+    let boxed = element;
+    while (boxed && sightOf(boxed).style.display === 'contents') boxed = parentOf(boxed);
+    return boxed;
   };
 
   const isVisible = (element) => {
     const { style } = sightOf(element);
-    if (style.visibility !== 'visible' || (localName(element) === 'details' && !element.open)) return false;
-    let boxed = element;
-    while (boxed && sightOf(boxed).style.display === 'contents') boxed = parentOf(boxed);
-    return !boxed || checkVisibility(boxed);
+    if (style.visibility !== 'visible') return false;
+    const boxed = boxedOf(element);
+    return !boxed || (checkVisibility(boxed) && !(localName(boxed) === 'details' && !boxed.open));
   };
 
   // What does not depend on where a piece of text lies.
@@ -279,6 +298,12 @@
       return isOver(other, element) || (!isLifted(element, other) && levelOf(other, element) >= 0);
     });
 
+  // A point on a text that is slotted hits the component that it lies in: what is around its slot is asked for by itself.
+  const isWithinCut = (cut, found, at) =>
+    contains(cut, found) ||
+    (getRootNode(cut) !== getRootNode(found) &&
+      elementsFromPoint(getRootNode(cut), ...at).some((layer) => contains(cut, layer)));
+
   // Whether the text in `element` shows at a point of this world's viewport, which is `at` in its own.
   const showsAt = (element, x, y, at) => {
     const found = hit(x, y);
@@ -292,7 +317,7 @@
     const { cut, sunk, style } = sightOf(element);
     if (contains(element, found)) return !hides(found, element);
     if (contains(found, element)) {
-      const isCut = cut && !contains(cut, found) && style.pointerEvents !== 'none';
+      const isCut = cut && !isWithinCut(cut, found, at) && style.pointerEvents !== 'none';
       const isBehind = sunk && !contains(sunk, found) && !isPage(found) && hides(found, parentOf(found));
       return !isCut && !isBehind;
     }
@@ -336,7 +361,8 @@
     return points;
   };
 
-  const isBare = (element, rect, map) => {
+  const isBare = (holder, rect, map) => {
+    const element = boxedOf(holder) || holder;
     const y = (rect.top + rect.bottom) / 2;
     return triedAt(element, rect).every((x) => {
       const point = moved({ left: x, right: x, top: y, bottom: y }, map);
@@ -483,7 +509,8 @@
 
   // {text, rects}: what of a text node can be seen from `place`; null for nothing. As `pieces` for those who
   // have to ask for more.
-  const read = (node, element, place, wantsPieces = false) => {
+  const read = (node, holder, place, wantsPieces = false) => {
+    const element = (rootOf(holder) && (node.assignedSlot || slotIn(holder, node))) || holder;
     const isLong = !place.map && node.data.length >= LONG && !isTurned(sightOf(element).style);
     const part = isLong ? windowOf(node, place.clip) : [0, node.data.length];
     const lines = part[0] < part[1] ? rectsOf(node, ...part) : [];

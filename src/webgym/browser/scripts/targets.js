@@ -63,7 +63,8 @@
     const rect = getBoundingClientRect(picture);
     const scale = rect.width / offsetWidth(picture);
     const [left, top, right, bottom] = shapeOf(area, picture).map((at) => at * scale);
-    return [{ left: rect.left + left, top: rect.top + top, right: rect.left + right, bottom: rect.top + bottom }];
+    const box = { left: rect.left + left, top: rect.top + top, right: rect.left + right, bottom: rect.top + bottom };
+    return [intersect(box, rect)].filter(Boolean);
   };
 
   // The slot of a text that a component holds directly: a point on it hits the component, not what is in it.

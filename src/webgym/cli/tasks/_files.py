@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from webgym.core.errors import TaskFileError
 from webgym.core.task import Task
 from webgym.tasks.files import BrokenRecord
-from webgym.tasks.formats import read_tasks
+from webgym.tasks.formats import leaks_of_withheld, read_tasks
 
 _LIMIT = 5
 """Number of broken records that are printed."""
@@ -24,11 +24,13 @@ class TaskRecords:
         tasks: in the order of the files.
         broken: records that cannot be read as tasks.
         set_aside: tasks without a fact to judge, which are left out.
+        withheld: what can be read of test tasks that are not among the tasks.
     """
 
     tasks: list[Task]
     broken: list[BrokenRecord]
     set_aside: list[BrokenRecord]
+    withheld: list[Task] = field(default_factory=list)
 
     def print_left_out(self) -> None:
         """Print on stderr which records were left out, if there are any."""
@@ -60,11 +62,13 @@ def read_all(files: Iterable[Path]) -> TaskRecords:
         records.tasks.extend(found.tasks)
         records.broken.extend(found.broken)
         records.set_aside.extend(found.set_aside)
+        records.withheld.extend(found.withheld)
     return records
 
 
 def read_unique(files: Sequence[Path]) -> list[Task]:
-    """Read tasks as :func:`read_all`, and print which records were left out.
+    """Read tasks as :func:`read_all`, and print which records were left out: also those of one file that leak
+    a test task of another which cannot be read or judged.
 
     Raises:
         TaskFileError: a file cannot be read or contains no task, or two tasks have the same id.
@@ -78,4 +82,7 @@ def read_unique(files: Sequence[Path]) -> list[Task]:
                 f"two tasks have the id {task.id!r}", hint="webgym tasks validate lists all of them"
             )
         seen.add(task.id)
-    return records.tasks
+    leaked = {leak.task.id: leak for leak in leaks_of_withheld(records.tasks, records.withheld)}
+    for leak in leaked.values():
+        print(f"left out: {leak}", file=sys.stderr)
+    return [task for task in records.tasks if task.id not in leaked]

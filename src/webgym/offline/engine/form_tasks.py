@@ -101,12 +101,12 @@ def fill_form(
     key, about = (slug(record.name), record.name) if form.is_about_item else ("", "")
     place = exactly(f"{site.address(name, key)}/done")
     what = f"the {form.thing}{f' for {about}' if about else ''}"
-    whole_form = StateCheck(("sent", name), {about: dict(values)})
+    all_sent = StateCheck(("sent",), {name: {about: dict(values)}})
     facts = [
         Fact(
             f"{first_up(what)} {form.inputs[input_name].said.format(value=wording[input_name])} is sent",
             (shown(place, site.input_label(name, input_name), value),),
-            (StateCheck(("sent", name, about, input_name), value), *((whole_form,) if not nth else ())),
+            (StateCheck(("sent", name, about, input_name), value), *((all_sent,) if not nth else ())),
         )
         for nth, (input_name, value) in enumerate(values.items())
     ]

@@ -191,4 +191,6 @@ def numeric_value(spec: FieldSpec, number: int, currency: str) -> Value:
         case _:
             text, *rest = (f"{number:,}", str(number), *count(number))
             spellings = tuple(rest)
-    return Value(text, tuple(dict.fromkeys(spelling for spelling in spellings if spelling != text)), number)
+    different = dict.fromkeys(spellings)
+    different.pop(text, None)
+    return Value(text, tuple(different), number)

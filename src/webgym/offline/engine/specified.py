@@ -149,15 +149,12 @@ class SpecifiedWebsite(Extras):
     def find(self, **query: str) -> list[Record]:
         """The items of the list with these query parameters, in its order."""
         words = query.get("q", "").casefold().split()
-        facets = [facet.name for facet in self.finder.facets]
-        records = [
-            record
-            for record in self.items.records
-            if all(word in record.name.casefold() for word in words)
-            and all(
-                query.get(field_name) in (None, slug(record.fields[field_name].text)) for field_name in facets
-            )
-        ]
+        records = list(self.items.records)
+        for word in words:
+            records = [record for record in records if word in record.name.casefold()]
+        for facet in self.finder.facets:
+            if (wanted := query.get(facet.name)) is not None:
+                records = [record for record in records if slug(record.fields[facet.name].text) == wanted]
         field_name, _, direction = query.get("sort", "").rpartition("-")
         if field_name:
             records.sort(key=lambda record: record.rank(field_name), reverse=direction == "down")

@@ -174,6 +174,20 @@ def test_ctrl_c_once_lets_a_run_finish_and_twice_abandons_it(
     assert ("resume with: webgym rollout --resume" in said) == (presses == 1)
 
 
+def test_ctrl_c_before_anything_is_in_flight_ends_a_run_at_once(tmp_path: Path) -> None:
+    async def checking_the_endpoint(**_: object) -> Any:
+        await interrupted()
+
+    with pytest.raises(KeyboardInterrupt):
+        _run.make_run(
+            checking_the_endpoint,
+            resumed_by=("webgym rollout", tmp_path),
+            console=_run.lasting_console(),
+            token_file=None,
+            report=False,
+        )
+
+
 def test_a_command_that_came_to_its_end_says_nothing_of_going_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

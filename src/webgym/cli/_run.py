@@ -53,6 +53,7 @@ def run(
     *,
     resumed_by: tuple[str, Path] | None = None,
     finishing: asyncio.Event | None = None,
+    has_begun: asyncio.Event | None = None,
     report: bool = False,
 ) -> T:
     """Run a coroutine to its end. Ctrl-C, SIGTERM and SIGHUP cancel it, so that attempts in flight are
@@ -64,6 +65,7 @@ def run(
         finishing: set by the first Ctrl-C: the job starts nothing more and returns when the attempts in
             flight have ended; the second Ctrl-C cancels it. Once the results are printed, call
             :func:`raise_if_interrupted`.
+        has_begun: before it is set, nothing is in flight and the first Ctrl-C cancels the job.
         report: whether to write the report of the run in the folder when the job is cancelled.
 
     Raises:
@@ -75,7 +77,8 @@ def run(
         loop = asyncio.get_running_loop()
 
         def interrupt() -> None:
-            if finishing is None or finishing.is_set():
+            is_idle = has_begun is not None and not has_begun.is_set()
+            if finishing is None or finishing.is_set() or is_idle:
                 task.cancel()
                 return
             finishing.set()
@@ -122,14 +125,26 @@ def make_run(
     Returns:
         The run's summary, and the event that the first Ctrl-C sets, for :func:`raise_if_interrupted`.
     """
-    finishing = asyncio.Event()
+    finishing, has_begun = asyncio.Event(), asyncio.Event()
+    show_progress = show_progress_on(console)
+
+    def show(progress: Progress) -> AbstractAsyncContextManager[None]:
+        has_begun.set()
+        return show_progress(progress)
+
     arguments = {
         "secrets": secrets(token_file),
-        "show": show_progress_on(console),
+        "show": show,
         "tell": print_notes_on(console),
         "finishing": finishing,
     }
-    summary = run(lambda: job(**arguments), resumed_by=resumed_by, finishing=finishing, report=report)
+    summary = run(
+        lambda: job(**arguments),
+        resumed_by=resumed_by,
+        finishing=finishing,
+        has_begun=has_begun,
+        report=report,
+    )
     return summary, finishing
 
 

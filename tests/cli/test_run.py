@@ -29,7 +29,7 @@ from webgym.core.errors import RunFolderError, StoreFull
 from webgym.judge.config import JudgeChoice
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.store import RunWriter
-from webgym.run_config import RunConfig, Secrets, ServerChoice
+from webgym.run_config import PolicyChoice, RunConfig, Secrets, ServerChoice
 
 
 async def interrupted(number: int = signal.SIGINT) -> None:
@@ -106,6 +106,16 @@ async def test_a_resumed_run_keeps_the_servers_that_are_not_replaced(
             await job(secrets=Secrets())
     new_sites = server.model_copy(update={"sites_url": "http://127.0.0.1:11"})
     assert chosen == [server, new_sites, server.model_copy(update={"url": "http://b.test"})]
+
+
+async def test_a_run_of_a_policy_without_a_name_is_not_resumed_by_name(tmp_path: Path) -> None:
+    settings = RunConfig(policy=PolicyChoice(name="weights")).model_dump(mode="json")
+    tasks = [next(OfflineWeb(per_family=2, collection="small").tasks())]
+    async with await RunWriter.create(tmp_path / "run", {"run_id": "a", **settings}, tasks):
+        pass
+    with pytest.raises(RunFolderError, match="'weights'") as refused:
+        await runs.resume(tmp_path / "run")
+    assert "webgym train --resume" in refused.value.hint
 
 
 def test_under_nohup_a_hangup_does_not_stop_a_run() -> None:

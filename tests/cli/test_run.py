@@ -21,6 +21,7 @@ from typing import Any
 import pytest
 import yaml
 from benchmarks.stand_ins import TOKEN, StandInModel
+from pydantic import SecretStr
 from tests.rollout.running import World, a_world, until
 
 from webgym import runs
@@ -116,6 +117,14 @@ async def test_a_run_of_a_policy_without_a_name_is_not_resumed_by_name(tmp_path:
     with pytest.raises(RunFolderError, match="'weights'") as refused:
         await runs.resume(tmp_path / "run")
     assert "webgym train --resume" in refused.value.hint
+
+
+def test_tokens_come_from_the_environment_in_python_as_on_the_command_line(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("WEBGYM_TOKEN", "of the server")
+    monkeypatch.setenv("WEBGYM_SITES_TOKEN", "")
+    assert Secrets() == Secrets(server_token=SecretStr("of the server"), sites_token=None) == _run.secrets()
 
 
 def test_under_nohup_a_hangup_does_not_stop_a_run() -> None:

@@ -37,10 +37,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-SERVER_TOKEN = "WEBGYM_TOKEN"  # noqa: S105 - a variable's name
-SITES_TOKEN = "WEBGYM_SITES_TOKEN"  # noqa: S105 - a variable's name
-
-
 _WITH_RESUME: Final = (
     *("resume", "server", "sites", "token_file", "skip_corrupt", "retry_errors", "report"),
     *("as_json", "as_markdown", "as_latex"),
@@ -241,16 +237,13 @@ def secrets(server_token_file: Path | None = None) -> Secrets:
     Raises:
         ConfigError: the file cannot be read.
     """
-    token = os.environ.get(SERVER_TOKEN)
-    if server_token_file is not None:
-        try:
-            token = server_token_file.read_text().strip()
-        except OSError as error:
-            raise ConfigError(f"cannot read the token file {server_token_file}: {error.strerror}") from error
-    sites = os.environ.get(SITES_TOKEN)
-    return Secrets(
-        server_token=SecretStr(token) if token else None, sites_token=SecretStr(sites) if sites else None
-    )
+    if server_token_file is None:
+        return Secrets()
+    try:
+        token = server_token_file.read_text().strip()
+    except OSError as error:
+        raise ConfigError(f"cannot read the token file {server_token_file}: {error.strerror}") from error
+    return Secrets(server_token=SecretStr(token) if token else None)
 
 
 def policy_section(settings: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:

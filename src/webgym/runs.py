@@ -183,7 +183,7 @@ async def resume(
     if policy is None and config.policy.name not in POLICY_NAMES:
         raise RunFolderError(
             f"{reader.path} was made with the policy {config.policy.name!r}, which a name does not give",
-            hint="webgym train --resume resumes a training, webgym.resume(folder, policy=...) one of your own",
+            hint="webgym train --resume resumes trainings, webgym.resume(folder, policy=...) other runs",
         )
     if server is not None:
         given = {name: getattr(server, name) for name in server.model_fields_set}

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeAlias
 
@@ -24,6 +26,8 @@ from webgym.rollout.trackers import TrackerName
 from webgym.server.config import ClientLimits, Queues
 from webgym.settings import Settings, validated
 from webgym.tasks.selection import Selection
+
+SITES_TOKEN: Final = "WEBGYM_SITES_TOKEN"  # noqa: S105 - a variable's name
 
 FEW: Final = 20
 """Number of tasks of a run that sets no count, unless its task file has at most :data:`MANY` tasks."""
@@ -171,11 +175,16 @@ class RunConfig(Settings):
     """Project name in Weights & Biases."""
 
 
-class Secrets(Settings):
-    """Secrets that a run needs; they are never stored in its folder."""
+def _from_environment(variable: str) -> SecretStr | None:
+    value = os.environ.get(variable)
+    return SecretStr(value) if value else None
 
-    server_token: SecretStr | None = None
-    sites_token: SecretStr | None = None
+
+class Secrets(Settings):
+    """Secrets that a run needs, by default from the environment; they are never stored in its folder."""
+
+    server_token: SecretStr | None = Field(default_factory=partial(_from_environment, "WEBGYM_TOKEN"))
+    sites_token: SecretStr | None = Field(default_factory=partial(_from_environment, SITES_TOKEN))
 
 
 Tell: TypeAlias = Callable[[str], None]

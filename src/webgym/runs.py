@@ -31,11 +31,12 @@ from typing import Any, TypeAlias
 import msgspec
 
 from webgym.agent.agent import Agent
-from webgym.agent.factory import create_policy
+from webgym.agent.factory import POLICY_NAMES, create_policy
 from webgym.agent.openai_policy import OpenAIPolicy
 from webgym.agent.policy import ORACLES, Policy
 from webgym.agent.preflight import check_policy
 from webgym.core.calls import CallQueue, call_queues
+from webgym.core.errors import RunFolderError
 from webgym.core.task import Task
 from webgym.judge.base import Judge
 from webgym.judge.factory import check_judge, open_judge, refuse_unjudgeable
@@ -179,6 +180,11 @@ async def resume(
     """
     reader = RunReader(out)
     config, run_id = read_config(reader)
+    if policy is None and config.policy.name not in POLICY_NAMES:
+        raise RunFolderError(
+            f"{reader.path} was made with the policy {config.policy.name!r}, which a name does not give",
+            hint="webgym train --resume resumes trainings, webgym.resume(folder, policy=...) other runs",
+        )
     if server is not None:
         given = {name: getattr(server, name) for name in server.model_fields_set}
         config = config.model_copy(update={"server": config.server.model_copy(update=given)})

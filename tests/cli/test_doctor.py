@@ -137,6 +137,13 @@ def test_limits_decide_what_is_worth_a_note() -> None:
         assert examine(lavish).fix
 
 
+def test_open_files_that_nobody_may_raise_are_not_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (256, 256))
+    assert doctor.check_open_files(DoctorLimits(open_files=1024)).fix.startswith("an administrator")
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (256, 512))
+    assert doctor.check_open_files(DoctorLimits(open_files=1024)).fix == "ulimit -n 512"
+
+
 def test_graphics_cards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     limits = DoctorLimits(program_seconds=5)

@@ -21,6 +21,7 @@ from typing import Any
 import pytest
 import yaml
 from benchmarks.stand_ins import TOKEN, StandInModel
+from pydantic import SecretStr
 from tests.rollout.running import World, a_world, until
 
 from webgym import runs
@@ -29,7 +30,7 @@ from webgym.core.errors import RunFolderError, StoreFull
 from webgym.judge.config import JudgeChoice
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.store import RunWriter
-from webgym.run_config import RunConfig, Secrets, ServerChoice
+from webgym.run_config import PolicyChoice, RunConfig, Secrets, ServerChoice
 
 
 async def interrupted(number: int = signal.SIGINT) -> None:
@@ -108,6 +109,24 @@ async def test_a_resumed_run_keeps_the_servers_that_are_not_replaced(
     assert chosen == [server, new_sites, server.model_copy(update={"url": "http://b.test"})]
 
 
+async def test_a_run_of_a_policy_without_a_name_is_not_resumed_by_name(tmp_path: Path) -> None:
+    settings = RunConfig(policy=PolicyChoice(name="weights")).model_dump(mode="json")
+    tasks = [next(OfflineWeb(per_family=2, collection="small").tasks())]
+    async with await RunWriter.create(tmp_path / "run", {"run_id": "a", **settings}, tasks):
+        pass
+    with pytest.raises(RunFolderError, match="'weights'") as refused:
+        await runs.resume(tmp_path / "run")
+    assert "webgym train --resume" in refused.value.hint
+
+
+def test_tokens_come_from_the_environment_in_python_as_on_the_command_line(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("WEBGYM_TOKEN", "of the server")
+    monkeypatch.setenv("WEBGYM_SITES_TOKEN", "")
+    assert Secrets() == Secrets(server_token=SecretStr("of the server"), sites_token=None) == _run.secrets()
+
+
 def test_under_nohup_a_hangup_does_not_stop_a_run() -> None:
     async def hung_up_and_done() -> str:
         os.kill(os.getpid(), signal.SIGHUP)
@@ -172,6 +191,20 @@ def test_ctrl_c_once_lets_a_run_finish_and_twice_abandons_it(
     said = capsys.readouterr().err
     assert "Ctrl-C again to abandon" in said
     assert ("resume with: webgym rollout --resume" in said) == (presses == 1)
+
+
+def test_ctrl_c_before_anything_is_in_flight_ends_a_run_at_once(tmp_path: Path) -> None:
+    async def checking_the_endpoint(**_: object) -> Any:
+        await interrupted()
+
+    with pytest.raises(KeyboardInterrupt):
+        _run.make_run(
+            checking_the_endpoint,
+            resumed_by=("webgym rollout", tmp_path),
+            console=_run.lasting_console(),
+            token_file=None,
+            report=False,
+        )
 
 
 def test_a_command_that_came_to_its_end_says_nothing_of_going_on(

@@ -158,6 +158,8 @@ async def test_a_function_is_a_judge() -> None:
 async def test_a_function_that_fails_or_says_something_else_gives_no_verdict() -> None:
     with pytest.raises(JudgeError, match="mine failed: ZeroDivisionError: no"):
         await run(explodes)
+    with pytest.raises(JudgeError, match=r"mine failed: .*StopIteration"):
+        await asyncio.wait_for(run(lambda task, made: next(iter(()))), 5)
     everything: tuple[Any, ...] = (None, 0.5, 2, "yes", (True, 1), float("nan"), [])
     for said in everything:
         with pytest.raises(JudgeError, match="returned"):

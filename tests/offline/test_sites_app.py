@@ -13,7 +13,7 @@ import httpx
 import pytest
 from pydantic import SecretStr, ValidationError
 
-from webgym.core.errors import SitesError
+from webgym.core.errors import ConfigError
 from webgym.offline import latency
 from webgym.offline.app import VISITOR_COOKIE, RunningSites, serving
 from webgym.offline.config import CollectionName, SitesConfig
@@ -243,7 +243,7 @@ async def test_latency_ends_when_the_websites_are_closed(
 async def test_an_address_that_is_taken_is_named(web: OfflineWeb) -> None:
     async with served(web) as (sites, _):
         port = int(sites.address.rpartition(":")[2])
-        with pytest.raises(SitesError, match=str(port)) as caught:
+        with pytest.raises(ConfigError, match=str(port)) as caught:
             async with serving(SitesConfig(port=port), web):
                 pass
         assert "port" in (caught.value.hint or "")

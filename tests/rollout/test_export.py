@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import io
 import json
+import shutil
 from pathlib import Path
 
 import msgspec
@@ -142,6 +143,18 @@ def test_the_command_says_what_it_left_out(run: Path, tmp_path: Path, calls: Cal
     code, said = calls.run("export", run, "--out", tmp_path / "out")
     assert code == 2
     assert "is not empty" in said
+
+
+def test_a_damaged_record_is_told_with_what_helps_before_anything_is_written(
+    run: Path, tmp_path: Path, calls: Calls
+) -> None:
+    shutil.copytree(run, tmp_path / "run")
+    with next((tmp_path / "run/trajectories").iterdir()).open("ab") as records:
+        records.write(b"noise\n")
+    code, said = calls.run("export", tmp_path / "run", "--out", tmp_path / "out")
+    assert code == 1
+    assert "webgym verify --set-aside" in said
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_folder_in_use_is_refused(run: Path, tmp_path: Path) -> None:

@@ -62,6 +62,13 @@ def test_endless_numbers_are_refused(
     assert said.endswith("gpus: Input should be a finite number\n")
 
 
+@pytest.mark.parametrize("size", [("--gpus", "1e300"), ("--cpus", 10**12)])
+def test_a_size_that_no_machine_has_is_refused(calls: Calls, size: tuple[str, str]) -> None:
+    code, said = calls.run("simulate", *size)
+    assert code == 2
+    assert "less than or equal to 1000000" in said
+
+
 def test_no_word_of_its_table_is_cut_and_in_a_pipe_nothing_wraps() -> None:
     size = read_questions([]).answer(System(cpus=8, gpus=1, environments=32))
     tables = [

@@ -115,6 +115,22 @@ def test_a_file_without_tasks_is_an_error(tmp_path: Path, content: bytes) -> Non
         read_tasks(path)
 
 
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be", "utf-32"])
+def test_text_that_is_not_utf_8_is_named_as_such(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "tasks.jsonl"
+    path.write_bytes("\N{BYTE ORDER MARK}{}".encode(encoding))
+    with pytest.raises(TaskFileError, match="UTF-16 or UTF-32"):
+        read_tasks(path)
+
+
+def test_files_of_benchmarks_are_known_by_another_command(tmp_path: Path) -> None:
+    path = tmp_path / "tasks.json"
+    path.write_text('[\n{"confirmed_task": "find it", "website": "a.example"}\n]')
+    with pytest.raises(TaskFileError) as refused:
+        read_tasks(path)
+    assert "webgym tasks sources" in refused.value.hint
+
+
 def test_an_unknown_file_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(TaskFileError, match="cannot read the task file"):
         read_tasks(tmp_path / "none.jsonl")

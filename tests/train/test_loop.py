@@ -226,6 +226,9 @@ def test_nothing_to_learn_from_leaves_the_weights_and_ends_with_a_line_in_the_en
     assert "2 iterations in a row had nothing to train on: no step had an advantage" in str(error)
     assert done(world) == []
     assert TrainingFolder(tmp_path).is_past(2, Stage.COLLECT)
+    with pytest.raises(BaseExceptionGroup) as caught:  # a resume has not learned from anything either
+        run(tmp_path, World(outcome=Outcome.FAILURE), config(iterations=9, give_up_after=2))
+    assert "3 iterations in a row" in str(caught.value.exceptions[0])
 
 
 @pytest.mark.parametrize(("most_lost", "evaluated"), [(0.5, []), (1.0, [0])])

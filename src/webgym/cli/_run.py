@@ -37,10 +37,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-SERVER_TOKEN = "WEBGYM_TOKEN"  # noqa: S105 - a variable's name
-SITES_TOKEN = "WEBGYM_SITES_TOKEN"  # noqa: S105 - a variable's name
-
-
 _WITH_RESUME: Final = (
     *("resume", "server", "sites", "token_file", "skip_corrupt", "retry_errors", "report"),
     *("as_json", "as_markdown", "as_latex"),
@@ -53,6 +49,7 @@ def run(
     *,
     resumed_by: tuple[str, Path] | None = None,
     finishing: asyncio.Event | None = None,
+    has_begun: asyncio.Event | None = None,
     report: bool = False,
 ) -> T:
     """Run a coroutine to its end. Ctrl-C, SIGTERM and SIGHUP cancel it, so that attempts in flight are
@@ -64,6 +61,7 @@ def run(
         finishing: set by the first Ctrl-C: the job starts nothing more and returns when the attempts in
             flight have ended; the second Ctrl-C cancels it. Once the results are printed, call
             :func:`raise_if_interrupted`.
+        has_begun: before it is set, nothing is in flight and the first Ctrl-C cancels the job.
         report: whether to write the report of the run in the folder when the job is cancelled.
 
     Raises:
@@ -75,7 +73,8 @@ def run(
         loop = asyncio.get_running_loop()
 
         def interrupt() -> None:
-            if finishing is None or finishing.is_set():
+            is_idle = has_begun is not None and not has_begun.is_set()
+            if finishing is None or finishing.is_set() or is_idle:
                 task.cancel()
                 return
             finishing.set()
@@ -122,14 +121,26 @@ def make_run(
     Returns:
         The run's summary, and the event that the first Ctrl-C sets, for :func:`raise_if_interrupted`.
     """
-    finishing = asyncio.Event()
+    finishing, has_begun = asyncio.Event(), asyncio.Event()
+    show_progress = show_progress_on(console)
+
+    def show(progress: Progress) -> AbstractAsyncContextManager[None]:
+        has_begun.set()
+        return show_progress(progress)
+
     arguments = {
         "secrets": secrets(token_file),
-        "show": show_progress_on(console),
+        "show": show,
         "tell": print_notes_on(console),
         "finishing": finishing,
     }
-    summary = run(lambda: job(**arguments), resumed_by=resumed_by, finishing=finishing, report=report)
+    summary = run(
+        lambda: job(**arguments),
+        resumed_by=resumed_by,
+        finishing=finishing,
+        has_begun=has_begun,
+        report=report,
+    )
     return summary, finishing
 
 
@@ -226,16 +237,13 @@ def secrets(server_token_file: Path | None = None) -> Secrets:
     Raises:
         ConfigError: the file cannot be read.
     """
-    token = os.environ.get(SERVER_TOKEN)
-    if server_token_file is not None:
-        try:
-            token = server_token_file.read_text().strip()
-        except OSError as error:
-            raise ConfigError(f"cannot read the token file {server_token_file}: {error.strerror}") from error
-    sites = os.environ.get(SITES_TOKEN)
-    return Secrets(
-        server_token=SecretStr(token) if token else None, sites_token=SecretStr(sites) if sites else None
-    )
+    if server_token_file is None:
+        return Secrets()
+    try:
+        token = server_token_file.read_text().strip()
+    except OSError as error:
+        raise ConfigError(f"cannot read the token file {server_token_file}: {error.strerror}") from error
+    return Secrets(server_token=SecretStr(token) if token else None)
 
 
 def policy_section(settings: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:

@@ -283,7 +283,8 @@ def check_open_files(limits: DoctorLimits) -> Check:
     found = "unlimited" if soft == resource.RLIM_INFINITY else f"{soft}"
     if soft != resource.RLIM_INFINITY and soft < limits.open_files:
         reachable = limits.open_files if hard == resource.RLIM_INFINITY else min(limits.open_files, hard)
-        return Check("Open files", "note", found, f"ulimit -n {reachable}")
+        raised = f"ulimit -n {reachable}" if reachable > soft else "an administrator raises the hard limit"
+        return Check("Open files", "note", found, raised)
     return Check("Open files", "ok", found)
 
 

@@ -44,10 +44,11 @@ def serve(
 
     from pydantic import SecretStr
 
-    from webgym.cli._run import SITES_TOKEN, run
+    from webgym.cli._run import run
     from webgym.offline.app import serving
     from webgym.offline.config import DEFAULT_SEED, SitesConfig
     from webgym.offline.web import collection_name
+    from webgym.run_config import SITES_TOKEN
 
     token = os.environ.get(SITES_TOKEN)
     config = SitesConfig(

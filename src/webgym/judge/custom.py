@@ -57,7 +57,7 @@ class FunctionJudge:
             if inspect.iscoroutinefunction(self._function):
                 result = await self._function(*arguments)
             else:
-                result = await asyncio.to_thread(self._function, *arguments)
+                result = await asyncio.to_thread(_called, self._function, *arguments)
                 if inspect.isawaitable(result):
                     result = await result
         except JudgeError:
@@ -81,6 +81,14 @@ class FunctionJudge:
         blocked = Judgement(False, "the attempt succeeded") if passed else find_block(task, episode)
         response = Judgement(bool(result), reason or f"{self._name} says so")
         return Verdict(self._name, None if blocked.passed else int(passed), (), blocked, response)
+
+
+def _called(function: Callable[..., Any], *arguments: object) -> Any:
+    """Call a function in a thread, whose future would wait for ever on a StopIteration."""
+    try:
+        return function(*arguments)
+    except StopIteration as error:
+        raise RuntimeError(f"StopIteration: {error}") from error
 
 
 def _parameters(function: Callable[..., Any]) -> int:

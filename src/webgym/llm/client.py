@@ -419,9 +419,12 @@ class ChatClient:
         status = response.status_code
         data = self._without_key(data)
         reason = error_message(data) or quote(data)
+        pause = _retry_after(response.headers.get("retry-after", ""))
+        is_long = pause > self.config.total_seconds
         error = EndpointRefused(
             f"{self._where()} answered {status} {response.reason_phrase}".rstrip()
-            + (f": {reason}" if reason else ""),
+            + (f": {reason}" if reason else "")
+            + (f" (Retry-After: {pause:,.0f} s)" if is_long else ""),
             hint=self._advice(status),
             status=status,
         )
@@ -429,7 +432,6 @@ class ChatClient:
             return error
         if status not in _RETRIED_STATUSES:
             return self._temporary(error) if status == 404 or status >= 502 else error
-        pause = _retry_after(response.headers.get("retry-after", ""))
         return _TemporaryFailure(error, pause, is_refusal=status in _OVERLOADED_STATUSES)
 
     def _without_key(self, data: bytes) -> bytes:

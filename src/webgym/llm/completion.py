@@ -278,4 +278,4 @@ def _cut(text: str) -> str:
 
 def size(count: int) -> str:
     """A number of bytes as text."""
-    return f"{count / 1024:.0f} KiB"
+    return f"{count / 1024:.0f} KiB" if count >= 1024 else f"{count} bytes"

@@ -24,7 +24,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.types import Message, Receive, Scope, Send
 
-from webgym.core.errors import SitesError
+from webgym.core.errors import ConfigError
 from webgym.offline import latency
 from webgym.offline.config import SitesConfig
 from webgym.offline.visitors import Visitors
@@ -237,7 +237,7 @@ async def serving(config: SitesConfig, web: OfflineWeb | None = None) -> AsyncIt
         web: its websites; ``None`` makes them from ``config``.
 
     Raises:
-        SitesError: the address cannot be listened on.
+        ConfigError: the address cannot be listened on.
     """
     web = web or OfflineWeb(config.seed, per_family=config.per_family, collection=config.collection)
     token = config.token.get_secret_value() if config.token else secrets.token_urlsafe(24)
@@ -247,7 +247,7 @@ async def serving(config: SitesConfig, web: OfflineWeb | None = None) -> AsyncIt
         listener.bind((config.host, config.port))
     except OSError as error:
         listener.close()
-        raise SitesError(
+        raise ConfigError(
             f"cannot listen on {config.host}:{config.port}: {error.strerror}",
             hint="choose another port, or 0 for a free one",
         ) from error

@@ -112,6 +112,7 @@ def export(
     if kind == "sharegpt" and not all(outcome.is_rewarded for outcome in outcomes):
         raise UsageError("attempts without a reward cannot be imitated", hint="leave them out")
     reader = RunReader(run)
+    reader.refresh()  # a damaged record is told before there is a folder
     make_folder(out)
     if any(out.iterdir()):
         raise RunFolderError(f"{out} is not empty", hint="choose another folder")

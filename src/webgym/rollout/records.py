@@ -233,5 +233,5 @@ def corruption_error(corrupt: list[CorruptLine]) -> StoreCorrupt:
     more = f" (and {len(corrupt) - 1} more)" if len(corrupt) > 1 else ""
     return StoreCorrupt(
         f"{corrupt[0]}{more}",
-        hint="the other records are intact; --skip-corrupt continues without the damaged ones",
+        hint="the other records are intact; webgym verify --set-aside RUN moves the damaged ones away",
     )

@@ -105,10 +105,10 @@ class Costs(Settings):
 class System(Settings, allow_inf_nan=False):
     """How much there is of everything, and how it is scheduled."""
 
-    cpus: int = Field(default=64, ge=1)
+    cpus: int = Field(default=64, ge=1, le=1_000_000)
     """Processors of all browser machines together."""
 
-    gpus: float = Field(default=24, gt=0)
+    gpus: float = Field(default=24, gt=0, le=1_000_000)
     """That serve the policy. A part of one is a slower one."""
 
     environments: int = Field(default=256, ge=1)

@@ -14,6 +14,7 @@ argument. A folder contains one file (``tasks.*``), or one per split (``train.*`
 
 from __future__ import annotations
 
+import codecs
 import io
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from itertools import chain, count
@@ -43,6 +44,8 @@ _JSONL_SUFFIXES: Final = (".jsonl", ".jsonl.gz", ".jsonl.zst")
 _SUFFIXES: Final = (".parquet", *_JSONL_SUFFIXES)
 """Suffixes of task files; of two files that differ only in the suffix, the one that comes first here is
 read."""
+_WIDE_MARKS: Final = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)
+"""How text in UTF-16 or UTF-32 begins; that of UTF-32 LE begins as UTF-16 LE does."""
 _LONGEST_LINE: Final = 2**23
 """Bytes; a longer line is skipped."""
 _SPLITS: Final[tuple[Literal["train", "test"], ...]] = ("train", "test")
@@ -70,7 +73,12 @@ def read_tasks(path: Path | str) -> TaskFile:
         for leak in leaks_of_withheld(list(collector.tasks.values()), collector.withheld):
             collector.leave_out(leak.task, f"{leak}, which is left out")
     if not collector.tasks:
-        raise TaskFileError(f"{path} contains no task{_why_none(collector)}")
+        raise TaskFileError(
+            f"{path} contains no task{_why_none(collector)}",
+            hint="webgym tasks sources lists the benchmarks whose own files webgym tasks build reads"
+            if collector.broken
+            else "",
+        )
     tasks = list(collector.tasks.values())
     return TaskFile(tasks, collector.broken, collector.set_aside, collector.withheld)
 
@@ -145,6 +153,10 @@ def refuse_others(folder: Path, names: Collection[str]) -> None:
 def _read(path: Path, collector: TaskCollector) -> None:
     collector.split = split_of(path)  # for WebGym's own formats only
     with opened(path) as file:
+        if file.peek(4).startswith(_WIDE_MARKS):
+            raise TaskFileError(
+                f"{path} is written in UTF-16 or UTF-32", hint="save it as UTF-8, e.g. with iconv -t UTF-8"
+            )
         if file.peek(len(_PARQUET)).startswith(_PARQUET):
             from webgym.tasks.parquet import read_parquet  # importing pyarrow takes long
 

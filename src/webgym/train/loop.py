@@ -307,6 +307,9 @@ class Training:
                 self._published = number
                 if self.folder.figures(number, Stage.UPDATE):
                     self._replay.publish(str(number))
+                    self._empty_iterations = 0
+                else:
+                    self._empty_iterations += 1
             if self.folder.stage(number) is None:
                 self._finished = number
 

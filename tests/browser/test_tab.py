@@ -105,7 +105,7 @@ async def test_an_observer_that_calls_itself_for_ever_is_ended(site: Site, open_
 async def test_a_page_that_is_blocked_again_and_again_loses_its_scripts(site: Site, open_tab: Open) -> None:
     tab = await open_tab(config=BrowserConfig(execute_seconds=1, settle_seconds=2, terminate_seconds=0.5))
     link = site.page("<p>before</p><script>document.querySelector('p').textContent = 'runs'</script>")
-    loop = "<script>setInterval(() => { while (true); }, 100)</script>"
+    loop = "<script>for (let n = 9; n--; ) setInterval(() => { while (true); }, 100)</script>"
     blocked = site.page(f"<p>here</p><a href='{link}'>Next</a>{loop}")
     await tab.goto(blocked)
     assert tab.text == ["here", "Next"]

@@ -190,7 +190,8 @@ async def test_a_reply_that_a_filter_withheld_is_an_error(tmp_path: Path) -> Non
 async def test_the_documented_command(tmp_path: Path) -> None:
     words = documented(
         "vf-eval verifiers-tasks --model MODEL --client.base-url http://127.0.0.1:8000/v1 --max-concurrent 8 "
-        "--env.taskset.tasks offline-v1 --env.taskset.count 50 --env.browsers 8 --no-push"
+        "--env.taskset.tasks offline-v1 --env.taskset.split test --env.taskset.count 50 --env.browsers 8 "
+        "--no-push"
     )
     shutil.copy(EXAMPLES / "verifiers_tasks.py", tmp_path)
     path = os.pathsep.join([".", os.environ.get("PYTHONPATH", "")])

@@ -390,6 +390,9 @@ class Page:
             return True
         self._switch_scripts(on=False)
         try:
+            if await self._answers():
+                return True
+            self.session.send("Runtime.terminateExecution")  # a timer may have fired ahead of that
             return await self._answers()
         finally:
             self._switch_scripts(on=True)

@@ -201,6 +201,40 @@ def test_names_that_are_given_for_each_other_are_wrong(answer: str, is_right: bo
     ) is is_right
 
 
+ROUTE = "For Old Hall, the length is 160 min, the walk is 14 min and the day of the hall is Monday."
+ROUTE_VALUES = (("160 min", "160"), ("14 min", "14"), ("Monday",))
+GAME_VALUES = (("114",), ("62",), ("52",))
+GAMES = "Finished at last: the puzzle game has 114 and Looking for a puzzle game has 62, a difference of 52."
+
+
+@pytest.mark.parametrize(
+    ("solution", "values", "answer", "is_right"),
+    [
+        (ROUTE, ROUTE_VALUES, "160 min, 14 min, Monday", True),
+        (ROUTE, ROUTE_VALUES, "14 min, 160 min, Monday", False),
+        (ROUTE, ROUTE_VALUES, "It is 14 min. It is 160 min. It is Monday.", False),
+        (ROUTE, ROUTE_VALUES, "14 min on foot, and it takes 160", True),
+        (ROUTE, ROUTE_VALUES, "The walk and the length are 14 min and 160 min respectively; Monday.", True),
+        (ROUTE, ROUTE_VALUES, "The walk and the length are 160 min and 14 min respectively; Monday.", False),
+        (ROUTE, ROUTE_VALUES, "160 min and 14 min: the walk and the length. Monday.", False),
+        (
+            ROUTE,
+            ROUTE_VALUES,
+            "The walk of Old Hall is 14 min, the length of Old Hall is 160 min, its day is Monday.",
+            True,
+        ),
+        (GAMES, GAME_VALUES, "Looking for …: 62; Finished at last: 114; 52", True),
+        (GAMES, GAME_VALUES, "Looking for …: 114; Finished at last: 62; 52", False),
+        (GAMES, GAME_VALUES, "52 (= 114 - 62)", True),
+        (GAMES, GAME_VALUES, "114, 52, 62", False),
+    ],
+)
+def test_lists_are_in_the_order_of_their_labels(
+    solution: str, values: tuple[tuple[str, ...], ...], answer: str, is_right: bool
+) -> None:
+    assert (swapped(spelled(answer), values, spelled(solution)) == "") is is_right
+
+
 def judged(required: tuple[tuple[str, ...], ...], answer: str) -> bool:
     instruction = "What do the reviews, the pages and the shop say? Give the size, the rating and the total."
     task = Task("t", instruction, "http://a.test/", "d", "s", Rubric((FactGroup(1, "g", ("f",)),)), "offline")

@@ -7,10 +7,10 @@ followed by another unit than the value has ("36 miles" for 36 km, "10:45 pm" fo
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Set
 from datetime import date
 from functools import lru_cache
-from itertools import combinations
+from itertools import combinations, groupby
 from typing import Final, TypeAlias
 from unicodedata import normalize
 
@@ -48,6 +48,7 @@ _NONE: Final = re.compile(
 _WORD_AFTER: Final = re.compile(r" ?([^\W\d_]+|°[cf]?|%)")
 _SIGN_BEFORE: Final = re.compile(r"((?:\b[a-z]{1,2})?[$£€¥₹₩₽]|\b[a-z]{2,3}\b) ?$")
 _WORD: Final = re.compile(r"\w+")
+_NAMED: Final = re.compile(r"^ ?(?:for|in) .*, (?=the )")
 _UNLABELLING: Final = frozenset(
     "a an and are at by for from has have in is it of on the there to was with".split()
 )
@@ -211,7 +212,9 @@ def swapped(answer: str, required: Sequence[Sequence[str]], solution: str) -> st
     """Two numbers or two names that an answer gives for each other: the label of one stands with the other.
 
     Their labels are the words before them in the solution, such as the name of its item or field. They may
-    stand before or after the values in the answer; where that can be read the right way, it is no swap.
+    stand before or after the values in the answer; where that can be read the right way, it is no swap. Both
+    labels before both values, or after them, are in the same order. Numbers of a kind that are listed without
+    labels are in the task's order.
 
     Args:
         answer, solution: as :func:`spelled` writes them.
@@ -220,37 +223,68 @@ def swapped(answer: str, required: Sequence[Sequence[str]], solution: str) -> st
     Returns:
         Both, for a sentence; empty if there are none.
     """
-    for (one, ours), (other, theirs) in combinations(_labelled(required, solution), 2):
+    labelled = [*_labelled(required, solution)]
+    values = [place for options, _ in labelled for option in options for place in _places(answer, option)]
+    words = [
+        word
+        for word in _WORD.finditer(answer)
+        if not any(start <= word.start() < end for start, end in values)
+    ]
+    for (one, ours), (other, theirs) in combinations(labelled, 2):
         if any(map(str.isdigit, one[0])) != any(map(str.isdigit, other[0])):
             continue
-        labels = dict.fromkeys(ours - theirs, 0) | dict.fromkeys(theirs - ours, 1)
+        labels = dict.fromkeys(ours - theirs, "a") | dict.fromkeys(theirs - ours, "b")
         starts, others = (
-            {start for option in options for start, _ in _places(answer, option)} for options in (one, other)
+            dict(sorted(place for option in options for place in _places(answer, option)))
+            for options in (one, other)
         )
-        if starts & others:
+        if starts.keys() & others.keys():
             continue
-        words = [(match.start(), labels[match[0]]) for match in _WORD.finditer(answer) if match[0] in labels]
-        readings = (
-            lambda at, words=words: next((whose for place, whose in reversed(words) if place < at), None),
-            lambda at, words=words: next((whose for place, whose in words if place > at), None),
-        )
-        owners = [(set(map(reading, starts)), set(map(reading, others))) for reading in readings]
-        if ({1}, {0}) in owners and not any(0 in own and 1 in their for own, their in owners):
+        found = dict.fromkeys(starts, "A") | dict.fromkeys(others, "B")
+        found |= {word.start(): labels[word[0]] for word in words if word[0] in labels}
+        order = "".join(mark for mark, _ in groupby(found[at] for at in sorted(found)))
+        if re.fullmatch("(ab|ba)(AB|BA)|(AB|BA)(ab|ba)", order):
+            is_swap = order[:2].lower() != order[2:].lower()
+        elif order == "BA":
+            between = answer[max(others.values()) : min(starts)]
+            is_swap = _kind(one[0]) == _kind(other[0]) and _is_separator(between, ours & theirs)
+        else:
+            owners = [(_owners(marks, "A"), _owners(marks, "B")) for marks in (order, order[::-1])]
+            is_right = any("a" in own and "b" in their for own, their in owners)
+            is_swap = not is_right and ({"b"}, {"a"}) in owners
+        if is_swap:
             return f'"{one[0]}" for "{other[0]}"'
     return ""
 
 
+def _owners(order: str, value: str) -> set[str]:
+    """The labels that stand next before a value, in a sequence of labels (a, b) and values (A, B)."""
+    return {re.sub("[AB]", "", order[:at])[-1:] for at, mark in enumerate(order) if mark == value}
+
+
+def _kind(value: str) -> str:
+    """A number's spelling without its digits; the whole of a name."""
+    return re.sub(r"\d+(?:[.,]\d+)*", "9", value)
+
+
+def _is_separator(text: str, shared: Set[str]) -> bool:
+    """Whether nothing stands between two values in a list but what both have, such as their unit."""
+    return not re.search("[:=()]", text) and set(_WORD.findall(text)) <= shared | _UNLABELLING
+
+
 def _labelled(required: Sequence[Sequence[str]], solution: str) -> Iterator[tuple[list[str], set[str]]]:
     """The required values, with the words that stand before each in the solution."""
-    at = 0
+    at, named = 0, ""
     for spellings in required:
         options = [spelled(option) for option in spellings]
         place = next(((start, end) for start, end in _places(solution, options[0]) if start >= at), None)
         if place is None:
             return
-        before = re.split(r"[.:;!?] ", solution[at : place[0]])[-1]
+        *earlier, before = re.split(r"[.;!?] ", solution[at : place[0]])
+        if earlier or not at:  # "For NAME, the price is …" names it for all values of the sentence
+            named = "".join(_NAMED.findall(before))
         at = place[1]
-        yield options, set(_WORD.findall(before)) - _UNLABELLING
+        yield options, set(_WORD.findall(f"{named} {before}")) - _UNLABELLING
 
 
 def _places(text: str, phrase: str) -> Iterator[tuple[int, int]]:

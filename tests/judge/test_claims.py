@@ -13,6 +13,7 @@ from webgym.judge.offline import _reference
 from webgym.offline.engine.spelling import count, days, minutes, quantity, times
 
 DAY = (("Thursday",),)
+DATED = (times(10 * 60 + 45), ("Monday",), ("Hall",))
 LENGTH = (quantity("36", "km", "kilometres"), quantity("370", "m", "metres"))
 HOURS = (times(10 * 60 + 45), times(19 * 60 + 30))
 COST = (("£30", "30"),)
@@ -161,6 +162,9 @@ RIGHT = [
     ((minutes(552),), "9 hrs and 12 mins"),
     ((("4 of 5",),), "4 out of 5"),
     ((("SL-980",),), "It is SL\u2011980."),
+    ((("Wait until spring.",),), "The text is: Wait until spring"),
+    (DATED, "Start: 10:45\nDay: Monday\nPlace: Hall"),
+    (DATED, "1. Start: 10:45\n2. Day: Monday\n3. Place: Hall"),
 ]
 
 

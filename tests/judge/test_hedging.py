@@ -37,6 +37,10 @@ FINE += [
         "Requested information:",
         "Success!",
         "Item details:",
+        "Looking at the page, I saw it.",
+        "After applying the filters and sorting the list, I found it.",
+        "First I searched, then I filtered, finally I sorted.",
+        'I clicked "Load more" until the end of the list.',
     )
 ]
 
@@ -73,6 +77,7 @@ RIVALS = [
     (ORIGIN, ASKED, "Poland. Germany. France."),
     (ORIGIN, ASKED, "It is made in Poland; it is made in Germany."),
     (ORIGIN, ASKED, "poland, germany"),
+    (ORIGIN, ASKED, "poland. then germany. looking at france"),
     ((("mice",),), ("What do owls eat?", "They eat mice."), "rats. mice. hamsters."),
     ((("mice",),), ("What do owls eat?", "They eat mice."), "| rats | mice | hamsters |"),
 ]
@@ -83,6 +88,17 @@ def test_one_claim_and_remarks_beside_it_are_an_answer(
     required: tuple[tuple[str]], told: tuple[str], answer: str
 ) -> None:
     assert other_candidate(answer, required, told) == ""
+
+
+def test_known_options_in_small_letters_leave_other_words_to_remarks() -> None:
+    required, told = (("by post",),), ("How can one apply?", "By post.")
+    options = ("in person", "by telephone")
+    for remark in (
+        "With the filter applied, it is by post.",
+        "By post. The request was sent, too.",
+        "By post, as a clerk told.",
+    ):
+        assert not other_candidate(remark.replace("By post", "by post"), required, told, options), remark
 
 
 @pytest.mark.parametrize(("required", "told", "answer"), RIVALS)

@@ -102,6 +102,8 @@ _LIST_NUMBER: Final = re.compile(
     r"|(?:(?<=[,;:.]\s)|(?<=\band\s))\(?(\d{1,2})\))[ \t]+(?=\S)",
     re.MULTILINE,
 )
+_LABEL_AFTER: Final = re.compile(r"(?<=\d)[ \t]*\n(?=[ \t]*[^\W\d_][^\n]*:)")
+"""The line end between a number and the label of the next line, which is not its unit."""
 _WHOLE_AMOUNT: Final = re.compile(r"(?<=\d)\.00(?![\d.,:])")
 _GROUPED: Final = re.compile(r"(?<=\d)[\u00a0\u2009\u202f](?=\d{3}(?!\d))")
 _INVISIBLE: Final = re.compile("[\u200b-\u200d\u2060\ufeff]")
@@ -158,7 +160,7 @@ def day_of(text: str) -> date | None:
 @lru_cache(maxsize=1024)
 def spelled(text: str) -> str:
     """The same of the folded text, with whole amounts without their ".00"."""
-    folded = fold(_GROUPED.sub(",", _without_list_numbers(text)))
+    folded = fold(_LABEL_AFTER.sub(" ;", _GROUPED.sub(",", _without_list_numbers(text))))
     return _WHOLE_AMOUNT.sub("", _respelled(folded).casefold())
 
 
@@ -186,7 +188,7 @@ def claims(answer: str, options: Sequence[str], known: str) -> bool:
     return any(
         _is_claim(answer, start, end, units, known)
         for option in options
-        for start, end in _places(answer, spelled(option))
+        for start, end in _places(answer, spelled(option).rstrip(".!?") or option)
     )
 
 
@@ -323,7 +325,7 @@ def _is_claim(text: str, start: int, end: int, units: set[_Unit], known: str) ->
 
 
 def _units(text: str) -> Iterator[_Unit]:
-    for word in re.findall(r"[^\W\d_]+|°[cf]?|[%$£€¥₹₩₽]", text):
+    for word in re.findall(r"[^\W\d_]+(?!\d\d)|°[cf]?|[%$£€¥₹₩₽]", text):  # the h of 9h45 is no unit
         if unit := _unit(word):
             yield unit
 

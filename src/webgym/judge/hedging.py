@@ -20,7 +20,7 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import Final
 
-from webgym.core.text import fold
+from webgym.core.text import fold, says
 from webgym.judge.claims import day_of, numeral, respelled
 from webgym.judge.units import MONTHS, NUMBER_WORDS
 
@@ -55,15 +55,31 @@ _MOST_QUOTED: Final = 8
 _FUNCTION_WORDS: Final = ("a", "an", "the", "of", "in", "on", "for", "with", "that", "was", "it")
 _STOP_WORDS: Final = frozenset(
     "a an the it its is are was were be this that there here i my we our you your he she they of in on at to "
-    "for from by with as than then so if not no yes has have had will would can could may might all each "
-    "am pm other s boxed great okay task complete completed finished success successful successfully "
-    "mission accomplished requested retrieved extracted obtained information info data output details key "
-    "findings confidence status step steps search searched show item summarize answer answers final result "
-    "results respectively found find done note based page pages website site "
-    "according shown however thus therefore which what who when where how ok sure thanks thank hope "
-    "helps name source verified conclusion summary confirmed altogether overall".split()
+    "for from by with as than then so if not no yes has have had will would can could may might all each am "
+    "pm other s boxed great okay task complete completed finished success successful successfully mission "
+    "accomplished requested retrieved extracted obtained information info data output details key findings "
+    "confidence status step steps search searched show item summarize summarise answer answers final result "
+    "results respectively found find done note based page pages website site according shown however thus "
+    "therefore which what who when where how ok sure thanks thank hope helps name source verified conclusion "
+    "summary confirmed altogether overall".split()
 )
 """Words that are never part of a candidate."""
+
+_REMARKS: Final = frozenset(
+    "about above additionally after another any afterwards alright among because before below between both "
+    "currently during every everything exactly excellent finally first furthermore given good hello hi "
+    "indeed just last lastly let like moreover more most namely next nothing now once only over per perfect "
+    "please regarding same since some specifically such through these those they them their today too under "
+    "until up down using via well while within action applied applying booked checked checking chose chosen "
+    "choosing clicked clicking compared comparing counted counting dismissed entered entering explanation "
+    "filtered filtering finding having hovering loaded loading located locating logged logging looked "
+    "looking navigated navigating observation observed opened opening read reading reasoning response saved "
+    "saw scrolled scrolling searching seeing seen selected selecting sent signed signing sorted sorting "
+    "submitted thought thoughts typed typing viewed viewing visited visiting went button chart column "
+    "details entry filter form list load map menu panel row screen screenshot section tab table tooltip "
+    "value values".split()
+)
+"""Words of remarks: no name consists of them, but a number may have one of them as its label."""
 
 _NO_NAMES: Final = _STOP_WORDS.union(NUMBER_WORDS, "or and vs versus also maybe perhaps possibly".split())
 _DENIALS: Final = frozenset("not never except excluding than instead unlike neither nor without t".split())
@@ -72,8 +88,8 @@ _DENIALS: Final = frozenset("not never except excluding than instead unlike neit
 def other_candidate(
     answer: str,
     required: Sequence[Sequence[str]],
-    known_texts: Iterable[str],
-    named: Iterable[str] = (),
+    known_texts: Sequence[str],
+    wrong: Sequence[str] = (),
 ) -> str:
     """The first piece of an answer that names a candidate other than the right one; empty if none does.
 
@@ -81,8 +97,12 @@ def other_candidate(
         answer: the agent's answer.
         required: for each value that a right answer must state, the accepted spellings.
         known_texts: texts whose words are not candidates: the task, and answers that are known to be right.
-        named: wrong candidates that the task names: a part of such a name names it, too.
+        wrong: wrong candidates that the caller looks for itself. A part of one that the first of the known
+            texts, the task, names is one, too. Values in small letters are options of a list: if some are
+            here, all are, and other words in small letters are remarks.
     """
+    task, *_ = known_texts
+    named = [candidate for candidate in wrong if says(fold(task), candidate)]
     answer = respelled(answer)
     options, right, known = _right_and_known(tuple(map(tuple, required)), tuple(known_texts))
     marked = _in_digits(_HEADING.sub("", right.sub(_PLACEHOLDER, answer)))
@@ -96,6 +116,8 @@ def other_candidate(
     ]
     folded = set(map(fold, names))
     cases = {match[0][0].isupper() for match in right.finditer(answer) if fold(match[0]) in folded}
+    if any(candidate[:1].islower() for candidate in wrong):
+        cases.discard(False)
     context = set[str]().union(*(_words(piece) for piece in pieces if _PLACEHOLDER in piece))
     all_right = _words(" ".join(options))
     for piece in pieces:
@@ -109,12 +131,8 @@ def other_candidate(
             "9" in shapes and _LONE_ONE.fullmatch(piece)
         ):
             return piece.replace(_PLACEHOLDER, "…")
-        if (
-            unexplained
-            and not values
-            and not has_answer
-            and _is_name(piece, unexplained, names, cases, context)
-        ):
+        words = [token for token in unexplained if fold(token) not in _REMARKS]
+        if words and not values and not has_answer and _is_name(piece, words, names, cases, context):
             return piece
         rest = set() if has_answer or _words(piece) & _DENIALS else _words(piece) - _STOP_WORDS
         if rest - all_right and any(rest <= _words(name) for name in named):
@@ -187,18 +205,20 @@ def _unlabelled(piece: str, known: AbstractSet[str]) -> Iterator[str]:
 
 
 def _is_name(
-    piece: str, unexplained: Sequence[str], names: Sequence[str], cases: set[bool], context: set[str]
+    piece: str, words: Sequence[str], names: Sequence[str], cases: set[bool], context: set[str]
 ) -> bool:
     """Whether the words that only this piece has may be a name: capitalised like the right one, or standing
-    alone."""
-    capitalised = {token[0].isupper() for token in unexplained}
+    alone. A name that the answer writes in small letters stands alone among remarks, too."""
+    capitalised = {word[0].isupper() for word in words}
     if (
-        len(unexplained) > max(_MOST_WORDS, *(len(name.split()) for name in names), 0)
-        or unexplained[0][0].isupper() not in cases
+        len(words) > max(_MOST_WORDS, *(len(name.split()) for name in names), 0)
+        or words[0][0].isupper() not in cases
     ):
         return False
     is_mixed = any(word[0].islower() and word not in _STOP_WORDS for name in names for word in name.split())
-    is_alone = _words(piece) <= {*map(fold, unexplained), *context, *_FUNCTION_WORDS}
+    is_small = any(name[0].islower() for name in names)
+    others = _FUNCTION_WORDS if is_small else _STOP_WORDS | _REMARKS
+    is_alone = _words(piece) <= {*map(fold, words), *context, *others}
     return capitalised == {True} or (is_alone and (len(capitalised) == 1 or is_mixed))
 
 

@@ -200,8 +200,7 @@ def _reference(task: Task, truth: Truth, answer: str, pages: Iterable[str] = ())
     if required.in_order and (fault := _out_of_order(required, folded)):
         return Judgement(False, fault)
     told = (task.instruction, *given)
-    named = [wrong for wrong in required.forbidden if says(fold(task.instruction), wrong)]
-    if other := other_candidate(answer, required.required, told, named):
+    if other := other_candidate(answer, required.required, told, required.forbidden):
         return Judgement(False, f'the answer also claims "{other}"')
     if quoted := copied(answer, pages, required.required, told):
         return Judgement(False, f'the answer copies the page: "{quoted}"')

@@ -27,6 +27,9 @@ FINE = [
     (COUNT, HOW_MANY, "Among the 12 posts that I read there are 7 topics"),
     ((("mice",),), ("What do owls eat?", "They eat mice."), "They eat mice, as the page on owls tells."),
     (COUNT, HOW_MANY, "There are seven topics in this forum."),
+    (COUNT, HOW_MANY, "I found it on page 2 of 3. With 20 topics per page, there are 2 pages. It is 7."),
+    (COUNT, HOW_MANY, "1. I opened the list. 2. I sorted it. 3. There are 7 topics."),
+    (COUNT, HOW_MANY, "Step 1: open the list. Step 2: count. There are 7 topics."),
 ]
 
 FINE += [
@@ -66,6 +69,8 @@ RIVALS = [
         ("How many dollars?", "Elif says 107 dollars."),
         "Elif says 107 dollars. Elif says 212 dollars.",
     ),
+    (COUNT, HOW_MANY, "page 2: 6 or 7"),
+    (((("12", "twelve"),), ("How many pages?", "There are 12 pages."), "11 pages, 12 pages")),
     (COUNT, HOW_MANY, "2 next 3 next 4 next 7 next 9"),
     (COUNT, HOW_MANY, "It is 2 otherwise it is 7 otherwise it is 9"),
     (COUNT, HOW_MANY, "There are 7 topics although it is 9"),

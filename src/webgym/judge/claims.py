@@ -40,7 +40,10 @@ _SCALED: Final = re.compile(rf"\+(?!\w)| (?:(?:{_SCALE})|or (?:more|less|fewer)|
 _VISITED: Final = "pages?|sites?|websites?|links?|steps?|times|attempts?|searches|clicks"
 """What an answer counts that reports the search and not its result."""
 _VISITED_AFTER: Final = re.compile(rf" ({_VISITED})\b")
-_VISITED_BEFORE: Final = re.compile(rf"\b({_VISITED}) $")
+_VISITED_BEFORE: Final = re.compile(rf"\b({_VISITED}) (?:\d+ of )?$")
+_REPORTED: Final = re.compile(
+    rf"\b({_VISITED}) \d+(?: of \d+)?(?![.,:]?\d)|(?<![\d.,:])\b\d+ ({_VISITED})\b", re.IGNORECASE
+)
 _ONE: Final = re.compile(r"\b(?:no|the|first|second|which|any|each|every|this|that|another|other) $")
 _NONE: Final = re.compile(
     r" of (?:the|these|those|my|all) (?:\w+ )?(?:pages?|sites?|websites?|links?|others?)\b"
@@ -99,8 +102,9 @@ _MONTH: Final = re.compile(rf"\b(?:{'|'.join(name for name in MONTHS if len(name
 _NUMERIC_DATE: Final = re.compile(r"(?<![\w./-])\d{1,2}([./])\d{1,2}\1\d{4}(?![\w/]|[.-]\d)")
 _LIST_NUMBER: Final = re.compile(
     r"(?:^[ \t>]*(?:[-*•][ \t]+)?(?:[*_]{2})?(?:\(?(\d{1,2})\)|(\d{1,2})[.:])(?:[*_]{2})?"
-    r"|(?:(?<=[,;:.]\s)|(?<=\band\s))\(?(\d{1,2})\))[ \t]+(?=\S)",
-    re.MULTILINE,
+    r"|(?:(?<=[,;:.]\s)|(?<=\band\s))\(?(\d{1,2})\)"
+    r"|(?:^|(?<=[.!?]\s))(?:(?:step|part|question|answer) )?(\d{1,2})[.:](?=\s[^\W\d_]))[ \t]+(?=\S)",
+    re.MULTILINE | re.IGNORECASE,
 )
 _LABEL_AFTER: Final = re.compile(r"(?<=\d)[ \t]*\n(?=[ \t]*[^\W\d_][^\n]*:)")
 """The line end between a number and the label of the next line, which is not its unit."""
@@ -119,7 +123,7 @@ def _without_list_numbers(text: str) -> str:
 
     def stripped(match: re.Match[str]) -> str:
         nonlocal following
-        number = int(match[1] or match[2] or match[3])
+        number = int(match[match.lastindex or 0])
         if number not in (1, following):
             return match[0]
         following = number + 1
@@ -208,6 +212,17 @@ def without_denied(answer: str, values: Iterable[str]) -> str:
                     answer[: before.start() if before else start] + answer[after.end() if after else end :]
                 )
     return answer
+
+
+def without_reported(text: str, known: str) -> str:
+    """The text without numbers of pages, steps and the like, which report the search and are no claims; with
+    those of what the folded text ``known``, the task, speaks of."""
+
+    def bare(match: re.Match[str]) -> str:
+        word = match[1] or match[2]
+        return match[0] if fold(word) in known else word
+
+    return _REPORTED.sub(bare, text)
 
 
 def swapped(answer: str, required: Sequence[Sequence[str]], solution: str) -> str:

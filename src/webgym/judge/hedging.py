@@ -21,7 +21,7 @@ from itertools import pairwise
 from typing import Final
 
 from webgym.core.text import fold, says
-from webgym.judge.claims import day_of, numeral, respelled
+from webgym.judge.claims import day_of, numeral, respelled, without_reported
 from webgym.judge.units import MONTHS, NUMBER_WORDS
 
 _SEPARATORS: Final = re.compile(
@@ -106,6 +106,7 @@ def other_candidate(
     answer = respelled(answer)
     options, right, known = _right_and_known(tuple(map(tuple, required)), tuple(known_texts))
     marked = _in_digits(_HEADING.sub("", right.sub(_PLACEHOLDER, answer)))
+    marked = without_reported(marked, fold(" ".join(known_texts)))
     pieces = [piece.strip() for piece in _SEPARATORS.split(marked) if piece.strip()]
     shapes = {_shape(value) for option in options for value in _TOKEN.findall(option) if value[0].isdigit()}
     names = [

@@ -220,9 +220,14 @@ def without_reported(text: str, known: str) -> str:
 
     def bare(match: re.Match[str]) -> str:
         word = match[1] or match[2]
-        return match[0] if fold(word) in known else word
+        return match[0] if _is_counted(fold(word), known) else word
 
     return _REPORTED.sub(bare, text)
+
+
+def _is_counted(word: str, known: str) -> bool:
+    """Whether a task counts what the word names: it speaks of it in the plural."""
+    return f"{word.removesuffix('s')}s" in known
 
 
 def swapped(answer: str, required: Sequence[Sequence[str]], solution: str) -> str:
@@ -327,7 +332,7 @@ def _is_claim(text: str, start: int, end: int, units: set[_Unit], known: str) ->
     if (bound and (bound[1] or bound[0]) not in known) or _SCALED.match(after):
         return False
     visited = is_count and (_VISITED_AFTER.match(after) or _VISITED_BEFORE.search(before))
-    if visited and visited[1] not in known:
+    if visited and not _is_counted(visited[1], known):
         return False
     sign, word = _SIGN_BEFORE.search(before), _WORD_AFTER.match(after)
     other = {_unit(word[1])} if word else set()

@@ -135,7 +135,7 @@ def other_candidate(
         words = [token for token in unexplained if fold(token) not in _REMARKS]
         if words and not values and not has_answer and _is_name(piece, words, names, cases, context):
             return piece
-        rest = set() if has_answer or _words(piece) & _DENIALS else _words(piece) - _STOP_WORDS
+        rest = set() if has_answer or _words(piece) & _DENIALS else _words(piece) - _STOP_WORDS - _REMARKS
         if rest - all_right and any(rest <= _words(name) for name in named):
             return piece
     return ""

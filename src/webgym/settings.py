@@ -45,7 +45,7 @@ def _docstrings(module: str) -> dict[tuple[str, str], str]:
     """The docstrings of the fields of a module's classes, by class and field."""
     return {
         (made.name, field.target.id): inspect.cleandoc(about.value.value)
-        for made in ast.walk(ast.parse(inspect.getsource(sys.modules[module])))
+        for made in ast.parse(inspect.getsource(sys.modules[module])).body
         if isinstance(made, ast.ClassDef)
         for field, about in pairwise(made.body)
         if isinstance(field, ast.AnnAssign)

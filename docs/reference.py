@@ -18,6 +18,7 @@ from pydantic.fields import FieldInfo
 
 from webgym import cli
 from webgym.core.errors import UsageError, WebGymError
+from webgym.settings import field_docstring
 
 ROOTS = {
     "webgym.run_config.RunConfig": "`webgym rollout` and `webgym eval`; `rollout` of a training",
@@ -114,7 +115,9 @@ def _model(model: type[BaseModel], where: str) -> Iterator[str]:
     yield from (f"{text} *Of* {where}." if where else text, "")
     yield from ("| key | type | default | what it is |", "| --- | --- | --- | --- |")
     for name, field in model.model_fields.items():
-        about = field.description or next((_summary(each) for each in _models(field.annotation)), "")
+        about = field_docstring(model, name) or next(
+            (_summary(each) for each in _models(field.annotation)), ""
+        )
         assert about, f"{model.__name__}.{name} has no docstring"
         yield f"| `{name}` | {_type(field)} | {_default(field)} | {_cell(about)} |"
     yield ""

@@ -22,7 +22,7 @@ from webgym.cli import serve
 from webgym.core import errors
 from webgym.judge.config import JudgeChoice
 from webgym.llm.prices import Prices
-from webgym.settings import load_settings
+from webgym.settings import field_docstring, load_settings
 from webgym.simulate.questions import read_questions
 from webgym.tasks.formats import read_tasks
 from webgym.train.start import load_train_config
@@ -263,7 +263,7 @@ def untold_fields(held: Any) -> list[str]:
     """Fields of a struct that its docstring does not tell, and settings without a docstring of their own."""
     settings = getattr(held, "model_fields", {})
     structs = getattr(held, "__struct_fields__", ())
-    return [name for name, field in settings.items() if not field.description] + untold_names(
+    return [name for name in settings if not field_docstring(held, name)] + untold_names(
         structs, held.__doc__ or ""
     )
 

@@ -7,8 +7,13 @@ sampling of a model family (:meth:`webgym.llm.config.Sampling.over`).
 
 from __future__ import annotations
 
+import ast
+import inspect
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
+from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -23,7 +28,32 @@ S = TypeVar("S", bound=BaseModel)
 class Settings(BaseModel):
     """Base class of settings: immutable; unknown keys are errors."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+def field_docstring(model: type[BaseModel], name: str) -> str:
+    """The docstring under a field of a class of settings, or an empty string.
+
+    It is read from the source when it is asked for: Pydantic would read those of all fields at every start.
+    """
+    ours = (base for base in model.__mro__ if issubclass(base, Settings))
+    return next(filter(None, (_docstrings(base.__module__).get((base.__name__, name)) for base in ours)), "")
+
+
+@cache
+def _docstrings(module: str) -> dict[tuple[str, str], str]:
+    """The docstrings of the fields of a module's classes, by class and field."""
+    return {
+        (made.name, field.target.id): inspect.cleandoc(about.value.value)
+        for made in ast.parse(inspect.getsource(sys.modules[module])).body
+        if isinstance(made, ast.ClassDef)
+        for field, about in pairwise(made.body)
+        if isinstance(field, ast.AnnAssign)
+        and isinstance(field.target, ast.Name)
+        and isinstance(about, ast.Expr)
+        and isinstance(about.value, ast.Constant)
+        and isinstance(about.value.value, str)
+    }
 
 
 class Section(Settings):

@@ -7,6 +7,7 @@ import json
 from collections import Counter
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -89,16 +90,23 @@ async def collect_there(
     return await collect(settings.model_copy(update={"server": where}), out, secrets=secrets, show=show)
 
 
+@cache
+def tasks_of(sites: SitesConfig) -> dict[str, list[Task]]:
+    """All tasks by the behaviour of their website; making them takes as long as some attempts."""
+    web = OfflineWeb(sites.seed, per_family=sites.per_family, collection=sites.collection)
+    found: dict[str, list[Task]] = {}
+    for host, spec in web.specs.items():
+        found.setdefault(spec.behaviour, []).extend(web.tasks_of(host))
+    return found
+
+
 def task_file(
     path: Path, count: int, sites: SitesConfig = SMALL, *, behaviour: str = "good", most_moves: int = 6
 ) -> Path:
     """Tasks whose solutions are short, where it does not matter how long they are."""
-    web = OfflineWeb(sites.seed, per_family=sites.per_family, collection=sites.collection)
-    hosts = [host for host, spec in web.specs.items() if spec.behaviour == behaviour]
     tasks = [
         task
-        for host in hosts
-        for task in web.tasks_of(host)
+        for task in tasks_of(sites)[behaviour]
         if task.truth is None or len(task.truth.moves) <= most_moves
     ]
     file = path / "tasks.jsonl"

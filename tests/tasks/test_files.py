@@ -80,7 +80,6 @@ def test_an_instruction_and_an_address_make_a_task(tmp_path: Path) -> None:
             own(instruction="x" * 160_000, website="x" * 9_000),
             "160,000 characters.*website: it",
         ),
-        (own(instruction="x" * 160_000_000), "it has 160,000,0.. bytes, and at most 8,388,608 are taken"),
         (own(rubric={"groups": []}), "rubric: a rubric needs"),
         (own(refrence_answer="7"), "'refrence_answer'; did you mean reference_answer"),
         (b"not json", "malformed"),
@@ -91,13 +90,23 @@ def test_an_instruction_and_an_address_make_a_task(tmp_path: Path) -> None:
     ],
 )
 def test_a_broken_line_is_named_and_skipped(tmp_path: Path, line: bytes, reason: str) -> None:
-    path = tmp_path / "tasks.jsonl"
+    assert re.search(reason, told_of_broken(tmp_path / "tasks.jsonl", line))
+
+
+def test_a_line_that_is_too_long_is_named_and_skipped(tmp_path: Path) -> None:
+    line = own(instruction="x" * 160_000_000)  # made here, not in every process that collects the tests
+    reason = "it has 160,000,0.. bytes, and at most 8,388,608 are taken"
+    assert re.search(reason, told_of_broken(tmp_path / "tasks.jsonl", line))
+
+
+def told_of_broken(path: Path, line: bytes) -> str:
+    """What is told of a broken line between two good ones, which are read."""
     path.write_bytes(msgspec.json.encode(task(0)) + b"\n" + line + b"\n" + msgspec.json.encode(task(1)))
     found = read_tasks(path)
     assert [each.id for each in found.tasks] == ["t0", "t1"]
     (broken,) = found.broken
     assert (broken.file, broken.line) == (path, 2)
-    assert re.search(reason, broken.reason.lower())
+    return broken.reason.lower()
 
 
 def test_marks_returns_and_missing_ends_are_survived(tmp_path: Path) -> None:

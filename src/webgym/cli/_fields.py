@@ -26,6 +26,8 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from rich.markup import escape
 
+from webgym.settings import field_docstring
+
 Given: TypeAlias = dict[str, Any]
 """Values of options, nested like their model; fields whose option was not given are absent."""
 
@@ -89,7 +91,8 @@ class Options:
         return given
 
     def _parameter(self, flag: str, option: Option) -> inspect.Parameter:
-        field = field_of(self._model, option.field)
+        model, name = owner_of(self._model, option.field)
+        field = model.model_fields[name]
         kind, is_list, choices = _kind(field.annotation)
         if "/" in flag:
             kind, choices = bool, None
@@ -99,7 +102,7 @@ class Options:
         )
         declaration = typer.Option(
             flag,
-            help=option.help or help_of(field),
+            help=option.help or help_of(model, name),
             show_default=default or False,
             metavar=option.metavar or choices,
             rich_help_panel=self._panel,
@@ -140,19 +143,19 @@ def takes(**groups: Options) -> Callable[[Callable[..., None]], Callable[..., No
     return decorate
 
 
-def field_of(model: type[BaseModel], path: str) -> FieldInfo:
-    """The field at a dotted path of a model and its sections, such as ``policy.chat.model``."""
+def owner_of(model: type[BaseModel], path: str) -> tuple[type[BaseModel], str]:
+    """The model and the name of the field at a dotted path, such as ``policy.chat.model``."""
     name, _, rest = path.partition(".")
-    field = model.model_fields[name]
     if not rest:
-        return field
+        return model, name
+    field = model.model_fields[name]
     types_of = (kind for kind in (field.annotation, *get_args(field.annotation)) if isinstance(kind, type))
-    return field_of(next(kind for kind in types_of if issubclass(kind, BaseModel)), rest)
+    return owner_of(next(kind for kind in types_of if issubclass(kind, BaseModel)), rest)
 
 
-def help_of(field: FieldInfo) -> str:
+def help_of(model: type[BaseModel], name: str) -> str:
     """The first paragraph of a field's docstring, without reStructuredText markup."""
-    paragraph = re.split(r"\n\s*\n", (field.description or "").strip())[0]
+    paragraph = re.split(r"\n\s*\n", field_docstring(model, name))[0]
     return escape(" ".join(_CODE.sub(r"\1", _ROLE.sub(r"\1", paragraph)).split()))
 
 

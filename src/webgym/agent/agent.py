@@ -229,6 +229,8 @@ class Dialogue:
         )
         is_cut = was_cut_off(reply.finish_reason)
         if isinstance(parsed, ParseError):
+            if reply.reasoning and not reply.text.strip():
+                parsed = ParseError(parsed.kind, "the reply holds nothing but thinking")
             note = "; it was too long and was cut off" if is_cut else ""
             return ParseError(parsed.kind, parsed.message + note)
         # A compact action has no end of its own: what is left of one may be another action.

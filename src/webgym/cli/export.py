@@ -17,6 +17,7 @@ from webgym.core.outcome import Outcome
 from webgym.environment import COLLECTIONS, config_of
 from webgym.rollout.export import export
 from webgym.rollout.files import make_folder
+from webgym.rollout.summary import oracle_notes
 from webgym.task_choice import all_tasks
 from webgym.tasks.formats import write_tasks
 from webgym.tasks.split import leaking
@@ -88,6 +89,8 @@ def command(
             progress=lambda count: progress.update(bar, completed=count),
         )
     typer.echo(f"{result.steps:,} steps of {result.attempts:,} attempts, {result.pictures:,} pictures: {out}")
+    for note in oracle_notes(sorted(result.policies)):
+        typer.echo(note)
     left_out = {
         "attempts at tasks of another split": result.other_split,
         "attempts with other outcomes": result.unrewarded,

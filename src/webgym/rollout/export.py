@@ -68,6 +68,7 @@ class Exported(msgspec.Struct):
         other_split: attempts left out because their task belongs to another split, or leaks a test task of
             the run although it is for training.
         unusable: steps left out because the format cannot represent them.
+        policies: whose steps they are.
     """
 
     attempts: int = 0
@@ -76,6 +77,7 @@ class Exported(msgspec.Struct):
     unrewarded: int = 0
     other_split: int = 0
     unusable: int = 0
+    policies: set[str] = set()
 
 
 def export(
@@ -158,6 +160,7 @@ class _Exporter:
                 self.done.unrewarded += 1
             else:
                 self.done.attempts += 1
+                self.done.policies.add(trajectory.episode.policy)
                 for step in trajectory.episode.steps:
                     yield task, trajectory, step
 

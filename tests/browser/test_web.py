@@ -318,6 +318,13 @@ async def test_a_part_of_a_page_that_breaks_off_is_recorded(site: Site, open_tab
             assert len(look.observation.broken) == count
             assert all(text.startswith(f"{gone}: net::ERR_") for text in look.observation.broken)
             assert tab.notices == []
+
+        async def fails(_: Request) -> Response:
+            return Response(status_code=503)
+
+        failing = site.on("/failing", fails)
+        look = await tab.goto(site.page(f"<p>here<iframe src={failing}></iframe>"))
+        assert look.observation.broken == (f"{failing}: HTTP status 503",)
         elsewhere = gone.replace("127.0.0.1", "localhost")
         assert (await tab.goto(site.page(f"<script src={elsewhere}></script>"))).observation.broken == ()
         assert (await tab.step(Wait(time=0.1))).observation.broken == ()

@@ -166,6 +166,9 @@ PART = ("http://a.test/in/1: net::ERR_CONNECTION_RESET",)
         (False, {"notices": BROKEN_OFF}, True),
         (True, {"broken": PART}, True),
         (False, {"broken": PART}, False),  # parts of pages of the web may always be missing
+        (True, {"status": 502}, True),
+        (False, {"status": 502}, False),
+        (True, {"status": 502, "url": "http://b.test/"}, False),
         (True, {"broken": ("http://b.test/in/1: net::ERR_CONNECTION_RESET",)}, False),
     ],
 )

@@ -7,6 +7,7 @@ import contextlib
 import math
 import re
 from collections import Counter
+from http import HTTPStatus
 from urllib.parse import urlsplit
 
 import msgspec
@@ -408,6 +409,8 @@ class Traffic:
         if activity is None:
             return
         activity.has_answer = True
+        if event.response.status >= HTTPStatus.INTERNAL_SERVER_ERROR:
+            self._add_broken(activity, f"HTTP status {event.response.status}")
         if activity.endpoint in self._unread:
             self._give_up(activity)
         elif event.type in _READ_BY_SCRIPTS and "content-length" in {
@@ -431,13 +434,16 @@ class Traffic:
     def _on_failed(self, failed: RequestFailed) -> None:
         activity = self._in_flight.get(failed.request_id)
         if activity is not None and not failed.canceled and _BROKEN.match(failed.error_text):
-            url = activity.endpoint.partition(" ")[2]
-            if _site(url) == self._site and len(self._broken) < self._config.notices_per_observation:
-                self._broken.append(f"{url[: self._config.name_characters]}: {failed.error_text}")
+            self._add_broken(activity, failed.error_text)
         self.end(failed.request_id)
 
+    def _add_broken(self, activity: _InFlight, why: str) -> None:
+        url = activity.endpoint.partition(" ")[2]
+        if _site(url) == self._site and len(self._broken) < self._config.notices_per_observation:
+            self._broken.append(f"{url[: self._config.name_characters]}: {why}")
+
     def take_broken(self) -> tuple[str, ...]:
-        """The requests to the page's own website whose connection failed since the last call; see
+        """The requests to the page's own website that failed since the last call; see
         :class:`~webgym.core.observation.Observation`."""
         broken, self._broken = self._broken, []
         return tuple(broken)

@@ -21,6 +21,7 @@ from webgym.core.errors import AttemptOverdue, EgressRefused, NavigationFailed, 
 from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, ending_of
 from webgym.core.trajectory import Episode, Failure, Step
+from webgym.core.websites import host_or_text
 from webgym.rollout.config import AttemptConfig
 from webgym.rollout.plan import Planned
 from webgym.server.messages import SessionOptions, View
@@ -300,12 +301,17 @@ class EpisodeDriver:
     def _broken_connection(self, observation: Observation) -> str:
         """How the connection to a website that could be reached failed; empty if it did not.
 
-        A URL that never answered may have been made up by the agent, and does not count. A part of a page
-        counts only on the offline web, which is part of the environment and loses none by itself.
+        A URL that never answered may have been made up by the agent, and does not count. A part of a page, or
+        an error of the server, counts only on the offline web, which is part of the environment and has none
+        by itself.
         """
+        truth, status = self.planned.task.truth, observation.status or 0
+        is_own = truth is not None and host_or_text(observation.url) in truth.hosts
+        if is_own and status >= HTTPStatus.INTERNAL_SERVER_ERROR:
+            return f"{observation.url}: HTTP status {status}"
         failed = [it.text for it in observation.notices if it.kind == "navigation_failed"]
         failed = [text for text in failed if _CONNECTION.search(text)]
-        if self.planned.task.truth is not None:
+        if truth is not None:
             failed += observation.broken
         return next((text for text in failed if _origin(text) in self._reached), "")
 

@@ -183,6 +183,8 @@ class Dialogue:
         pending, turn = self._pending, self._pending.turn
         try:
             refuse_untyped(reply, Reply)
+            if min(reply.seconds, reply.prompt_tokens, reply.completion_tokens) < 0:
+                raise ValueError("its seconds or tokens are negative")
         except (TypeError, ValueError, OverflowError) as error:
             raise PolicyError(f"the reply cannot be recorded: {error}", hint=_OWN_BUG) from error
         try:

@@ -9,6 +9,7 @@ from contextlib import (
 )
 from typing import Any
 
+import httpx
 from pydantic import SecretStr
 
 from webgym.browser.config import Cookie
@@ -81,6 +82,8 @@ async def services(config: RunConfig, secrets: Secrets) -> AsyncIterator[tuple[S
             choice = choice.model_copy(update={"sites_url": sites.url})
             secrets = secrets.model_copy(update={"sites_token": SecretStr(sites.token)})
             allowed = tuple(sites.allowed_hosts)
+        else:
+            allowed = _rules_for_sites_elsewhere(config)
         serve = ServerConfig(
             slots=config.collector.sessions,
             browser=config.browser.allowing(*allowed),
@@ -131,7 +134,7 @@ async def _sites(
             served = {site["host"]: site.get("digest") for site in await client.websites()}
             _check_served(tasks, served.keys())
             _check_digests(config, tasks, served)
-            yield ServedState(client), ()
+            yield ServedState(client), _rules_for_sites_elsewhere(config)
     elif config.server.url is not None:
         raise ConfigError(
             "these tasks are on the offline web, and the browser server runs elsewhere",
@@ -141,6 +144,15 @@ async def _sites(
         async with serving(config.sites) as sites, SitesClient(sites.url, sites.token) as client:
             _check_served(tasks, sites.web.specs.keys())
             yield ServedState(client), tuple(sites.allowed_hosts)
+
+
+def _rules_for_sites_elsewhere(config: RunConfig) -> tuple[str, ...]:
+    """The egress rules that let browsers that are started here reach an offline web that is not."""
+    if config.server.url is not None or config.server.sites_url is None:
+        return ()
+    url, sites = httpx.URL(config.server.sites_url), config.sites
+    web = OfflineWeb(sites.seed, per_family=sites.per_family, collection=sites.collection)
+    return tuple(web.allowed_hosts(f"{url.host}:{url.port or 80}"))
 
 
 def _check_served(tasks: Sequence[Task], hosts: Set[str]) -> None:

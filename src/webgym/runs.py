@@ -33,7 +33,7 @@ import msgspec
 from webgym.agent.agent import Agent
 from webgym.agent.factory import POLICY_NAMES, create_policy
 from webgym.agent.openai_policy import OpenAIPolicy
-from webgym.agent.policy import ORACLES, Policy
+from webgym.agent.policy import Policy
 from webgym.agent.preflight import check_policy
 from webgym.core.calls import CallQueue, call_queues
 from webgym.core.errors import RunFolderError
@@ -53,7 +53,7 @@ from webgym.rollout.plan import Plan
 from webgym.rollout.progress import Progress
 from webgym.rollout.sharing import sharing
 from webgym.rollout.store import RunReader, RunWriter, refuse_taken
-from webgym.rollout.summary import Summary, oracle_note, summarise
+from webgym.rollout.summary import Summary, oracle_notes, summarise
 from webgym.rollout.trackers import check_installed, tracking
 from webgym.rollout.unjudged import judge_again
 from webgym.run_config import (
@@ -309,11 +309,10 @@ async def _collected(
     show: Show | None,
     finishing: asyncio.Event | None,
 ) -> Summary:
-    name = run_services.agent.policy.name
     progress = Progress(
         total=plan.total,
         levels={task.id: task.level for task in tasks},
-        note=oracle_note(name) if name in ORACLES else "",
+        note="".join(oracle_notes([run_services.agent.policy.name])),
         problem=run_services.problem,
     )
     if store.attempts:

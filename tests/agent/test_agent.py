@@ -170,7 +170,14 @@ async def test_a_policys_own_errors_pass_and_others_are_wrapped() -> None:
 
 @pytest.mark.parametrize(
     "rubbish",
-    [{"seconds": float("nan")}, {"text": None}, {"weight_version": 3}, {"sampling": {"a": object()}}],
+    [
+        {"seconds": float("nan")},
+        {"seconds": -1.0},
+        {"completion_tokens": -1},
+        {"text": None},
+        {"weight_version": 3},
+        {"sampling": {"a": object()}},
+    ],
 )
 async def test_a_reply_that_no_record_can_hold_is_the_policys_error(rubbish: dict[str, Any]) -> None:
     with pytest.raises(PolicyError, match="the reply cannot be recorded"):

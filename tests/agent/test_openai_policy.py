@@ -177,6 +177,7 @@ async def test_a_call_that_was_only_thought_of_is_none(
     first, second = await talk(endpoint.url("choice"), png, model="Qwen/Qwen3-VL-8B-Thinking", turns=2)
     assert found in (first.action, first.parse_error.partition(":")[0])
     assert first.reply.reasoning == (message.get("reasoning_content") or message.get("reasoning") or "")
+    assert ("nothing but thinking" in first.parse_error) == (message["content"] is None)
     assert ("it was too long and was cut off" in str(second.messages[-1])) == (finish_reason == "length")
     assert "I could" not in str(second.messages)
     assert "Hm." not in str(second.messages)
@@ -200,6 +201,7 @@ async def test_tool_calls_that_the_endpoint_has_parsed_are_read(
     endpoint.choice["message"] = message | {"tool_calls": [call, call]}
     (step,) = await talk(endpoint.url("choice"), png)
     assert step.action is None, "two calls are no one action"
-    endpoint.choice["message"] = message | {"tool_calls": [{"function": 7}]}
-    (step,) = await talk(endpoint.url("choice"), png)
-    assert step.action is None
+    for calls, problem in (([call, {"function": 7}], "several_tool_calls"), ({"name": 7}, "bad_arguments")):
+        endpoint.choice["message"] = message | {"tool_calls": calls}
+        (step,) = await talk(endpoint.url("choice"), png)
+        assert step.parse_error.startswith(problem), "a call of another form is reported, not left out"

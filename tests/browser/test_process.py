@@ -8,6 +8,7 @@ import gc
 import os
 import resource
 import shutil
+import signal
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
@@ -99,6 +100,12 @@ async def test_it_knows_no_secret_of_ours(
             assert b"open-sesame" not in Path(f"/proc/{pid}/environ").read_bytes()
         given = Path(f"/proc/{browser.pid}/environ").read_bytes()
         assert f"TMPDIR={browser.profile}".encode() in given
+        monkeypatch.setattr("resource.getrlimit", lambda _: (64, 64))  # as if that had ended it
+        os.kill(browser.pid, signal.SIGKILL)
+        async with asyncio.timeout(10):
+            while browser.connection.lost is None:
+                await asyncio.sleep(0.01)
+        assert "only 64 files may be open" in str(browser.connection.lost)
     finally:
         await browser.kill()
 

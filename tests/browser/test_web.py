@@ -306,6 +306,30 @@ async def test_a_page_that_breaks_off_before_its_body(site: Site, open_tab: Open
             assert tab.last.observation.url == home
 
 
+async def test_a_part_of_a_page_that_breaks_off_is_recorded(site: Site, open_tab: Open) -> None:
+    """For its own website; an agent is not told."""
+    head = b"HTTP/1.1 200 OK\r\nContent-Type: text/html\r\nContent-Length: 90\r\n\r\n"
+    tab = await open_tab(config=IMPATIENT)
+    async with raw(says(head)) as place:
+        gone = f"http://{place}/gone"
+        parts = {"<script src={}></script>": 1, "<iframe src={}></iframe>": 1, "<p>{}": 0}
+        for part, count in parts.items():
+            look = await tab.goto(site.page("<p>here" + part.format(f"{gone}?a=b")))
+            assert len(look.observation.broken) == count
+            assert all(text.startswith(f"{gone}: net::ERR_") for text in look.observation.broken)
+            assert tab.notices == []
+
+        async def fails(_: Request) -> Response:
+            return Response(status_code=503)
+
+        failing = site.on("/failing", fails)
+        look = await tab.goto(site.page(f"<p>here<iframe src={failing}></iframe>"))
+        assert look.observation.broken == (f"{failing}: HTTP status 503",)
+        elsewhere = gone.replace("127.0.0.1", "localhost")
+        assert (await tab.goto(site.page(f"<script src={elsewhere}></script>"))).observation.broken == ()
+        assert (await tab.step(Wait(time=0.1))).observation.broken == ()
+
+
 SYNCHRONOUS = "const ask = new XMLHttpRequest(); ask.open('GET', '/late', false); ask.send()"
 
 

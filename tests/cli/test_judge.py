@@ -77,6 +77,7 @@ def test_a_run_is_judged_and_compared(
     assert "judge      rubric/3 big-1@" in said
     assert f"{asked} replies, {asked * 12:,} + {asked * 3:,} tokens, ${asked * 48 / 1e6:.4f}" in said
     assert "keypoint" in said
+    assert "note       the scripted policy is an oracle" in said
     assert "compared   rubric/3" in said
     assert "with       recorded" in said
     assert "failure / success" in said or "success / failure" in said

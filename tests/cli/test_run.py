@@ -26,7 +26,14 @@ from tests.rollout.running import World, a_world, until
 
 from webgym import runs
 from webgym.cli import _run
-from webgym.core.errors import RunFolderError, StoreFull
+from webgym.core.errors import (
+    ConfigError,
+    RunFolderError,
+    StoreCorrupt,
+    StoreFull,
+    StoreLocked,
+    WebGymError,
+)
 from webgym.judge.config import JudgeChoice
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.store import RunWriter
@@ -55,10 +62,6 @@ async def full() -> None:
     raise StoreFull("no space left")
 
 
-async def refused() -> None:
-    raise RunFolderError("holds a run already")
-
-
 async def whole() -> None:
     return None
 
@@ -81,8 +84,13 @@ def test_a_stopped_run_says_how_to_go_on(
         f"finished work is stored; resume with: webgym rollout --resume '{run}'\n"
     )
     _run.run(whole, resumed_by=("webgym rollout", run))
-    with pytest.raises(RunFolderError):
-        _run.run(refused, resumed_by=("webgym rollout", run))
+    for refusal in (RunFolderError, ConfigError, StoreLocked, StoreCorrupt):
+
+        async def refused(refusal: type[WebGymError] = refusal) -> None:
+            raise refusal("holds a run already")
+
+        with pytest.raises(refusal):
+            _run.run(refused, resumed_by=("webgym rollout", run))
     assert not capsys.readouterr().err
 
 

@@ -36,7 +36,9 @@ from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Split, Visit, Website
 from webgym.rollout.config import AttemptConfig
 from webgym.run_config import RunConfig, Secrets, ServerChoice, TaskChoice, resolved
+from webgym.run_services import services
 from webgym.runs import collect
+from webgym.server.config import ServerConfig
 from webgym.tasks.formats import write_tasks
 from webgym.testing import check_family, check_tasks, play
 
@@ -459,6 +461,27 @@ async def test_an_offline_web_elsewhere_must_serve_the_websites_of_the_tasks(
     tasks: list[Task], tmp_path: Path, served: SitesConfig, expected: str
 ) -> None:
     await _refused_there(served, SitesConfig(), tasks[:1], expected, tmp_path)
+
+
+async def test_browsers_that_are_started_here_reach_an_offline_web_elsewhere(
+    tasks: list[Task], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    allowed = []
+
+    def start(config: ServerConfig) -> None:
+        allowed.append(list(config.browser.egress.allow))
+        raise ConfigError("that will do")
+
+    monkeypatch.setattr("webgym.run_services.running_server", start)
+    secrets = Secrets(sites_token=SecretStr("the-token-of-the-sites"))
+    own = SitesConfig(collection="small", seed=5)
+    async with serving(own.model_copy(update={"token": secrets.sites_token})) as sites:
+        config = RunConfig(sites=own, server=ServerChoice(sites_url=sites.url))
+        with pytest.raises(ConfigError, match="will do"):
+            await collect(config, tmp_path / "run", tasks=tasks[:1], secrets=secrets)
+        with pytest.raises(ConfigError, match="will do"):
+            await services(config, secrets).__aenter__()
+        assert allowed == [list(sites.allowed_hosts)] * 2
 
 
 async def test_an_offline_web_elsewhere_must_not_serve_others_of_the_same_names(tmp_path: Path) -> None:

@@ -281,6 +281,8 @@ async def test_pictures_come_from_the_folder_and_a_report_that_was_moved_says_so
     await page.goto(address(report.rename(tmp_path / "moved.html"), run, 0))
     await expect(absent).to_contain_text("If the report was moved, move it back into its run folder")
     await expect(page.locator("#moved")).to_contain_text("the report was moved. Move it back")
+    notice, crumbs = await box_of(page.locator("#moved")), await box_of(page.locator(".crumbs"))
+    assert notice["y"] + notice["height"] <= crumbs["y"], "what is missing covers no links"
     await context.close()
 
 

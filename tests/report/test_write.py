@@ -23,7 +23,7 @@ from msgspec.structs import replace
 from webgym.cli import main
 from webgym.core.errors import RunFolderError
 from webgym.core.outcome import Outcome
-from webgym.core.trajectory import Trajectory
+from webgym.core.trajectory import ImageRef, Message, Trajectory
 from webgym.report.config import ReportConfig
 from webgym.report.template import CHUNK
 from webgym.report.write import write_report
@@ -130,13 +130,17 @@ def test_corrupt_records_are_counted_on_the_page(run: Path) -> None:
         {"screenshot": "f" * 63},
         {"viewport": (0, 768)},
         {"viewport": (10**400, 768)},
+        {"messages": (Message("user", (ImageRef("f" * 64, 10**5, 10**5),)),)},
+        {"messages": (Message("user", (ImageRef("f" * 64, 60_000, 60_000),)),)},
     ],
 )
 def test_a_forged_record_is_named_and_left_out(run: Path, forged: dict[str, object]) -> None:
     write_report(run, config=SMALL)  # there are folders now that a name could lead out of
     (run.parent / "secret.webp").write_bytes(b"hidden elsewhere")
     good = next(RunReader(run).trajectories())
-    step = replace(good.episode.steps[0], observation=replace(good.episode.steps[0].observation, **forged))
+    step = good.episode.steps[0]
+    is_request = "messages" in forged
+    step = replace(step, **forged if is_request else {"observation": replace(step.observation, **forged)})
     with (run / "trajectories/00000.jsonl").open("ab") as shard:
         episode = replace(good.episode, attempt_id="forged#0.0", steps=(step,))
         shard.write(sealed(replace(good, episode=episode)))

@@ -139,6 +139,55 @@ async def test_an_offline_website_that_is_not_served_is_no_failure_of_the_agents
         await driver.start(pages)
 
 
+class Lacking(Pages):
+    """Something does not come at some looks."""
+
+    def __init__(self, looks: int, **lacking: Any) -> None:
+        super().__init__({})
+        self._lacking = looks, lacking
+
+    async def step(self, action: BrowserAction | None = None) -> View:
+        view = await super().step(action)
+        looks, lacking = self._lacking
+        seen = (
+            msgspec.structs.replace(view.observation, **lacking) if self.looks <= looks else view.observation
+        )
+        return View(seen, view.image)
+
+
+BROKEN_OFF = (Notice("navigation_failed", "http://a.test/1: the page broke off, net::ERR_CONNECTION_RESET"),)
+PART = ("http://a.test/in/1: net::ERR_CONNECTION_RESET",)
+
+
+@pytest.mark.parametrize(
+    ("is_offline", "lacking", "is_lost"),
+    [
+        (True, {"notices": BROKEN_OFF}, True),
+        (False, {"notices": BROKEN_OFF}, True),
+        (True, {"broken": PART}, True),
+        (False, {"broken": PART}, False),  # parts of pages of the web may always be missing
+        (True, {"status": 502}, True),
+        (False, {"status": 502}, False),
+        (True, {"status": 502, "url": "http://b.test/"}, False),
+        (True, {"broken": ("http://b.test/in/1: net::ERR_CONNECTION_RESET",)}, False),
+    ],
+)
+async def test_a_start_page_that_does_not_come_whole_is_opened_again(
+    is_offline: bool, lacking: dict[str, Any], is_lost: bool
+) -> None:
+    context = EpisodeContext(store=Pages({}), config=AttemptConfig(), site_state=None, seed=0)
+    truth = Truth("a.test", (FactTruth(1, 0),), AnswerTruth(), ()) if is_offline else None
+    known = msgspec.structs.replace(task("t", 1), truth=truth, website="http://a.test")
+    pages = Lacking(1, **lacking)
+    driver = EpisodeDriver(context, Planned(known, 0), AgentTraits("p", "marks"))
+    await driver.start(pages)
+    assert pages.looks == 1 + is_lost
+    driver = EpisodeDriver(context, Planned(known, 0), AgentTraits("p", "marks"))
+    if is_lost:
+        with pytest.raises(NavigationFailed, match="cannot be opened"):
+            await driver.start(Lacking(9, **lacking))
+
+
 async def test_one_valid_reply_is_enough_to_be_judged() -> None:
     episode, _, progress = await made(Says("I would click", ACTS, ""))
     assert episode.ending is Ending.BUDGET_SPENT

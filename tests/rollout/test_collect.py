@@ -19,7 +19,6 @@ from pydantic import SecretStr
 from webgym.agent.config import AgentConfig
 from webgym.agent.policy import PolicyInput, PolicySession
 from webgym.agent.scripted import ScriptedPolicy
-from webgym.browser.config import BrowserConfig
 from webgym.core.errors import ConfigError, RunFolderError, TaskFileError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
@@ -374,7 +373,6 @@ async def test_the_offline_web_away_under_open_pages_costs_attempts_but_no_rewar
         settings = config(
             file,
             sites=LARGE,
-            browser=BrowserConfig().allowing(*sites.allowed_hosts),
             server=ServerChoice(sites_url=sites.url),
             retries=1000,
         )

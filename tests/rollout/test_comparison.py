@@ -151,8 +151,13 @@ async def test_the_command(tmp_path: Path, calls: Calls) -> None:
     assert "other is better" in said
     code, said = calls.run("compare", one, other, "--json")
     assert json.loads(said)["rows"]["easy"]["better"] == 20
+    oracles = json.loads(said)["notes"]
+    assert [note.partition(" is an oracle")[0] for note in oracles] == [
+        f"{name}: the scripted policy" for name in ("one", "other")
+    ]
     code, said = calls.run("compare", one, other, "--markdown")
     assert "| overall | 80 | 50.0 | 75.0 | +25.0 |" in said
+    assert "other: the scripted policy is an oracle" in said
     code, said = calls.run("compare", one, tmp_path)
     assert code == 2
     assert "is not a run" in said

@@ -323,8 +323,10 @@ def test_tables_of_runs(run: Path, calls: Calls) -> None:
     overall = next(line for line in said.splitlines() if line.startswith("| overall"))
     assert overall.startswith("| overall | 12 | 7 | 57.1 | 25.0, 84.2 | 33.3 | 13.8, 60.9 | "), overall
     assert "1 sample is missing" in said
+    assert "**Success of scripted (oracle) by difficulty" in said
     code, said = calls.run("eval", "--of", run, "--of", run, "--latex")
     assert code == 0
+    assert said.count("& scripted (oracle) &") == 4
     assert said.count("57.1 [25.0, 84.2]") == 2
     assert said.count("33.3 [13.8, 60.9]") == 2
     assert r"environment\_error" in said

@@ -140,6 +140,9 @@ def test_the_command_says_what_it_left_out(run: Path, tmp_path: Path, calls: Cal
     assert code == 0
     assert "0 steps of 0 attempts" in said
     assert "attempts at tasks of another split" in said
+    assert "oracle" not in said
+    code, said = calls.run("export", run, "--out", tmp_path / "all", "--format", "jsonl", "--split", "all")
+    assert "the scripted policy is an oracle" in said
     code, said = calls.run("export", run, "--out", tmp_path / "out")
     assert code == 2
     assert "is not empty" in said

@@ -13,11 +13,12 @@ from tests.report.conftest import build_run
 from tests.rollout.running import Run, a_world, books
 
 from webgym.cli import main
-from webgym.core.errors import RunFolderError, StoreLocked
+from webgym.core.errors import RunFolderError, StoreCorrupt, StoreLocked
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode, Trajectory
 from webgym.core.verdict import Judgement, Verdict
 from webgym.judge.base import Pictures
+from webgym.rollout.export import export
 from webgym.rollout.records import attempt_ids_in, pictures
 from webgym.rollout.rejudge import judge_run, verdicts_of
 from webgym.rollout.store import RunReader, RunWriter
@@ -107,6 +108,17 @@ def test_what_is_broken_is_named_and_set_aside(run: Path, kind: str) -> None:
     log = [json.loads(line) for line in (run / "set-aside/log.jsonl").read_text().splitlines()]
     assert [(one["file"], one["line"]) for one in log] == [(found.problems[0].file, found.problems[0].line)]
     assert (run / "set-aside" / found.problems[0].file).stat().st_size > 0
+
+
+def test_attempts_that_lack_their_task_are_told(run: Path) -> None:
+    tasks = (run / "tasks.jsonl").read_bytes().splitlines(keepends=True)
+    (run / "tasks.jsonl").write_bytes(b"".join(tasks[1:]))
+    (problem,) = verify(run, set_aside=True).problems
+    assert str(problem).startswith("tasks.jsonl: 1 attempt lacks its task, as ")
+    assert not problem.is_set_aside
+    with pytest.raises(StoreCorrupt, match="does not hold its task"):
+        export(run, run / "out", "jsonl", split="all")
+    assert not (run / "out").exists()
 
 
 @pytest.mark.parametrize("is_gone", [True, False])

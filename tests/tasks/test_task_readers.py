@@ -13,7 +13,6 @@ import msgspec
 import pytest
 from tests.conftest import Calls
 
-from webgym.cli import export
 from webgym.core.task import Task
 from webgym.offline.web import OfflineWeb
 from webgym.run_config import RunConfig
@@ -84,8 +83,11 @@ def test_tasks_that_come_with_webgym_are_exported_by_their_name(
         asked.append(config)
         return held
 
-    monkeypatch.setattr(export, "all_tasks", given)
+    monkeypatch.setattr("webgym.task_choice.all_tasks", given)
     code, said = calls.run("export", "offline-small-v1", "--split", "all", "--out", tmp_path / "out")
     assert code == 0, said
     assert asked[0].sites.collection == "small"
     assert read_tasks(tmp_path / "out").tasks == held
+    code, said = calls.run("tasks", "show", "offline-small-v1")
+    assert code == 0, said
+    assert [line.partition("\t")[0] for line in said.splitlines()] == [task.id for task in held]

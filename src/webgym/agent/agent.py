@@ -183,6 +183,8 @@ class Dialogue:
         pending, turn = self._pending, self._pending.turn
         try:
             refuse_untyped(reply, Reply)
+            if min(reply.seconds, reply.prompt_tokens, reply.completion_tokens) < 0:
+                raise ValueError("its seconds or tokens are negative")
         except (TypeError, ValueError, OverflowError) as error:
             raise PolicyError(f"the reply cannot be recorded: {error}", hint=_OWN_BUG) from error
         try:
@@ -229,6 +231,8 @@ class Dialogue:
         )
         is_cut = was_cut_off(reply.finish_reason)
         if isinstance(parsed, ParseError):
+            if reply.reasoning and not reply.text.strip():
+                parsed = ParseError(parsed.kind, "the reply holds nothing but thinking")
             note = "; it was too long and was cut off" if is_cut else ""
             return ParseError(parsed.kind, parsed.message + note)
         # A compact action has no end of its own: what is left of one may be another action.

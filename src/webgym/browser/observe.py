@@ -175,6 +175,7 @@ def _observation(
         mode=page.options.mode,
         settled=settled,
         notices=(*page.take_notices(), *content.notices(page)),
+        broken=page.traffic.take_broken(),
         text=content.text,
         fields=content.fields,
         cuts=content.cuts,

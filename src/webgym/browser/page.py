@@ -251,6 +251,7 @@ class Page:
         """Start another episode in this tab: without cookies, history, notices and what was learned."""
         self.begin_action()
         self.take_notices()
+        self.traffic.take_broken()
         self.idlers, self.points, self.picture = IdleTimers(), {}, ""
         await self._do_all([("Network.clearBrowserCookies", {}), ("Page.resetNavigationHistory", {})])
         await self.begin(options)

@@ -8,6 +8,7 @@ import fcntl
 import logging
 import os
 import re
+import resource
 import signal
 import socket
 from collections.abc import Iterator
@@ -104,6 +105,9 @@ _LOG_LINES = 3
 _REASON_MARKERS = ("FATAL:", "Check failed:", "sandbox!", "sandbox helper")
 """Text in a log line that says why Chromium ended; a stack trace may follow the line."""
 
+_FEW_FILES = 100
+"""With fewer open files, Chromium ends without a word."""
+
 _EXIT_POLL_SECONDS = (0.001, 0.05)
 """First and longest pause while waiting for a killed process group to end."""
 
@@ -147,9 +151,13 @@ class BrowserProcess:
         self.connection.abandon(self._why_lost() or BrowserCrashed("the browser process ended"))
 
     def _why_lost(self) -> BrowserCrashed | None:
-        """The reason, if the kernel ended the browser."""
+        """The reason, if the machine ended the browser."""
         if self._cgroup is not None and self._cgroup.ran_out:
             return BrowserOutOfMemory("the kernel ended the browser: it took too much memory")
+        files = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+        if 0 <= files < _FEW_FILES:
+            why = f"the browser process ended; only {files} files may be open at once"
+            return BrowserCrashed(why, hint="raise the limit: ulimit -n 1024")
         return None
 
     def _close_pidfd(self) -> None:

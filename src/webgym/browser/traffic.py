@@ -7,6 +7,7 @@ import contextlib
 import math
 import re
 from collections import Counter
+from http import HTTPStatus
 from urllib.parse import urlsplit
 
 import msgspec
@@ -45,6 +46,12 @@ _POLLS = 6
 _BURST = 0.1
 """Seconds in which requests to an address count once: the tiles of a map differ only in digits, and are not
 polled."""
+
+_BROKEN = re.compile(
+    r"net::ERR_(CONNECTION|SOCK|EMPTY_RESPONSE|TIMED_OUT|NETWORK|INTERNET|ADDRESS_UNREACHABLE|HTTP2"
+    r"|CONTENT_LENGTH_MISMATCH|INCOMPLETE_CHUNKED)"
+)
+"""The browser's errors that mean that a connection failed or broke off."""
 
 _FOLLOW_SECONDS = 0.4
 """How long after an answer on a WebSocket another message may belong to it."""
@@ -148,6 +155,7 @@ class Traffic:
         self._document = ("", "")
         """Loader and URL of the last request for a main document, redirects followed."""
         self._site = ""
+        self._broken: list[str] = []
         session.on("Page.frameStartedLoading", FrameEvent, self._on_frame_started)
         session.on("Page.frameStoppedLoading", FrameEvent, self._on_frame_stopped)
         session.on("Page.frameDetached", FrameEvent, self._on_frame_stopped)
@@ -166,7 +174,7 @@ class Traffic:
         session.on("Network.resourceChangedPriority", PriorityChanged, self._on_priority)
         for name in ("loadingFinished", "eventSourceMessageReceived"):
             session.on(f"Network.{name}", RequestDone, lambda done: self.end(done.request_id))
-        session.on("Network.loadingFailed", RequestFailed, lambda failed: self.end(failed.request_id))
+        session.on("Network.loadingFailed", RequestFailed, self._on_failed)
         session.on("Network.webSocketCreated", SocketCreated, self._on_socket)
         session.on("Network.webSocketFrameSent", RequestDone, self._on_sent)
         session.on("Network.webSocketFrameReceived", RequestDone, self._on_received)
@@ -401,6 +409,8 @@ class Traffic:
         if activity is None:
             return
         activity.has_answer = True
+        if event.response.status >= HTTPStatus.INTERNAL_SERVER_ERROR:
+            self._add_broken(activity, f"HTTP status {event.response.status}")
         if activity.endpoint in self._unread:
             self._give_up(activity)
         elif event.type in _READ_BY_SCRIPTS and "content-length" in {
@@ -420,6 +430,23 @@ class Traffic:
             more = self._clock() - activity.since + self._config.minor_seconds
             activity.seconds = max(activity.seconds, min(more, self._config.loading_seconds))
             self._changed.set()
+
+    def _on_failed(self, failed: RequestFailed) -> None:
+        activity = self._in_flight.get(failed.request_id)
+        if activity is not None and not failed.canceled and _BROKEN.match(failed.error_text):
+            self._add_broken(activity, failed.error_text)
+        self.end(failed.request_id)
+
+    def _add_broken(self, activity: _InFlight, why: str) -> None:
+        url = activity.endpoint.partition(" ")[2]
+        if _site(url) == self._site and len(self._broken) < self._config.notices_per_observation:
+            self._broken.append(f"{url[: self._config.name_characters]}: {why}")
+
+    def take_broken(self) -> tuple[str, ...]:
+        """The requests to the page's own website that failed since the last call; see
+        :class:`~webgym.core.observation.Observation`."""
+        broken, self._broken = self._broken, []
+        return tuple(broken)
 
     def _on_priority(self, changed: PriorityChanged) -> None:
         activity = self._in_flight.get(changed.request_id)

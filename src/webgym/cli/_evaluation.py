@@ -8,6 +8,7 @@ from typing import Any, Final
 from rich.console import Console
 from rich.table import Table as RichTable
 
+from webgym.agent.policy import ORACLES
 from webgym.core.text import plain
 from webgym.rollout.evaluation import GROUPS, Evaluation, Row
 from webgym.rollout.manifest import Manifest
@@ -31,7 +32,7 @@ def tables(results: Sequence[Evaluation]) -> Iterator[Table]:
     if len(results) == 1:
         (result,) = results
         columns, rows = _by_difficulty(result)
-        yield Table(f"Success of {result.policy} by difficulty, judged by {result.judge}", columns, rows)
+        yield Table(f"Success of {_policy(result)} by difficulty, judged by {result.judge}", columns, rows)
     else:
         yield from _side_by_side(results)
     lost = _outcomes(results)
@@ -41,6 +42,11 @@ def tables(results: Sequence[Evaluation]) -> Iterator[Table]:
             for result in results
         ]
         yield Table("Samples without a reward, not in the rates", ("run", *lost), rows)
+
+
+def _policy(result: Evaluation) -> str:
+    is_oracle = not ORACLES.isdisjoint(result.policy.split(", "))
+    return f"{result.policy} (oracle)" if is_oracle else result.policy
 
 
 def conditions(results: Sequence[Evaluation]) -> Table:
@@ -162,7 +168,7 @@ def _by_difficulty(result: Evaluation) -> tuple[tuple[str, ...], list[tuple[str,
 def _side_by_side(results: Sequence[Evaluation]) -> Iterator[Table]:
     def row(result: Evaluation, count: int, columns: slice) -> tuple[str, ...]:
         cells = (_rates(result.rows[group])[columns] for group in GROUPS)
-        return result.run, result.policy, str(count), *(_with_interval(*cell) for cell in cells)
+        return result.run, _policy(result), str(count), *(_with_interval(*cell) for cell in cells)
 
     head = ("run", "policy")
     judged = [row(result, result.rows["overall"].attempts, slice(0, 2)) for result in results]

@@ -20,7 +20,7 @@ from pydantic import SecretStr
 from rich.console import Console
 from rich.text import Text
 
-from webgym.core.errors import ConfigError, RunFolderError, UsageError
+from webgym.core.errors import ConfigError, StoreCorrupt, StoreLocked, UsageError
 from webgym.core.outcome import Outcome
 from webgym.core.text import plain
 from webgym.report.write import write_report
@@ -42,6 +42,8 @@ _WITH_RESUME: Final = (
     *("as_json", "as_markdown", "as_latex"),
 )
 """Parameters of ``rollout`` and ``eval`` that apply to a resumed run."""
+_REFUSALS: Final = (UsageError, StoreLocked, StoreCorrupt)
+"""Errors that resuming with the same command does not change."""
 
 
 def run(
@@ -93,7 +95,7 @@ def run(
         with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
             return runner.run(guarded())
     except BaseException as error:
-        is_refused = isinstance(error, RunFolderError)  # such a folder is not resumed, or is another run
+        is_refused = isinstance(error, _REFUSALS)
         if resumed_by is not None and not is_refused and (resumed_by[1] / CONFIG).is_file():
             if report and isinstance(error, KeyboardInterrupt):
                 write_report(resumed_by[1])

@@ -9,6 +9,7 @@ import msgspec
 import typer
 from rich.console import Console
 
+from webgym.core.text import plain
 from webgym.rollout.comparison import Comparison, Difference, compare
 from webgym.rollout.rejudge import RECORDED
 from webgym.tables import Table, markdown, show
@@ -65,4 +66,4 @@ def _conclusions(result: Comparison) -> list[str]:
         if count
     ]:
         lines.append(f"left out: {', '.join(left_out)}")
-    return lines
+    return [*lines, *map(plain, result.notes)]

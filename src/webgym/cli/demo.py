@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -143,7 +144,10 @@ def _collect(folder: Path, options: dict[str, Any]) -> None:
     report = write_report(folder)
     print_summary(summary, console)
     console.print(
-        f"\nreport   {report}\nbrowse   webgym view {folder}", highlight=False, soft_wrap=True, markup=False
+        f"\nreport   {report}\nbrowse   webgym view {shlex.quote(str(folder))}",
+        highlight=False,
+        soft_wrap=True,
+        markup=False,
     )
     if all_failed(summary):
         raise typer.Exit(1)
@@ -173,5 +177,5 @@ def _train(
     for line in before_and_after(folder):
         console.print(line, highlight=False, soft_wrap=True)
     last = max(TrainingFolder(folder).evaluations())
-    browse = f"browse   webgym view {TrainingFolder(folder).evaluation(last)}"
+    browse = f"browse   webgym view {shlex.quote(str(TrainingFolder(folder).evaluation(last)))}"
     console.print(browse, highlight=False, soft_wrap=True, markup=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -97,10 +98,11 @@ def command(
         write_report(folder)
     _print_results([evaluate(folder)], console, as_json, as_markdown, as_latex)
     print_losses(summary, console)
+    quoted = shlex.quote(str(folder))
     console.print(
-        f"\nrun      {folder}\nbrowse   webgym view {folder}", highlight=False, soft_wrap=True, markup=False
+        f"\nrun      {folder}\nbrowse   webgym view {quoted}", highlight=False, soft_wrap=True, markup=False
     )
-    print_retry(summary, f"webgym eval --resume {folder}", console)
+    print_retry(summary, f"webgym eval --resume {quoted}", console)
     _run.raise_if_interrupted(finishing, resumed_by)
     if all_failed(summary):
         raise typer.Exit(1)

@@ -11,13 +11,13 @@ import typer
 from rich.console import Console
 from rich.progress import Progress, TextColumn
 
-from webgym.cli.tasks._files import TaskRecords, read_all
+from webgym.cli.tasks._files import read_all
 from webgym.core.errors import RunFolderError, UsageError
 from webgym.core.outcome import Outcome
-from webgym.environment import COLLECTIONS, config_of
+from webgym.environment import COLLECTIONS
 from webgym.rollout.export import export
 from webgym.rollout.files import make_folder
-from webgym.task_choice import all_tasks
+from webgym.rollout.summary import oracle_notes
 from webgym.tasks.formats import write_tasks
 from webgym.tasks.split import leaking
 
@@ -88,6 +88,8 @@ def command(
             progress=lambda count: progress.update(bar, completed=count),
         )
     typer.echo(f"{result.steps:,} steps of {result.attempts:,} attempts, {result.pictures:,} pictures: {out}")
+    for note in oracle_notes(sorted(result.policies)):
+        typer.echo(note)
     left_out = {
         "attempts at tasks of another split": result.other_split,
         "attempts with other outcomes": result.unrewarded,
@@ -103,12 +105,7 @@ def _has_tasks(folder: Path) -> bool:
 
 
 def _export_tasks(source: Path, out: Path, kind: Format, split: Split) -> None:
-    name = str(source)
-    records = (
-        TaskRecords(all_tasks(config_of(name, "all"), typer.echo), [], [])
-        if name in COLLECTIONS
-        else read_all([source])
-    )
+    records = read_all([source])
     leaks = leaking(records.tasks) if split is Split.TRAIN else set()
     chosen = [task for task in records.tasks if split is Split.ALL or task.split == split.value]
     tasks = [task for task in chosen if task.id not in leaks]

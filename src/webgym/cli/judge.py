@@ -175,6 +175,7 @@ async def _judge(
 def _print_result(state: Judging, spent: Cost, console: Console) -> None:
     from webgym.cli._judge_output import cost_line, outcomes_line
     from webgym.cli._summary import REASONS, line
+    from webgym.rollout.summary import oracle_notes
 
     console.print(f"judge      {line(state.judge)}", highlight=False, soft_wrap=True, markup=False)
     unjudged = sum(state.failures.values())
@@ -187,6 +188,8 @@ def _print_result(state: Judging, spent: Cost, console: Console) -> None:
         for why in state.left_out[:REASONS]:
             console.print(f"  {line(why)}", highlight=False, soft_wrap=True, markup=False)
     console.print("outcomes  ", outcomes_line(state))
+    for note in oracle_notes(sorted(state.policies)):
+        console.print(f"note       {note}", highlight=False, soft_wrap=True)
     for message, count in state.failures.most_common(REASONS):
         console.print(f"  {count} {line(message)}", highlight=False, soft_wrap=True, markup=False)
     console.print(f"cost       {cost_line(state.cost)}", highlight=False, soft_wrap=True)

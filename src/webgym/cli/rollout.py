@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import typer
@@ -61,7 +62,7 @@ def command(
     path = write_report(folder) if report else None
     print_summary(summary, console)
     console.print(f"\nrun      {folder}", highlight=False, soft_wrap=True, markup=False)
-    print_retry(summary, f"webgym rollout --resume {folder}", console)
+    print_retry(summary, f"webgym rollout --resume {shlex.quote(str(folder))}", console)
     if path is not None:
         console.print(f"report   {path}", highlight=False, soft_wrap=True, markup=False)
     _run.raise_if_interrupted(finishing, resumed_by)

@@ -67,6 +67,9 @@ class Observation(msgspec.Struct, frozen=True, omit_defaults=True):
         mode: whether marks are drawn on the picture.
         settled: why the wait for a quiet page ended (``quiet``, ``deadline``, ...).
         notices: what happened since the last observation.
+        broken: requests of the page to its own website whose connection failed since then, or whose server
+            did (5xx), a line each: a frame, a script or data may be missing from the page. Agents do not see
+            it.
         text: the text that is visible in the viewport, line by line; ``None`` if not requested. Words that
             are clipped, covered, transparent or in the colour of their background are left out; "…" stands
             for them where the rest of a line is visible. The content of editable fields is not part of it.
@@ -89,6 +92,7 @@ class Observation(msgspec.Struct, frozen=True, omit_defaults=True):
     mode: Mode = "coordinates"
     settled: str = ""
     notices: tuple[Notice, ...] = ()
+    broken: tuple[str, ...] = ()
     text: str | None = None
     fields: tuple[str, ...] = ()
     cuts: tuple[tuple[str, str], ...] = ()

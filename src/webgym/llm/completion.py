@@ -158,17 +158,18 @@ class _ToolCall(msgspec.Struct):
 
 
 def _text(message: _Message) -> str:
-    try:
-        calls = msgspec.convert(message.tool_calls or [], list[_ToolCall])
-    except msgspec.ValidationError:
-        calls = []
-    blocks = [_block(call.function) for call in calls]
+    calls = message.tool_calls or []
+    blocks = [_block(call) for call in (calls if isinstance(calls, list) else [calls])]
     return "\n".join([message.content, *blocks] if message.content else blocks)
 
 
-def _block(function: _Function) -> str:
+def _block(call: Any) -> str:
     """A tool call as a ``<tool_call>`` block. Invalid JSON in the arguments is kept, for the parser to
-    report."""
+    report, and so is a call of another form."""
+    try:
+        function = msgspec.convert(call, _ToolCall).function
+    except msgspec.ValidationError:
+        return f"<tool_call>\n{msgspec.json.encode(call).decode()}\n</tool_call>"
     raw = function.arguments
     arguments = raw if isinstance(raw, str) else msgspec.json.encode(raw).decode()
     name = msgspec.json.encode(function.name).decode()

@@ -20,8 +20,10 @@ import numpy as np
 from webgym.core.errors import UsageError
 from webgym.core.task import LEVELS, Level
 from webgym.rollout.evaluation import GROUPS, EvaluationConfig, Group, rewards_by_task
+from webgym.rollout.manifest import Records
 from webgym.rollout.rates import Interval
 from webgym.rollout.rejudge import RECORDED
+from webgym.rollout.summary import oracle_notes
 from webgym.stats import percentiles
 
 CONFIDENCE: Final = 0.95
@@ -71,6 +73,7 @@ class Comparison(msgspec.Struct, frozen=True):
         first, second: names of their folders.
         rows: differences by level, and overall.
         only_first, only_second: number of tasks with a reward in only one of the runs, which are left out.
+        notes: caveats of the figures: an oracle as a run's policy.
     """
 
     first: str
@@ -78,6 +81,7 @@ class Comparison(msgspec.Struct, frozen=True):
     rows: dict[Group, Difference]
     only_first: int
     only_second: int
+    notes: tuple[str, ...] = ()
 
 
 def compare(
@@ -94,7 +98,9 @@ def compare(
         RunFolderError: a folder is not a run, or there is no such judge.
         UsageError: no task has a reward in both.
     """
-    first_rewards, second_rewards = (rewards_by_task(run, judge) for run in (first, second))
+    records = (Records(), Records())
+    first_rewards = rewards_by_task(first, judge, records[0])
+    second_rewards = rewards_by_task(second, judge, records[1])
     shared = first_rewards.keys() & second_rewards.keys()
     if not shared:
         raise UsageError("no task has a reward in both runs", hint="compare runs over the same tasks")
@@ -105,12 +111,18 @@ def compare(
         pairs[level].append((mean, second_rewards[task_id][1]))
     generator = np.random.default_rng(config.seed)
     drawn = {level: _resampled(of_level, config.resamples, generator) for level, of_level in pairs.items()}
+    names = (first.resolve().name, second.resolve().name)
     return Comparison(
-        first=first.resolve().name,
-        second=second.resolve().name,
+        first=names[0],
+        second=names[1],
         rows={group: _difference(group, pairs, drawn) for group in GROUPS},
         only_first=len(first_rewards.keys() - shared),
         only_second=len(second_rewards.keys() - shared),
+        notes=tuple(
+            f"{name}: {note}"
+            for name, recorded in zip(names, records, strict=True)
+            for note in oracle_notes(recorded.policies)
+        ),
     )
 
 

@@ -21,6 +21,7 @@ from webgym.core.errors import AttemptOverdue, EgressRefused, NavigationFailed, 
 from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, ending_of
 from webgym.core.trajectory import Episode, Failure, Step
+from webgym.core.websites import host_or_text
 from webgym.rollout.config import AttemptConfig
 from webgym.rollout.plan import Planned
 from webgym.server.messages import SessionOptions, View
@@ -29,7 +30,7 @@ _ORIGIN = re.compile(r"(?<![^\s(\"])https?://[^/\s?#\"]+", re.IGNORECASE)
 """The beginning of a URL, and not that of another one in its query."""
 _CONNECTION = re.compile(
     r"gave no answer within|the page broke off|has nothing to show yet|too many new connections|"
-    r"net::ERR_(CONNECTION|NAME|DNS|ADDRESS|INTERNET|NETWORK|EMPTY_RESPONSE|TIMED_OUT|SOCKS|INSUFFICIENT)"
+    r"net::ERR_(CONNECTION|NAME|DNS|ADDRESS|INTERNET|NETWORK|EMPTY_RESPONSE|TIMED_OUT|SOCK|INSUFFICIENT)"
 )
 """Parts of a browser's error message that mean that the connection to the website failed, not the page."""
 
@@ -199,11 +200,12 @@ class EpisodeDriver:
         website = self.planned.task.website
         url = website if "://" in website else f"https://{website}"
         refused = ""
+        self._reached.add(_origin(url))
         for _ in range(self._context.config.start_tries):
             view = await self._act(Navigate(url))
-            notices = view.observation.notices
-            refused = next((notice.text for notice in notices if notice.kind == "navigation_failed"), "")
-            if not refused or view.observation.status is not None:
+            notices, broken = view.observation.notices, self._broken_connection(view.observation)
+            refused = broken or next((it.text for it in notices if it.kind == "navigation_failed"), "")
+            if not refused or (view.observation.status is not None and not broken):
                 if view.observation.status == HTTPStatus.NOT_FOUND and self.planned.task.truth is not None:
                     raise NavigationFailed(f"{url} is not among the websites that are served")
                 return await self._record_view(view)
@@ -288,20 +290,30 @@ class EpisodeDriver:
         """Fail if a website that could be reached earlier cannot be reached any more: the environment's
         failure.
 
-        A URL that never answered may have been made up by the agent, and does not count.
-
         Raises:
             NavigationFailed: a website cannot be reached any more.
         """
-        for notice in observation.notices:
-            if (
-                notice.kind == "navigation_failed"
-                and _CONNECTION.search(notice.text)
-                and _origin(notice.text) in self._reached
-            ):
-                raise NavigationFailed(f"the website became unreachable during the attempt: {notice.text}")
+        if broken := self._broken_connection(observation):
+            raise NavigationFailed(f"the website became unreachable during the attempt: {broken}")
         if observation.status is not None:
             self._reached.add(_origin(observation.url))
+
+    def _broken_connection(self, observation: Observation) -> str:
+        """How the connection to a website that could be reached failed; empty if it did not.
+
+        A URL that never answered may have been made up by the agent, and does not count. A part of a page, or
+        an error of the server, counts only on the offline web, which is part of the environment and has none
+        by itself.
+        """
+        truth, status = self.planned.task.truth, observation.status or 0
+        is_own = truth is not None and host_or_text(observation.url) in truth.hosts
+        if is_own and status >= HTTPStatus.INTERNAL_SERVER_ERROR:
+            return f"{observation.url}: HTTP status {status}"
+        failed = [it.text for it in observation.notices if it.kind == "navigation_failed"]
+        failed = [text for text in failed if _CONNECTION.search(text)]
+        if truth is not None:
+            failed += observation.broken
+        return next((text for text in failed if _origin(text) in self._reached), "")
 
     async def _read_site_state(self) -> None:
         truth, site_state = self.planned.task.truth, self._context.site_state

@@ -18,7 +18,6 @@ from typing import Annotated, Any, Final, Literal, TypeAlias
 import msgspec
 from pydantic import Field
 
-from webgym.agent.policy import ORACLES
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Level, StepBudget
 from webgym.core.trajectory import Failure, Trajectory
@@ -26,7 +25,7 @@ from webgym.rollout.manifest import Manifest, Records, manifest_of
 from webgym.rollout.rates import RESAMPLES, Interval, Method, Successes, over_tasks
 from webgym.rollout.rejudge import RECORDED, verdicts_of
 from webgym.rollout.store import RunReader
-from webgym.rollout.summary import oracle_note
+from webgym.rollout.summary import oracle_notes
 from webgym.settings import Settings
 
 TEST_BUDGET: Final = StepBudget(30, 50, 70)
@@ -140,9 +139,7 @@ def evaluate(run: Path, judge: str = RECORDED, config: EvaluationConfig | None =
     records = Records()
     samples = list(_samples(reader, ended_by, records))
     drawn = [(task.id, task.level) for task in reader.drawn]
-    summary: Mapping[str, Any] = reader.summary or {
-        "notes": [oracle_note(policy) for policy in ORACLES & records.policies.keys()]
-    }
+    summary: Mapping[str, Any] = reader.summary or {"notes": oracle_notes(records.policies)}
     rows = rows_of(samples, drawn, per_task, config, elsewhere=summary.get("elsewhere"))
     overall = rows["overall"]
     counted = {"planned": overall.planned, "judged": overall.attempts, "successes": overall.successes}
@@ -162,11 +159,18 @@ def evaluate(run: Path, judge: str = RECORDED, config: EvaluationConfig | None =
     )
 
 
-def rewards_by_task(run: Path, judge: str = RECORDED) -> dict[str, tuple[Level, float]]:
-    """Level and mean success of every task with a reward, by task id; see :func:`evaluate`."""
+def rewards_by_task(
+    run: Path, judge: str = RECORDED, records: Records | None = None
+) -> dict[str, tuple[Level, float]]:
+    """Level and mean success of every task with a reward, by task id; see :func:`evaluate`.
+
+    Args:
+        run, judge: as there.
+        records: collects what the attempts record.
+    """
     reader = RunReader(run, skip_corrupt=True)
     _, ended_by = _judged_by(run, judge)
-    means = _by_task(_samples(reader, ended_by, Records()))
+    means = _by_task(_samples(reader, ended_by, records or Records()))
     return {task_id: (reader.tasks[task_id].level, won / of) for task_id, (won, of) in means.items()}
 
 

@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from webgym.agent.image_codec import fit
-from webgym.core.errors import RunFolderError, UsageError
+from webgym.core.errors import RunFolderError, StoreCorrupt, UsageError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.trajectory import ImageRef, Message, Step, TextPart, Trajectory
@@ -68,6 +68,7 @@ class Exported(msgspec.Struct):
         other_split: attempts left out because their task belongs to another split, or leaks a test task of
             the run although it is for training.
         unusable: steps left out because the format cannot represent them.
+        policies: whose steps they are.
     """
 
     attempts: int = 0
@@ -76,6 +77,7 @@ class Exported(msgspec.Struct):
     unrewarded: int = 0
     other_split: int = 0
     unusable: int = 0
+    policies: set[str] = set()
 
 
 def export(
@@ -113,6 +115,10 @@ def export(
         raise UsageError("attempts without a reward cannot be imitated", hint="leave them out")
     reader = RunReader(run)
     reader.refresh()  # a damaged record is told before there is a folder
+    for entry in reader.attempts.values():
+        if entry.task_id not in reader.tasks:
+            why = f"{entry.attempt_id}: the run does not hold its task {entry.task_id}"
+            raise StoreCorrupt(why, hint="webgym verify RUN counts such attempts")
     make_folder(out)
     if any(out.iterdir()):
         raise RunFolderError(f"{out} is not empty", hint="choose another folder")
@@ -158,6 +164,7 @@ class _Exporter:
                 self.done.unrewarded += 1
             else:
                 self.done.attempts += 1
+                self.done.policies.add(trajectory.episode.policy)
                 for step in trajectory.episode.steps:
                     yield task, trajectory, step
 

@@ -62,6 +62,8 @@ class _Head(msgspec.Struct):
     outcome: Outcome
 
 
+_MOST_PIXELS = 2**26
+"""Most pixels of a picture that a request shows; sessions have at most an eighth of it."""
 _LAST_MOMENT = 253_402_300_800.0
 """Unix time of the start of the year 10000, which ``datetime`` cannot represent."""
 
@@ -123,10 +125,13 @@ def attempt_ids_in(folder: Path) -> Iterator[str]:
 def pictures(trajectory: Trajectory) -> set[str]:
     """The names of all pictures in a trajectory's observations and messages."""
     names = {observation.screenshot for observation in trajectory.episode.observations}
+    return names | {ref.screenshot for ref in _refs(trajectory)}
+
+
+def _refs(trajectory: Trajectory) -> Iterator[ImageRef]:
     for step in trajectory.episode.steps:
         for message in step.messages:
-            names |= {part.screenshot for part in message.content if isinstance(part, ImageRef)}
-    return names
+            yield from (part for part in message.content if isinstance(part, ImageRef))
 
 
 def _refuse_impossible(trajectory: Trajectory) -> None:
@@ -141,6 +146,9 @@ def _refuse_impossible(trajectory: Trajectory) -> None:
     for observation in trajectory.episode.observations:
         if not all(0 < side < 2**16 for side in observation.viewport):
             raise ValueError(f"the viewport {observation.viewport} is invalid"[:80])
+    for ref in _refs(trajectory):
+        if not (0 < ref.width < 2**16 and 0 < ref.height < 2**16 and ref.width * ref.height <= _MOST_PIXELS):
+            raise ValueError(f"the picture size {ref.width}×{ref.height} is invalid"[:80])
     if not 0 <= trajectory.episode.started_at < _LAST_MOMENT:
         raise ValueError("the start time is out of range")
 

@@ -71,6 +71,7 @@ class Judging:
         spent: cost of the verdicts made in this session.
         failed_in_a_row: number of latest attempts in a row without a verdict.
         failures: number of attempts without a verdict, by reason.
+        policies: whose attempts they are.
     """
 
     judge: str
@@ -84,6 +85,7 @@ class Judging:
     spent: Cost = field(default_factory=Cost)
     failed_in_a_row: int = 0
     failures: Counter[str] = field(default_factory=Counter)
+    policies: set[str] = field(default_factory=set)
 
     def count(self, judged: Judged, *, now: bool) -> None:
         """Count a judgement; ``now`` if it was made in this session."""
@@ -152,6 +154,7 @@ def _waiting(reader: RunReader, verdict_log: VerdictLog, state: Judging, config:
             state.left_out.append(f"{episode.attempt_id}: the run does not hold its task {episode.task_id}")
             continue
         state.total += 1
+        state.policies.add(episode.policy)
         judged = verdict_log.latest.get(episode.attempt_id)
         is_kept = judged is not None and (judged.verdict is not None or not config.retry_failures)
         if judged is not None and is_kept and not config.again:

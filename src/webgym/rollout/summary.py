@@ -28,9 +28,10 @@ MANY_INVALID = 0.05
 """Share of replies without a valid action above which a run warns: the prompt may not fit the model."""
 
 
-def oracle_note(policy: str) -> str:
-    """The note that accompanies an oracle's figures wherever they are shown."""
-    return f"the {policy} policy is an oracle: it plays known solutions and uses no model"
+def oracle_notes(policies: Iterable[str]) -> list[str]:
+    """The notes that accompany the figures of these policies wherever they are shown: one for each oracle."""
+    plays = "is an oracle: it plays known solutions and uses no model"
+    return [f"the {policy} policy {plays}" for policy in policies if policy in ORACLES]
 
 
 class Quantiles(TypedDict):
@@ -390,9 +391,7 @@ class Tally:
             loss["outcomes"][outcome] = loss["outcomes"].get(outcome, 0) + 1
 
     def _notes(self, policies: Iterable[str]) -> Iterator[str]:
-        for name in policies:
-            if name in ORACLES:
-                yield oracle_note(name)
+        yield from oracle_notes(policies)
         steps = self._counts["all", ""].steps
         if steps and self._invalid / steps > MANY_INVALID:
             share = f"{self._invalid / steps:.1%} of {steps:,} replies hold no valid action"

@@ -131,6 +131,7 @@ class _Verification:
         self.problems: list[Problem] = []
         self.intact_pictures: set[bytes] = set()
         self.attempts: dict[str, Outcome] = {}
+        self._without_task: list[str] = []
         self._run = run
         self._sets_aside = set_aside
         self._progress = progress
@@ -141,6 +142,10 @@ class _Verification:
         self._pictures()
         for shard in sorted((self._run / TRAJECTORIES).glob("*.jsonl")):
             self._lines(shard, self._trajectory)
+        if self._without_task:
+            count, first = len(self._without_task), self._without_task[0]
+            lack = "1 attempt lacks its task" if count == 1 else f"{count} attempts lack their tasks"
+            self._note(TASKS, 0, f"{lack}, as {first}", moved=False)
         for verdict_file in sorted((self._run / VERDICTS).glob("*.jsonl")):
             self._lines(
                 verdict_file, lambda line: "" if is_whole_verdict(line) else "the checksum does not match"
@@ -160,6 +165,7 @@ class _Verification:
                 moved = name == SUMMARY and self._move(self._run / name)
                 self._note(name, 0, error.message, moved=moved)
         self._lines(self._run / TASKS, _task, stays=True)
+        self._tasks = reader.tasks
 
     def _pictures(self) -> None:
         files = sorted((self._run / SCREENSHOTS).glob("*/*"))
@@ -184,6 +190,8 @@ class _Verification:
         if missing := self._missing(trajectory):
             return f"{attempt_id} shows {len(missing)} pictures that are missing or broken, as {missing[0]}"
         self.attempts[attempt_id] = trajectory.outcome
+        if trajectory.episode.task_id not in self._tasks:
+            self._without_task.append(attempt_id)
         self._progress("trajectories", len(self.attempts))
         return ""
 

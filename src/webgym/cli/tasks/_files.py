@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from webgym.core.errors import TaskFileError
@@ -49,15 +50,22 @@ def print_set_aside(records: Sequence[BrokenRecord]) -> None:
 
 
 def read_all(files: Iterable[Path]) -> TaskRecords:
-    """Read task files and folders of them.
+    """Read task files, folders of them, and tasks with a name, such as ``offline-v1``.
 
     Tasks without a split get it from the name of their file, if that is ``train`` or ``test``.
 
     Raises:
         TaskFileError: a file cannot be read or contains no task.
     """
+    from webgym.environment import COLLECTIONS, config_of
+    from webgym.task_choice import all_tasks
+
     records = TaskRecords([], [], [])
     for path in files:
+        if str(path) in COLLECTIONS and not path.exists():
+            tell = partial(print, file=sys.stderr)
+            records.tasks.extend(all_tasks(config_of(str(path), "all"), tell))
+            continue
         found = read_tasks(path)
         records.tasks.extend(found.tasks)
         records.broken.extend(found.broken)

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
 
 def show(
-    file: Path = typer.Argument(..., help="Task file of any format, or a folder of them."),
+    file: Path = typer.Argument(
+        ..., help="Task file of any format, a folder of them, or the name of tasks, such as offline-v1."
+    ),
     task_id: str | None = typer.Argument(None, help="Id of a task to print.", show_default=False),
     domain: str = typer.Option("", help="Only tasks of this domain.", show_default=False),
     subdomain: str = typer.Option("", help="Only tasks of this subdomain.", show_default=False),
@@ -35,12 +37,11 @@ def show(
     In a terminal the list opens in the pager ($PAGER, else less); `webgym view` shows it in a web browser.
     In a pipe it consists of tab-separated lines: id, number of facts, level, website, domain, instruction.
     """
-    from webgym.cli.tasks._files import print_set_aside
+    from webgym.cli.tasks._files import print_set_aside, read_all
     from webgym.core.errors import UsageError
-    from webgym.tasks.formats import read_tasks
     from webgym.tasks.index import TaskIndex, TaskQuery
 
-    records = read_tasks(file)
+    records = read_all([file])
     index = TaskIndex(records.tasks)
     print_set_aside(records.set_aside)
     if records.broken:

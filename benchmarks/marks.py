@@ -208,16 +208,18 @@ class Trier:
             await self.load()
         await self.evaluate("__trial.take()")
         kin = await self.evaluate(f"__trial.kin({x}, {y}, {json.dumps([middle(mark) for mark in marks])})")
-        for other, path, _ in kin[:KIN]:
+        for other, _, depth in kin[:KIN]:
             await self.load()
+            path = ""
             for point in (middle(marks[other]), (x, y)):
                 await self.mouse("mouseMoved", *point)
                 await self._reaction()
                 await self.evaluate("__trial.take()")
+                path = await self.evaluate(f"__trial.pathAbove({x}, {y}, {depth})")  # clicks may move it
                 await self._press(*point)
             self._is_fresh = False
             changes = (await self._came())[0] or []  # none if the first click led elsewhere
-            if any(f"{change} /".startswith((f"{path} ", f"{path}/")) for change in changes):
+            if path and any(f"{change} /".startswith((f"{path} ", f"{path}/")) for change in changes):
                 return True
         return False
 

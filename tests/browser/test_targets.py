@@ -92,6 +92,23 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         "<p class=on style='cursor:pointer'><i class='on arrow'></i>Trunk</p>" + LISTENS.format("click"),
         ["What is it?", "Trunk", ""],
     ),
+    "an arrow in a menu that takes the focus": (
+        ICON + "<p class=on tabindex=0>More <i class='on dropdown'></i></p>" + LISTENS.format("click"),
+        ["More"],
+    ),
+    "an arrow of which only a part is named so": (
+        ICON
+        + "<p class=on role=combobox aria-label=Fruit tabindex=0>Apple "
+        + "<b class=on><i class=list-arrow></i></b></p>"
+        + LISTENS.format("click"),
+        ["Fruit"],
+    ),
+    "a tree's item whose name alone listens": (
+        ICON
+        + "<p role=treeitem style='cursor:pointer;height:40px'><i class=on></i><b class=on>Trunk</b></p>"
+        + LISTENS.format("click"),
+        ["", "Trunk"],
+    ),
     "a name of a tree's item that is disabled": (
         ICON + "<p role=treeitem class=item-disabled><i class=on></i><b class=on>Leaf</b></p>"
         "<p role=treeitem><b class=on>Twig</b></p>" + LISTENS.format("click"),

@@ -726,7 +726,7 @@
   // Does a part of this item, by a script of its own, do what the item itself does not?
   const isItemOf = (one, kid) => {
     const isPart = kid.role === one.role || Boolean(classLike(kid.element, ICON)); // its arrow
-    const name = !isPart && (kid.isPointer || kid.isHeard()) && nameOf(kid.element, kid.role);
+    const name = !isPart && ((kid.isPointer && !one.isPointer) || kid.isHeard()) && nameOf(kid.element, kid.role);
     return Boolean(name) && nameOf(one.element, one.role).includes(name);
   };
 
@@ -783,9 +783,12 @@
   // The arrow in a list or a button that opens: it does the same.
   const OPENS = new Set(['button', 'combobox', 'listbox', 'tab']);
   const OPENER = /(?<![a-z])(dropdown|caret|chevron|angle|arrow)(?![a-z])/i;
+  const isNamedOpener = (element, depth = 0) =>
+    Boolean(classLike(element, OPENER)) ||
+    (depth < 2 && childElementCount(element) === 1 && isNamedOpener(children(element)[0], depth + 1));
   const openerOf = (one, within) => {
     const isOpener = ({ element, isControl }) =>
-      !isControl && !nameOf(element, 'button') && Boolean(classLike(element, OPENER));
+      !isControl && !nameOf(element, 'button') && isNamedOpener(element);
     const found = OPENS.has(one.role) ? within.filter(isOpener) : [];
     return found.length === 1 ? found[0] : null; // two sort by what is above them
   };
@@ -835,10 +838,11 @@
       const thin = within.find(isThinField);
       if (thin) Object.assign(one, { role: thin.role, field: thin.element });
       const opener = openerOf(one, within);
-      const isDouble = (kid) => kid === opener && getAttribute(kid.element, 'aria-hidden') === 'true';
+      const isDouble = (kid) =>
+        kid === opener && (hasAttribute(one.element, 'tabindex') || getAttribute(kid.element, 'aria-hidden') === 'true');
       return kids.filter((kid) => kid !== thin && !isDouble(kid));
     }
-    const isInert = one.role === 'treeitem' && !one.isPointer && !one.isHeard();
+    const isInert = one.role === 'treeitem' && !one.isHeard();
     if (isInert && within.some((kid) => isItemOf(one, kid))) return null;
     if (isCellOf(one, within) || isHolderOf(one, within)) return null;
     if (arePartsOf(one, within)) return kids.filter((kid) => !within.includes(kid));

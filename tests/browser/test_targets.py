@@ -431,7 +431,7 @@ PAGES: dict[str, tuple[str, list[str]]] = {
     "headings that a table is sorted by": (
         "<style>th{width:90px}</style><div class=on><b role=columnheader aria-sort=none>Town</b>"
         "<b role=columnheader>Plain</b> and some more text</div><table class=on>"
-        "<tr><th aria-sort=none>Name<th class=col-sortable>Age<th class=not-sortable>Plain<th>Plain"
+        "<tr><th aria-sort=none><th aria-sort=none>Name<th class=col-sortable>Age<th class=not-sortable>Plain<th>Plain"
         "<tr><td>Ann<td>20<td>x<td>y</table>"
         "<table><tr><th aria-sort=none>Plain<th aria-sort=none>Plain</table>" + LISTENS.format("click"),
         ["Town", "Name", "Age"],

@@ -495,7 +495,7 @@
   const SORTABLE = /(?<![a-z]|(^|[_-])(no|not|non)[_-])sortable$/i;
   const isSorter = (element) =>
     matches(element, HEADING) && (hasAttribute(element, 'aria-sort') || Boolean(classLike(element, SORTABLE))) &&
-    !hasPointedKin(element) && isHeardFor(element, HEADING);
+    Boolean(nameOf(element, 'button')) && !hasPointedKin(element) && isHeardFor(element, HEADING);
 
   // An icon by which a part of a row is used: its box to tick, its arrow, or that of a cell.
   const ICON = /(?<![a-z])(checkbox|expander|expand|toggle|toggler|twisty|collapse|remove|close|delete)(?![a-z])/i;
@@ -577,8 +577,8 @@
   // A field of a month whose days are written over it: blank, one of seven in a row, and its presses are heard by the
   // document.
   const isDayField = (element, style) => {
-    const week = parentOf(element);
-    if (style.userSelect !== 'none' || !week || childElementCount(week) !== 7 || !isBlankIn(element)) return false;
+    const week = parentNode(element);
+    if (childElementCount(week) !== 7 || !isBlankIn(element) || style.userSelect !== 'none') return false;
     if (!weeks.has(week)) weeks.set(week, isWeek(week));
     return weeks.get(week);
   };
@@ -586,7 +586,7 @@
   let weeks = new Map(); // by what may be a week of fields; in this look
   const LEAST_WEEKS = 4;
   const isWeek = (week) => {
-    const month = parentOf(parentOf(week) || week);
+    const month = nodeType(week) === Node.ELEMENT_NODE && parentOf(parentOf(week) || week);
     if (!month || childElementCount(month) < LEAST_WEEKS || !isHeardAt(document)) return false;
     const fields = [...children(week)];
     return alikeIn(fields).length === 7 && fields.every(isBlankIn);

@@ -10,11 +10,11 @@ place in the document, a control gets the focus, or the address changes. The set
 of the point.
 
 A mark is correct if the page reacts to a click on its middle: at once, after a click on another element of
-its kind (the open tab), to the right button, or after the mouse has left (a star); and if no other mark at
-this place has the same signature. A point that reacts is covered if a mark has its signature, or a mark
-that it lies in has most of it, or a mark has the same changes apart from looks. Ignored are containers and
-their changes, rims of marks where only looks change, disabled controls, reactions to the mouse without a
-click, and labels of visible controls.
+its kind (the open tab), to the right button, to a double click, or after the mouse has left (a star); and if
+no other mark at this place has the same signature. A point that reacts is covered if a mark has its
+signature, or a mark that it lies in has most of it, or a mark has the same changes apart from looks. Ignored
+are containers and their changes, rims of marks where only looks change, disabled controls, reactions to the
+mouse without a click, and labels of visible controls.
 
 Names are compared with the browser's accessibility tree. Exit code 1 if a result is below its goal.
 """
@@ -200,6 +200,15 @@ class Trier:
         """Whether the page reacts to a click with the right button."""
         await self._arrive(x, y)
         await self._press(x, y, "right")
+        return bool((await self._came())[0])
+
+    async def is_double_clicked(self, x: float, y: float) -> bool:
+        """Whether the page reacts to a double click; asked of what does not react to a click."""
+        await self._arrive(x, y)
+        for count in (1, 2):
+            for kind in ("mousePressed", "mouseReleased"):
+                await self.mouse(kind, x, y, button="left", clickCount=count)
+        await self._reaction()
         return bool((await self._came())[0])
 
     async def is_current(self, x: float, y: float, marks: Sequence[Element]) -> bool:
@@ -393,6 +402,7 @@ async def measure(ours: Slot, trier: Trier, say: Any) -> Counter[str]:
             bool(signature)
             or await trier.is_current(*middle(mark), reacting)
             or await trier.is_right_clicked(*middle(mark))
+            or await trier.is_double_clicked(*middle(mark))
             or await trier.is_lasting(*middle(mark))
             or (mark.role == "slider" and await trier.is_dragged(*middle(mark)))
         )

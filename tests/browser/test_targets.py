@@ -109,6 +109,13 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         + LISTENS.format("click"),
         ["", "Trunk"],
     ),
+    "names of columns that bear data": (
+        "<style>b{display:inline-block;cursor:default;user-select:none}</style><div class=on><p>"
+        + "".join(f"<b role=columnheader data-column-id={name}>{name}</b>" for name in WEEK)
+        + "</p><div style='height:600px'></div></div>"
+        + LISTENS.format("click"),
+        [],
+    ),
     "a name of a tree's item that is disabled": (
         ICON + "<p role=treeitem class=item-disabled><i class=on></i><b class=on>Leaf</b></p>"
         "<p role=treeitem><b class=on>Twig</b></p>" + LISTENS.format("click"),
@@ -431,7 +438,8 @@ PAGES: dict[str, tuple[str, list[str]]] = {
     "headings that a table is sorted by": (
         "<style>th{width:90px}</style><div class=on><b role=columnheader aria-sort=none>Town</b>"
         "<b role=columnheader>Plain</b> and some more text</div><table class=on>"
-        "<tr><th aria-sort=none><th aria-sort=none>Name<th class=col-sortable>Age<th class=not-sortable>Plain<th>Plain"
+        "<tr><th aria-sort=none><th aria-sort=none>Name<th class=col-sortable>Age"
+        "<th class=not-sortable>Plain<th>Plain"
         "<tr><td>Ann<td>20<td>x<td>y</table>"
         "<table><tr><th aria-sort=none>Plain<th aria-sort=none>Plain</table>" + LISTENS.format("click"),
         ["Town", "Name", "Age"],

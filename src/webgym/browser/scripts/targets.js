@@ -513,7 +513,7 @@
   const TELLING = /^data-(.*-)?(node|row|col|item)?(id|key|code|index|value|date|time|day|month|year)$/;
   const isToldByData = (element, style) => {
     const names = getAttributeNames(element).filter((name) => TELLING.test(name) && getAttribute(element, name));
-    if (!names.length || style.cursor === 'text' || isPlainText(element, style) || closest(element, `${UNDIVIDED},[contenteditable]`)) return false;
+    if (!names.length || style.cursor === 'text' || isPlainText(element, style) || closest(element, `${UNDIVIDED},${HEADING},[contenteditable]`)) return false;
     if (!ofKind(element, 'ownerSVGElement') && !nameOf(element, 'button')) return false; // a background
     let around = parentOf(element);
     for (let n = 0; around && n < AROUND && !hearsClicks(around); n++) around = parentOf(around);

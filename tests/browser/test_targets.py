@@ -111,7 +111,7 @@ PAGES: dict[str, tuple[str, list[str]]] = {
     ),
     "names of columns that bear data": (
         "<style>b{display:inline-block;cursor:default;user-select:none}</style><div class=on><p>"
-        + "".join(f"<b role=columnheader data-column-id={name}>{name}</b>" for name in WEEK)
+        + "".join(f"<b role=columnheader data-column-id={name}>{name}</b>" for name in ("Task", "From", "To"))
         + "</p><div style='height:600px'></div></div>"
         + LISTENS.format("click"),
         [],

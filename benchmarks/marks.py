@@ -14,7 +14,7 @@ its kind (the open tab), to the right button, to a double click, or after the mo
 no other mark at this place has the same signature. A point that reacts is covered if a mark has its
 signature, or a mark that it lies in has most of it, or a mark has the same changes apart from looks. Ignored
 are containers and their changes, rims of marks where only looks change, disabled controls, reactions to the
-mouse without a click, and labels of visible controls.
+mouse without a click, to a click where there is nothing, and labels of visible controls.
 
 Names are compared with the browser's accessibility tree. Exit code 1 if a result is below its goal.
 """
@@ -68,6 +68,9 @@ FIELD_ENDS = " |"
 
 SLACK = 8
 """Margin in CSS pixels around a mark that belongs to it."""
+
+NOWHERE = (1278.0, 766.0)
+"""A point in the corner of the viewport, where most pages have nothing."""
 
 DRAGGED = (10, 20, 30)
 """Distances from the middle of a slider's handle, CSS pixels."""
@@ -159,6 +162,16 @@ class Trier:
             if self._is_fresh:
                 await self.mouse("mouseMoved", 1279, 767)
         return self.known[point]
+
+    async def elsewhere(self) -> set[str]:
+        """What changes on a click where there is nothing: any click does that, such as close what is open."""
+        if not self._is_fresh:
+            await self.load()
+        x, y = NOWHERE
+        hit = f"__trial.at({x}, {y})"
+        is_free = await self.evaluate(f"[document.body, document.documentElement].includes({hit})")
+        signature = await self.try_at(x, y) if is_free else ""
+        return changes_of(signature)
 
     async def _click(self, x: float, y: float) -> str:
         try:
@@ -348,14 +361,18 @@ def place_of(signature: str) -> str:
 
 
 def nodes_of(signature: str) -> set[str]:
-    return {change.split("=")[0] for change in place_of(signature).split("; ")}
+    return changes_of(place_of(signature))
 
 
-def is_twin(one: str, other: str) -> bool:
+def changes_of(signature: str) -> set[str]:
+    return {change.split("=")[0] for change in signature.split("; ")}
+
+
+def is_twin(one: str, other: str, elsewhere: set[str]) -> bool:
     """Whether two marks do the same; buttons in a field, such as one that clears it, do something else."""
     if place_of(one) != place_of(other) or not one:
         return False
-    changes = [{each.split("=")[0] for each in signature.split("; ")[1:]} for signature in (one, other)]
+    changes = [changes_of(signature.partition("; ")[2]) - elsewhere for signature in (one, other)]
     return one == other or 2 * len(changes[0] & changes[1]) >= len(changes[0] | changes[1])
 
 
@@ -386,6 +403,7 @@ async def measure(ours: Slot, trier: Trier, say: Any) -> Counter[str]:
     points = [(*point,) for point in await trier.points()]
     tried = {point: await trier.try_at(*point) for point in [*map(middle, marks), *points]}
     reacting = [mark for mark in marks if tried[middle(mark)]]
+    elsewhere = await trier.elsewhere()
     for mark in marks:
         signature = tried[middle(mark)]
         is_large = mark.box[2] * mark.box[3] > LARGE * 1280 * 768
@@ -393,7 +411,8 @@ async def measure(ours: Slot, trier: Trier, say: Any) -> Counter[str]:
             (
                 other
                 for other, same in zip(marks, signatures, strict=False)
-                if is_twin(signature, same) and (inside(*middle(mark), other) or inside(*middle(other), mark))
+                if is_twin(signature, same, elsewhere)
+                and (inside(*middle(mark), other) or inside(*middle(other), mark))
             ),
             None,
         )
@@ -414,6 +433,8 @@ async def measure(ours: Slot, trier: Trier, say: Any) -> Counter[str]:
             say(f"  wrong   {mark.number:3} {mark.role} {mark.name[:30]!r} {mark.box}: {why}")
     for x, y in points:
         signature = tried[x, y]
+        if changes_of(signature) == elsewhere:
+            continue
         is_found = place_of(signature) in map(place_of, signatures) or any(
             (inside(x, y, mark, SLACK) and (mark.role == "slider" or is_alike(signature, other)))
             or is_done_by(signature, other)

@@ -116,6 +116,14 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         + LISTENS.format("click"),
         [],
     ),
+    "a component of several controls": (
+        "<x-one>Sizes</x-one>" + COMPONENT.format("<slot></slot>" + 4 * "<input size=4>"),
+        4 * [""],
+    ),
+    "a component of a field and its buttons": (
+        "<x-one>Size</x-one>" + COMPONENT.format("<slot></slot><input size=4>" + 2 * "<button></button>"),
+        3 * ["Size"],
+    ),
     "a name of a tree's item that is disabled": (
         ICON + "<p role=treeitem class=item-disabled><i class=on></i><b class=on>Leaf</b></p>"
         "<p role=treeitem><b class=on>Twig</b></p>" + LISTENS.format("click"),

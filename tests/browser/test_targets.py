@@ -103,6 +103,14 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         + LISTENS.format("click"),
         ["Fruit"],
     ),
+    "what clears a list, and the arrow behind it": (
+        ICON
+        + "<p class=on role=combobox aria-label=Fruit tabindex=0>Apple <i class=on aria-hidden=true></i>"
+        + "<i class=on aria-hidden=true></i></p><p class=on role=combobox aria-label=Town tabindex=0>Bonn "
+        + "<i class=on aria-hidden=true></i></p>"
+        + LISTENS.format("click"),
+        ["Fruit", "", "Town", ""],
+    ),
     "a tree's item whose name alone listens": (
         ICON
         + "<p role=treeitem style='cursor:pointer;height:40px'><i class=on></i><b class=on>Trunk</b></p>"

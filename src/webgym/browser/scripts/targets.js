@@ -790,7 +790,11 @@
     const isOpener = ({ element, isControl }) =>
       !isControl && !nameOf(element, 'button') && isNamedOpener(element);
     const found = OPENS.has(one.role) ? within.filter(isOpener) : [];
-    return found.length === 1 ? found[0] : null; // two sort by what is above them
+    if (found.length) return found.length === 1 ? found[0] : null; // two sort by what is above them
+    const isHidden = ({ element, isControl }) =>
+      !isControl && !nameOf(element, 'button') && getAttribute(element, 'aria-hidden') === 'true';
+    const hidden = one.role === 'combobox' ? within.filter(isHidden) : [];
+    return hidden.length > 1 ? hidden.at(-1) : null; // what clears the field comes before it
   };
 
   // Which of `kids`, the candidates that lie in `one`, are kept beside it; null where they are kept in its stead.

@@ -512,8 +512,10 @@
   // One of several of a kind that bear data by which the script around them tells which one was clicked.
   const TELLING = /^data-(.*-)?(node|row|col|item)?(id|key|code|index|value|date|time|day|month|year)$/;
   const isToldByData = (element, style) => {
-    const names = getAttributeNames(element).filter((name) => TELLING.test(name) && getAttribute(element, name));
-    if (!names.length || style.cursor === 'text' || isPlainText(element, style) || closest(element, `${UNDIVIDED},${HEADING},[contenteditable]`)) return false;
+    const isOfColumn = (name) => name.includes('col') && matches(element, HEADING); // a name for all that is below it
+    const isTelling = (name) => TELLING.test(name) && getAttribute(element, name) && !isOfColumn(name);
+    const names = getAttributeNames(element).filter(isTelling);
+    if (!names.length || style.cursor === 'text' || isPlainText(element, style) || closest(element, `${UNDIVIDED},[contenteditable]`)) return false;
     if (!ofKind(element, 'ownerSVGElement') && !nameOf(element, 'button')) return false; // a background
     let around = parentOf(element);
     for (let n = 0; around && n < AROUND && !hearsClicks(around); n++) around = parentOf(around);

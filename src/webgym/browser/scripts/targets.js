@@ -394,12 +394,14 @@
   // Is this one of a list most of which have a part with a pointer, and has none: a day of the next month, say?
   const isLeftOut = (element) => {
     const around = parentOf(element);
-    const all = children(rootOf(around) || around);
-    if (!partly.has(around)) partly.set(around, [...all].filter(hasPointedPart));
-    return 2 * partly.get(around).length > all.length && !partly.get(around).includes(element);
+    if (!partly.has(around)) {
+      const all = firstOf(children(rootOf(around) || around), MOST_KINDRED);
+      partly.set(around, 2 * all.filter(hasPointedPart).length > all.length);
+    }
+    return partly.get(around) && !hasPointedPart(element);
   };
-  const hasPointedPart = (element) => [...children(element)].some(isPointed);
-  let partly = new Map(); // by what is around a list: its items with such a part; in this look
+  const hasPointedPart = (element) => firstOf(children(element), MOST_PARTS).some(isPointed);
+  let partly = new Map(); // by what is around a list: whether most of its items have such a part; in this look
 
   // Is this drawn in one line with a part of the same thing that is written on? Both have the pointer, and neither
   // listens itself.
@@ -412,7 +414,7 @@
     };
     const isSame = (one) => one !== element && isOver(one) && isPointed(one) && Boolean(nameOf(one, 'button')) && !hears(one);
     const around = parentOf(element);
-    return Boolean(around) && !widgetOf(element) && firstOf(children(around), MOST_PARTS).some(isSame);
+    return Boolean(around) && firstOf(children(around), MOST_PARTS).some(isSame);
   };
   const MOST_PARTS = 5;
 

@@ -10,11 +10,11 @@ place in the document, a control gets the focus, or the address changes. The set
 of the point.
 
 A mark is correct if the page reacts to a click on its middle: at once, after a click on another element of
-its kind (the open tab), to the right button, or after the mouse has left (a star); and if no other mark at
-this place has the same signature. A point that reacts is covered if a mark has its signature, or a mark
-that it lies in has most of it, or a mark has the same changes apart from looks. Ignored are containers and
-their changes, rims of marks where only looks change, disabled controls, reactions to the mouse without a
-click, and labels of visible controls.
+its kind (the open tab), to the right button, to a double click, or after the mouse has left (a star); and if
+no other mark at this place has the same signature. A point that reacts is covered if a mark has its
+signature, or a mark that it lies in has most of it, or a mark has the same changes apart from looks. Ignored
+are containers and their changes, rims of marks where only looks change, disabled controls, reactions to the
+mouse without a click, to a click where there is nothing, and labels of visible controls.
 
 Names are compared with the browser's accessibility tree. Exit code 1 if a result is below its goal.
 """
@@ -68,6 +68,9 @@ FIELD_ENDS = " |"
 
 SLACK = 8
 """Margin in CSS pixels around a mark that belongs to it."""
+
+NOWHERE = (1278.0, 766.0)
+"""A point in the corner of the viewport, where most pages have nothing."""
 
 DRAGGED = (10, 20, 30)
 """Distances from the middle of a slider's handle, CSS pixels."""
@@ -160,6 +163,16 @@ class Trier:
                 await self.mouse("mouseMoved", 1279, 767)
         return self.known[point]
 
+    async def elsewhere(self) -> set[str]:
+        """What changes on a click where there is nothing: any click does that, such as close what is open."""
+        if not self._is_fresh:
+            await self.load()
+        x, y = NOWHERE
+        hit = f"__trial.at({x}, {y})"
+        is_free = await self.evaluate(f"[document.body, document.documentElement].includes({hit})")
+        signature = await self.try_at(x, y) if is_free else ""
+        return changes_of(signature)
+
     async def _click(self, x: float, y: float) -> str:
         try:
             await self.mouse("mouseMoved", x, y)
@@ -202,22 +215,33 @@ class Trier:
         await self._press(x, y, "right")
         return bool((await self._came())[0])
 
+    async def is_double_clicked(self, x: float, y: float) -> bool:
+        """Whether the page reacts to a double click; asked of what does not react to a click."""
+        await self._arrive(x, y)
+        for count in (1, 2):
+            for kind in ("mousePressed", "mouseReleased"):
+                await self.mouse(kind, x, y, button="left", clickCount=count)
+        await self._reaction()
+        return bool((await self._came())[0])
+
     async def is_current(self, x: float, y: float, marks: Sequence[Element]) -> bool:
         """Whether the page reacts to a second click after one on a similar element (such as another tab)."""
         if not self._is_fresh:
             await self.load()
         await self.evaluate("__trial.take()")
         kin = await self.evaluate(f"__trial.kin({x}, {y}, {json.dumps([middle(mark) for mark in marks])})")
-        for other, path, _ in kin[:KIN]:
+        for other, _, depth in kin[:KIN]:
             await self.load()
+            path = ""
             for point in (middle(marks[other]), (x, y)):
                 await self.mouse("mouseMoved", *point)
                 await self._reaction()
                 await self.evaluate("__trial.take()")
+                path = await self.evaluate(f"__trial.pathAbove({x}, {y}, {depth})")  # clicks may move it
                 await self._press(*point)
             self._is_fresh = False
             changes = (await self._came())[0] or []  # none if the first click led elsewhere
-            if any(f"{change} /".startswith((f"{path} ", f"{path}/")) for change in changes):
+            if path and any(f"{change} /".startswith((f"{path} ", f"{path}/")) for change in changes):
                 return True
         return False
 
@@ -337,14 +361,18 @@ def place_of(signature: str) -> str:
 
 
 def nodes_of(signature: str) -> set[str]:
-    return {change.split("=")[0] for change in place_of(signature).split("; ")}
+    return changes_of(place_of(signature))
 
 
-def is_twin(one: str, other: str) -> bool:
+def changes_of(signature: str) -> set[str]:
+    return {change.split("=")[0] for change in signature.split("; ")}
+
+
+def is_twin(one: str, other: str, elsewhere: set[str]) -> bool:
     """Whether two marks do the same; buttons in a field, such as one that clears it, do something else."""
     if place_of(one) != place_of(other) or not one:
         return False
-    changes = [{each.split("=")[0] for each in signature.split("; ")[1:]} for signature in (one, other)]
+    changes = [changes_of(signature.partition("; ")[2]) - elsewhere for signature in (one, other)]
     return one == other or 2 * len(changes[0] & changes[1]) >= len(changes[0] | changes[1])
 
 
@@ -375,6 +403,7 @@ async def measure(ours: Slot, trier: Trier, say: Any) -> Counter[str]:
     points = [(*point,) for point in await trier.points()]
     tried = {point: await trier.try_at(*point) for point in [*map(middle, marks), *points]}
     reacting = [mark for mark in marks if tried[middle(mark)]]
+    elsewhere = await trier.elsewhere()
     for mark in marks:
         signature = tried[middle(mark)]
         is_large = mark.box[2] * mark.box[3] > LARGE * 1280 * 768
@@ -382,7 +411,8 @@ async def measure(ours: Slot, trier: Trier, say: Any) -> Counter[str]:
             (
                 other
                 for other, same in zip(marks, signatures, strict=False)
-                if is_twin(signature, same) and (inside(*middle(mark), other) or inside(*middle(other), mark))
+                if is_twin(signature, same, elsewhere)
+                and (inside(*middle(mark), other) or inside(*middle(other), mark))
             ),
             None,
         )
@@ -391,6 +421,7 @@ async def measure(ours: Slot, trier: Trier, say: Any) -> Counter[str]:
             bool(signature)
             or await trier.is_current(*middle(mark), reacting)
             or await trier.is_right_clicked(*middle(mark))
+            or await trier.is_double_clicked(*middle(mark))
             or await trier.is_lasting(*middle(mark))
             or (mark.role == "slider" and await trier.is_dragged(*middle(mark)))
         )
@@ -402,6 +433,8 @@ async def measure(ours: Slot, trier: Trier, say: Any) -> Counter[str]:
             say(f"  wrong   {mark.number:3} {mark.role} {mark.name[:30]!r} {mark.box}: {why}")
     for x, y in points:
         signature = tried[x, y]
+        if changes_of(signature) == elsewhere:
+            continue
         is_found = place_of(signature) in map(place_of, signatures) or any(
             (inside(x, y, mark, SLACK) and (mark.role == "slider" or is_alike(signature, other)))
             or is_done_by(signature, other)

@@ -101,7 +101,7 @@
   hold.isInFocus = (x, y) => contains(deepest(), hold.at(x, y));
   // Neither a whole container, nor the label of a control that is seen itself.
   const isTried = (element) => {
-    if (element.closest('[aria-disabled=true],[disabled]')) return false;
+    if (above(element).some((node) => node.matches?.('[aria-disabled=true],[disabled]'))) return false;
     if (!element.matches('input,select') && !element.checkVisibility({ opacityProperty: true })) return false;
     if (isLarge(element) && !element.closest(CONTROLS)) return false;
     const label = element.closest('label') || (element.assignedSlot && element.assignedSlot.closest('label'));
@@ -131,6 +131,11 @@
       return isAlike && taken.has(item) ? [[index, taken.get(item)[0], depth]] : [];
     });
     return found.sort((a, b) => a[2] - b[2]);
+  };
+  // The path of what lies so many levels above what is hit at a point.
+  hold.pathAbove = (x, y, depth) => {
+    const found = taken.get(above(hold.at(x, y))[depth]);
+    return found ? found[0] : '';
   };
   // Does what lies at a point reach around what lies at one of these?
   hold.isRim = (x, y, points) => {

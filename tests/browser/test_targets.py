@@ -52,6 +52,96 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         "<div class=on><button>One</button><div style='height:90px'></div></div>" + LISTENS.format("click"),
         ["One"],
     ),
+    "shapes of a chart that hears for them": (
+        "<div class=on><svg width=300 height=150><text y=20>Sales</text>"
+        "<path fill=none stroke=grey d='M0 100h300' />"
+        + "".join(f"<rect x={20 + 50 * n} y=40 width=30 height=60 fill=teal />" for n in range(3))
+        + "</svg></div>"
+        + LISTENS.format("click"),
+        ["", "", ""],
+    ),
+    "fields of a month that the document hears for": (
+        "<style>p{display:flex;height:60px;margin:0;user-select:none}p>b{flex:1}</style><div>"
+        + 4 * f"<section><p>{7 * '<b></b>'}</p></section>"
+        + "</div><script>document._reactListening1 = true;"
+        "document.addEventListener('mousedown', () => {})</script>",
+        28 * [""],
+    ),
+    "fields of a month for which no script listens": (
+        "<style>p{display:flex;height:60px;margin:0;user-select:none}p>b{flex:1}</style><div>"
+        + 4 * f"<section><p>{7 * '<b></b>'}</p></section>"
+        + "</div><script>document._reactListening1 = true;"
+        "document.addEventListener('mousedown', (() => {}).bind())</script>",
+        [],
+    ),
+    "days of parts with a pointer, and of the next month": (
+        "<style>p{position:relative;margin:0}p>*{cursor:pointer}i{position:absolute;left:0;width:20px;height:20px}"
+        "</style><div class=on>"
+        + "".join(f"<p><b>{day}</b><i></i></p>" for day in (28, 29, 30))
+        + "<p>1</p></div>"
+        + LISTENS.format("click"),
+        ["28", "29", "30"],
+    ),
+    "a closed list that takes the focus, and its arrow": (
+        ICON + "<div class=on role=listbox aria-expanded=false aria-label=Fruit tabindex=0>Apple "
+        "<i class='on arrow'></i></div>" + LISTENS.format("click"),
+        ["Fruit"],
+    ),
+    "an arrow in what opens": (
+        ICON + "<p class=on style='cursor:pointer'><i class='on arrow' aria-hidden=true></i>What is it?</p>"
+        "<p class=on style='cursor:pointer'><i class='on arrow'></i>Trunk</p>" + LISTENS.format("click"),
+        ["What is it?", "Trunk", ""],
+    ),
+    "an arrow in a menu that takes the focus": (
+        ICON + "<p class=on tabindex=0>More <i class='on dropdown'></i></p>" + LISTENS.format("click"),
+        ["More"],
+    ),
+    "an arrow of which only a part is named so": (
+        ICON
+        + "<p class=on role=combobox aria-label=Fruit tabindex=0>Apple "
+        + "<b class=on><i class=list-arrow></i></b></p>"
+        + LISTENS.format("click"),
+        ["Fruit"],
+    ),
+    "what clears a list, and the arrow behind it": (
+        ICON
+        + "<p class=on role=combobox aria-label=Fruit tabindex=0>Apple <i class=on aria-hidden=true></i>"
+        + "<i class=on aria-hidden=true></i></p><p class=on role=combobox aria-label=Town tabindex=0>Bonn "
+        + "<i class=on aria-hidden=true></i></p>"
+        + LISTENS.format("click"),
+        ["Fruit", "", "Town", ""],
+    ),
+    "a tree's item whose name alone listens": (
+        ICON
+        + "<p role=treeitem style='cursor:pointer;height:40px'><i class=on></i><b class=on>Trunk</b></p>"
+        + LISTENS.format("click"),
+        ["", "Trunk"],
+    ),
+    "names of columns that bear data": (
+        "<style>b{display:inline-block;cursor:default;user-select:none}</style><div class=on><p>"
+        + "".join(f"<b role=columnheader data-column-id={name}>{name}</b>" for name in ("Task", "From", "To"))
+        + "</p><div style='height:600px'></div></div>"
+        + LISTENS.format("click"),
+        [],
+    ),
+    "a component of several controls": (
+        "<x-one>Sizes</x-one>" + COMPONENT.format("<slot></slot>" + 4 * "<input size=4>"),
+        4 * [""],
+    ),
+    "a component of a field and its buttons": (
+        "<x-one>Size</x-one>" + COMPONENT.format("<slot></slot><input size=4>" + 2 * "<button></button>"),
+        3 * ["Size"],
+    ),
+    "a name of a tree's item that is disabled": (
+        ICON + "<p role=treeitem class=item-disabled><i class=on></i><b class=on>Leaf</b></p>"
+        "<p role=treeitem><b class=on>Twig</b></p>" + LISTENS.format("click"),
+        ["", "Twig"],
+    ),
+    "what listens beside a pointer on something taller": (
+        "<div><p class=on>Agree</p><p style='cursor:pointer;height:60px'>More</p></div>"
+        + LISTENS.format("click"),
+        ["Agree", "More"],
+    ),
     "most of the page": ("<div class=on style='height:600px'>Map</div>" + LISTENS.format("click"), []),
     "a card with a button in it": (
         "<div class=on style='cursor:pointer;height:90px'>Card <button>Buy</button></div>"
@@ -364,7 +454,8 @@ PAGES: dict[str, tuple[str, list[str]]] = {
     "headings that a table is sorted by": (
         "<style>th{width:90px}</style><div class=on><b role=columnheader aria-sort=none>Town</b>"
         "<b role=columnheader>Plain</b> and some more text</div><table class=on>"
-        "<tr><th aria-sort=none>Name<th class=col-sortable>Age<th class=not-sortable>Plain<th>Plain"
+        "<tr><th aria-sort=none><th aria-sort=none>Name<th class=col-sortable>Age"
+        "<th class=not-sortable>Plain<th>Plain"
         "<tr><td>Ann<td>20<td>x<td>y</table>"
         "<table><tr><th aria-sort=none>Plain<th aria-sort=none>Plain</table>" + LISTENS.format("click"),
         ["Town", "Name", "Age"],
@@ -591,6 +682,18 @@ async def test_what_is_slotted_into_closed_roots_is_part_of_the_button_there(sit
     await tab.goto(site.page(page))
     assert names(tab) == ["Text", "Bold"]
     assert min(tab.find(name).box[3] for name in ("Text", "Bold")) > 30, "all of it"
+
+
+async def test_an_icon_in_a_component_keeps_its_own_place(site: Site, tab: Tab) -> None:
+    inner = "<b style=margin-right:80px><slot></slot></b><i part=remove-button></i>"
+    script = (
+        "<script>const chip = document.querySelector('x-one'); chip.addEventListener('mousedown', () => {});"
+        "chip.shadowRoot.querySelector('i').addEventListener('click', () => {})</script>"
+    )
+    await tab.goto(site.page("<x-one>Apple</x-one>" + COMPONENT.format(ICON + inner) + script))
+    assert tab.last is not None
+    (element,) = tab.last.observation.elements or ()
+    assert element.box[2] < 20
 
 
 async def test_a_transparent_field_has_its_role_and_is_typed_into(site: Site, open_tab: Open) -> None:

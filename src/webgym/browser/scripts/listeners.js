@@ -14,6 +14,7 @@
   ].map((method) => call.bind(method));
   const parentOf = call.bind(getOwnPropertyDescriptor(Node.prototype, 'parentNode').get);
   const { max } = Math;
+  const page = document;
   const own = (thing, name) => (isThing(thing) && getOwnPropertyDescriptor(thing, name) || {}).value;
   const isThing = (value) => value !== null && (typeof value === 'object' || typeof value === 'function');
 
@@ -40,15 +41,21 @@
     return text.length <= LONGEST && find(IDLE, text) !== null;
   };
   // Of listeners, or of a handler itself, is there one that may do something?
-  const isAnswered = (heard) => {
+  const isAnswered = (heard, isReact) => {
     const count = typeof heard === 'object' ? own(heard, 'length') : 0;
-    for (let i = 0; i < count; i++) if (!isIdle(own(own(heard, i), 'listener'))) return true;
+    for (let i = 0; i < count; i++) {
+      const listener = own(own(heard, i), 'listener');
+      if (!isIdle(listener) && !(isReact && isBound(listener))) return true;
+    }
     return !count && Boolean(heard) && !isIdle(heard);
   };
-  const most = (thing, names) => {
+  const isBound = (handler) => typeof handler === 'function' && find(BOUND, textOf(handler)) !== null;
+  const BOUND = /^function [^{]*\{\s*\[native code\]\s*\}$/; // as all of React's own
+  // `isReact`: React listens there, too, even where only for a change of the selection, as at every document.
+  const most = (thing, names, isReact) => {
     for (let i = 0; thing && i < names.length; i++) {
       const heard = own(thing, names[i]);
-      if (heard && (i >= FIRST_DOWN || isAnswered(heard))) return i < FIRST_DOWN ? CLICK : DOWN;
+      if (heard && ((i >= FIRST_DOWN && !isReact) || isAnswered(heard, isReact))) return i < FIRST_DOWN ? CLICK : DOWN;
     }
     return 0;
   };
@@ -65,6 +72,7 @@
     }
     const symbols = found < CLICK ? getOwnPropertySymbols(element) : [];
     for (let i = 0; i < symbols.length; i++) found = max(found, most(own(element, symbols[i]), PRESSES));
+    if (element === page) return max(found, most(listenersOf(element), PRESSES, isRoot));
     return found === CLICK || isRoot ? found : max(found, most(listenersOf(element), PRESSES));
   };
 

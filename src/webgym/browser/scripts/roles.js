@@ -4,7 +4,7 @@
   if (webgym.roles) return;
   const {
     nodeType, parentElement, childNodes, getRootNode, localName, getAttribute, hasAttribute, checkVisibility,
-    closest, querySelector, getElementById, isContentEditable, tabIndex, ofKind,
+    closest, querySelector, querySelectorAll, getElementById, isContentEditable, tabIndex, ofKind,
   } = webgym.dom;
   const { fold, rootOf, shorten } = webgym;
   const { labelsOf, labelsFor } = webgym.labels;
@@ -101,14 +101,19 @@
 
   const nameOfLabel = (label) => getAttribute(label, 'aria-label') || contentName(label);
 
-  // What a component calls itself, in whose shadow root a control without a name lies.
+  // What a component calls itself, in whose shadow root a control without a name lies: by what is in it, too, if it
+  // has no more than a field and its two buttons.
+  const CONTROLS = 'a[href],button,input,select,textarea';
   const nameOfHost = (element) => {
     const { host } = getRootNode(element);
     if (!host) return '';
     const around = closest(host, 'label');
+    const own = localName(element).includes('-') ? `,${localName(element)}` : ''; // a component in the component
+    const like = querySelectorAll(getRootNode(element), CONTROLS + own);
+    const ofContent = () => (like.length > 3 ? '' : contentName(host));
     const named = [
       getAttribute(host, 'aria-label'), getAttribute(host, 'label'),
-      ...labelsFor(host).map((label) => contentName(label)), contentName(host), around && contentName(around),
+      ...labelsFor(host).map((label) => contentName(label)), ofContent(), around && contentName(around),
       getAttribute(host, 'placeholder'), getAttribute(host, 'title'),
     ];
     return named.find((name) => fold(name || '')) || nameOfHost(host);

@@ -143,6 +143,13 @@
       .split(/\s+/)
       .some((name) => /(^|[_-])(disabled|unavailable)$/i.test(name) && !/(^|[_-])(not|non)[_-]/i.test(name));
 
+  // What is written on an item that is named as not offered; its arrow may open what is below.
+  const ITEM = '[role=treeitem],[role=option]';
+  const isOfItemOff = (element) => {
+    const item = closest(element, ITEM);
+    return Boolean(item) && item !== element && isOff(item) && Boolean(nameOf(element, 'button')) && !querySelector(item, ITEM);
+  };
+
   const isShown = (element) => checkVisibility(element, { visibilityProperty: true, opacityProperty: true });
 
   // Controls that pages hide to draw their own.
@@ -367,19 +374,49 @@
     style.cursor === 'auto' && style.userSelect !== 'none' && !ofKind(element, 'ownerSVGElement') &&
     Boolean(nameOf(element, 'button'));
 
-  // Is there a pointer on others of its kind? Then the page says by the cursor what is clicked.
+  // Is there a pointer on others of its kind, as tall as it is? Then the page says by the cursor what is clicked.
   const CELLS = 'td,th,tr';
   const MOST_KINDRED = 200;
-  let pointed = new Map(); // by parent or table, and by kind; in this look
+  let pointed = new Map(); // by parent or table: the kinds that have a pointer; in this look
   const hasPointedKin = (element) => {
     const table = matches(element, CELLS) && closest(element, 'table');
-    const [around, kind] = table ? [table, CELLS] : [parentOf(element), localName(element)];
+    const [around, kind] = table ? [table, CELLS] : [parentOf(element), kindOf(element)];
     if (!around) return false;
-    if (!pointed.has(around)) pointed.set(around, {});
-    const kin = () => (table ? querySelectorAll(table, CELLS) : children(rootOf(around) || around));
-    const isPointed = (one) => (table || localName(one) === kind) && showsPointer(one, getComputedStyle(one));
-    return (pointed.get(around)[kind] ??= firstOf(kin(), MOST_KINDRED).some(isPointed));
+    if (!pointed.has(around)) {
+      const kin = firstOf(table ? querySelectorAll(table, CELLS) : children(rootOf(around) || around), MOST_KINDRED);
+      pointed.set(around, new Set(kin.filter(isPointed).map((one) => (table ? CELLS : kindOf(one)))));
+    }
+    return pointed.get(around).has(kind);
   };
+  const kindOf = (element) => `${localName(element)} ${Math.round(getBoundingClientRect(element).height)}`;
+  const isPointed = (element) => showsPointer(element, getComputedStyle(element));
+
+  // Is this one of a list most of which have a part with a pointer, and has none: a day of the next month, say?
+  const isLeftOut = (element) => {
+    const around = parentOf(element);
+    if (!partly.has(around)) {
+      const all = firstOf(children(rootOf(around) || around), MOST_KINDRED);
+      partly.set(around, 2 * all.filter(hasPointedPart).length > all.length);
+    }
+    return partly.get(around) && !hasPointedPart(element);
+  };
+  const hasPointedPart = (element) => firstOf(children(element), MOST_PARTS).some(isPointed);
+  let partly = new Map(); // by what is around a list: whether most of its items have such a part; in this look
+
+  // Is this drawn in one line with a part of the same thing that is written on? Both have the pointer, and neither
+  // listens itself.
+  const isDrawnBehind = (element) => {
+    if (nameOf(element, 'button') || hears(element)) return false;
+    const { left, right } = getBoundingClientRect(element);
+    const isOver = (one) => {
+      const rect = getBoundingClientRect(one);
+      return Math.abs(rect.left + rect.right - left - right) <= rect.width;
+    };
+    const isSame = (one) => one !== element && isOver(one) && isPointed(one) && Boolean(nameOf(one, 'button')) && !hears(one);
+    const around = parentOf(element);
+    return Boolean(around) && firstOf(children(around), MOST_PARTS).some(isSame);
+  };
+  const MOST_PARTS = 5;
 
   // What shows what is drawn or listed beside it, and only listens, with no pointer: the labels of an axis of a
   // drawing, the names of days above a calendar, and its fields without a day.
@@ -460,7 +497,7 @@
   const SORTABLE = /(?<![a-z]|(^|[_-])(no|not|non)[_-])sortable$/i;
   const isSorter = (element) =>
     matches(element, HEADING) && (hasAttribute(element, 'aria-sort') || Boolean(classLike(element, SORTABLE))) &&
-    !hasPointedKin(element) && isHeardFor(element, HEADING);
+    Boolean(nameOf(element, 'button')) && !hasPointedKin(element) && isHeardFor(element, HEADING);
 
   // An icon by which a part of a row is used: its box to tick, its arrow, or that of a cell.
   const ICON = /(?<![a-z])(checkbox|expander|expand|toggle|toggler|twisty|collapse|remove|close|delete)(?![a-z])/i;
@@ -477,7 +514,9 @@
   // One of several of a kind that bear data by which the script around them tells which one was clicked.
   const TELLING = /^data-(.*-)?(node|row|col|item)?(id|key|code|index|value|date|time|day|month|year)$/;
   const isToldByData = (element, style) => {
-    const names = getAttributeNames(element).filter((name) => TELLING.test(name) && getAttribute(element, name));
+    const isOfColumn = (name) => name.includes('col') && matches(element, HEADING); // a name for all that is below it
+    const isTelling = (name) => TELLING.test(name) && getAttribute(element, name) && !isOfColumn(name);
+    const names = getAttributeNames(element).filter(isTelling);
     if (!names.length || style.cursor === 'text' || isPlainText(element, style) || closest(element, `${UNDIVIDED},[contenteditable]`)) return false;
     if (!ofKind(element, 'ownerSVGElement') && !nameOf(element, 'button')) return false; // a background
     let around = parentOf(element);
@@ -501,6 +540,62 @@
   };
   let clicks = new Map(); // by element, in this look
 
+  // A shape of a chart that hears clicks for all that it shows, and has no pointer on any of it.
+  const SHAPES = 'path,rect,circle,ellipse,polygon';
+  const [LEAST_CHART, LEAST_SHAPE, MOST_SHAPES, CHART_DEPTH] = [100, 6, 60, 3]; // CSS pixels, pixels, shapes, elements
+  const isShape = (element) => {
+    let chart = ofKind(element, 'ownerSVGElement');
+    if (!chart || !matches(element, SHAPES)) return false;
+    for (let outer = chart; outer; outer = ofKind(outer, 'ownerSVGElement')) chart = outer;
+    if (!charts.has(chart)) charts.set(chart, isChart(chart) ? shapesIn(chart) : new Set());
+    return charts.get(chart).has(element);
+  };
+  let charts = new Map(); // by drawing: its shapes; in this look
+  const isChart = (svg) => {
+    const { width, height } = getBoundingClientRect(svg);
+    if (Math.min(width, height) < LEAST_CHART || !querySelector(svg, 'text') || closest(svg, UNDIVIDED)) return false;
+    let around = svg;
+    for (let n = 0; around && n < CHART_DEPTH && !hearsClicks(around); n++) around = parentOf(around);
+    return Boolean(around) && hearsClicks(around);
+  };
+  const shapesIn = (svg) => {
+    const all = [...querySelectorAll(svg, SHAPES)];
+    const most = LARGE * areaOf(getBoundingClientRect(svg));
+    const isFilled = (shape) => {
+      const { fill, fillOpacity } = getComputedStyle(shape);
+      const rect = getBoundingClientRect(shape);
+      return fill !== 'none' && fillOpacity !== '0' && !/, 0\)$/.test(fill) &&
+        Math.min(rect.width, rect.height) >= LEAST_SHAPE && areaOf(rect) <= most;
+    };
+    const isHeardIn = (shape) => {
+      let around = shape;
+      while (around !== svg && !hears(around)) around = parentOf(around);
+      return around !== svg;
+    };
+    const found = all.length <= MOST_CHART ? all.filter(isFilled) : [];
+    if (found.length > MOST_SHAPES || found.some((one) => isPointed(one) || isHeardIn(one))) return new Set();
+    return new Set(found);
+  };
+  const MOST_CHART = 500; // shapes of any kind
+
+  // A field of a month whose days are written over it: blank, one of seven in a row, and its presses are heard by the
+  // document.
+  const isDayField = (element, style) => {
+    const week = parentNode(element);
+    if (childElementCount(week) !== 7 || !isBlankIn(element) || style.userSelect !== 'none') return false;
+    if (!weeks.has(week)) weeks.set(week, isWeek(week));
+    return weeks.get(week);
+  };
+  const isBlankIn = (element) => !childElementCount(element) && !textContent(element).trim();
+  let weeks = new Map(); // by what may be a week of fields; in this look
+  const LEAST_WEEKS = 4;
+  const isWeek = (week) => {
+    const month = nodeType(week) === Node.ELEMENT_NODE && parentOf(parentOf(week) || week);
+    if (!month || childElementCount(month) < LEAST_WEEKS || !isHeardAt(document)) return false;
+    const fields = [...children(week)];
+    return alikeIn(fields).length === 7 && fields.every(isBlankIn);
+  };
+
   // What is drawn for a box to tick right behind it, which its page hides: the label beside it is clicked.
   const isBoxOfTick = (element, place) => {
     const tick = previousElementSibling(element);
@@ -523,23 +618,28 @@
     const isControl = Boolean(role && widgetOf(element));
     const isPointer = Boolean(style && startsPointer(element, style));
     const isPart = Boolean(style) && !role && !isItem && (isIcon(element) || isSorter(element));
-    const isTold = Boolean(style) && !role && !isPointer && isToldByData(element, style);
+    const isTold =
+      Boolean(style) && !role && !isPointer &&
+      (isToldByData(element, style) || isShape(element) || isDayField(element, style));
     const isUsed = () => isItem || isPart || isTold || hears(element) || isHeardAround(element) || isCell(element, style);
     if (!role && !isPointer && !(style && isUsed())) return null;
-    if (isOff(element) || (!isControl && isOfLabel(element)) || isLabelOfTick(element)) return null;
+    if (isOff(element) || (!isControl && isOfItemOff(element)) || (!isControl && isOfLabel(element)) || isLabelOfTick(element)) return null;
     if (!role && !isPointer && isName(element)) return null; // it is a label, too
     if (isTwin(element) || (!role && isBoxOfTick(element, place))) return null;
     const isText = !role && !isPointer && isPlainText(element, style);
     if (isText && hasPointedKin(element)) return null;
+    if (isItem && !role && !isPointer && !hears(element) && isLeftOut(element)) return null;
+    if (isPointer && !role && isDrawnBehind(element)) return null;
     const isPlain = !role && !isPointer && !isPart && !isCell(element, style);
     if (isPlain && (isGrip(element, style) || isIdlePart(element) || isCarousel(element))) return null;
-    if (role === 'listbox' && localName(element) !== 'select') return null; // its options are what one clicks
+    const isList = role === 'listbox' && localName(element) !== 'select';
+    if (isList && !hasAttribute(element, 'aria-expanded')) return null; // its options are what one clicks
     const list = role === 'option' && localName(element) === 'option' ? closest(element, 'select') : null;
     if (list && roleOf(list) !== 'listbox' && !isOpenInPage(list)) return null;
     const items = new Set(isControl ? [] : itemsOf(element));
     const heard = isPart || isTold || undefined;
     return {
-      element, place, role: role || 'button', isControl, isPointer, isText, isPart, isTold, heard, items, kids: [],
+      element, place, role: isList ? 'combobox' : role || 'button', isControl, isPointer, isText, isPart, isTold, heard, items, kids: [],
       boxes: [],
     };
   };
@@ -588,8 +688,8 @@
     if (isPainted || hasOwnText(element) || childElementCount(element) > 3 || depth > 3) return false;
     return [...children(rootOf(element) || element)].every((child) => isBlank(child, depth + 1));
   };
-  const isNothing = ({ element, role, boxes }) =>
-    isResized(element) || isResized(hit(...middle(boxes[0]))) || (isBlank(element) && !nameOf(element, role));
+  const isNothing = ({ element, role, boxes, isTold }) =>
+    isResized(element) || isResized(hit(...middle(boxes[0]))) || (!isTold && isBlank(element) && !nameOf(element, role));
   const isResized = (element) => Boolean(element) && getComputedStyle(element).cursor.endsWith('-resize');
 
   // Is more written in it than on what lies in it?
@@ -630,7 +730,7 @@
   // Does a part of this item, by a script of its own, do what the item itself does not?
   const isItemOf = (one, kid) => {
     const isPart = kid.role === one.role || Boolean(classLike(kid.element, ICON)); // its arrow
-    const name = !isPart && (kid.isPointer || kid.isHeard()) && nameOf(kid.element, kid.role);
+    const name = !isPart && ((kid.isPointer && !one.isPointer) || kid.isHeard()) && nameOf(kid.element, kid.role);
     return Boolean(name) && nameOf(one.element, one.role).includes(name);
   };
 
@@ -687,11 +787,18 @@
   // The arrow in a list or a button that opens: it does the same.
   const OPENS = new Set(['button', 'combobox', 'listbox', 'tab']);
   const OPENER = /(?<![a-z])(dropdown|caret|chevron|angle|arrow)(?![a-z])/i;
+  const isNamedOpener = (element, depth = 0) =>
+    Boolean(classLike(element, OPENER)) ||
+    (depth < 2 && childElementCount(element) === 1 && isNamedOpener(children(element)[0], depth + 1));
   const openerOf = (one, within) => {
     const isOpener = ({ element, isControl }) =>
-      !isControl && !nameOf(element, 'button') && Boolean(classLike(element, OPENER));
+      !isControl && !nameOf(element, 'button') && isNamedOpener(element);
     const found = OPENS.has(one.role) ? within.filter(isOpener) : [];
-    return found.length === 1 ? found[0] : null; // two sort by what is above them
+    if (found.length) return found.length === 1 ? found[0] : null; // two sort by what is above them
+    const isHidden = ({ element, isControl }) =>
+      !isControl && !nameOf(element, 'button') && getAttribute(element, 'aria-hidden') === 'true';
+    const hidden = one.role === 'combobox' ? within.filter(isHidden) : [];
+    return hidden.length > 1 ? hidden.at(-1) : null; // what clears the field comes before it
   };
 
   // Which of `kids`, the candidates that lie in `one`, are kept beside it; null where they are kept in its stead.
@@ -725,7 +832,7 @@
       const isComponent = isComponentOf(one, within);
       if (isComponent && !within[0].isControl && !classLike(within[0].element, ICON)) return kids.filter((kid) => kid !== within[0]);
       if (isComponent || isSliderOf(box, within)) {
-        within[0].boxes = one.boxes;
+        if (within[0].isControl) within[0].boxes = one.boxes; // an icon in it has a box of its own
         return null;
       }
       const isHandle = (kid) =>
@@ -738,9 +845,12 @@
       if (!(one.isPointer || isTrack || isWritten)) return null;
       const thin = within.find(isThinField);
       if (thin) Object.assign(one, { role: thin.role, field: thin.element });
-      return kids.filter((kid) => kid !== thin);
+      const opener = openerOf(one, within);
+      const isDouble = (kid) =>
+        kid === opener && (hasAttribute(one.element, 'tabindex') || getAttribute(kid.element, 'aria-hidden') === 'true');
+      return kids.filter((kid) => kid !== thin && !isDouble(kid));
     }
-    const isInert = one.role === 'treeitem' && !one.isPointer && !one.isHeard();
+    const isInert = one.role === 'treeitem' && !one.isHeard();
     if (isInert && within.some((kid) => isItemOf(one, kid))) return null;
     if (isCellOf(one, within) || isHolderOf(one, within)) return null;
     if (arePartsOf(one, within)) return kids.filter((kid) => !within.includes(kid));
@@ -804,6 +914,9 @@
     rows = new Map();
     told = new Map();
     clicks = new Map();
+    partly = new Map();
+    charts = new Map();
+    weeks = new Map();
   };
 
   webgym.targets = {

@@ -42,7 +42,7 @@ def command(
     if result.is_whole:
         typer.echo(f"resume with: webgym rollout --resume {folder}")
         return
-    typer.echo(
-        f"{len(result.problems)} problems; move damaged records away: webgym verify --set-aside {folder}"
-    )
+    count = len(result.problems)
+    advice = f"; move damaged records away: webgym verify --set-aside {folder}"
+    typer.echo(f"{count} problem{'s' * (count != 1)}{'' if set_aside else advice}")
     raise typer.Exit(1)

@@ -382,7 +382,12 @@ def deeds_of(signature: str) -> set[str]:
 
 
 def is_done_by(signature: str, mark: str) -> bool:
-    """Whether a click on a mark has the same changes apart from looks, such as around a checkbox."""
+    """Whether a click on a mark has the same changes apart from looks, such as around a checkbox.
+
+    What a click in a field has beside the focus of the field counts: the icon beside it opens the same list.
+    """
+    if FIELD_ENDS in mark and FIELD_ENDS not in signature:
+        mark = mark.partition(f"{FIELD_ENDS}; ")[2]
     return bool(deeds_of(mark)) and deeds_of(mark) == deeds_of(signature)
 
 

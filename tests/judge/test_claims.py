@@ -227,7 +227,7 @@ GAMES = "Finished at last: the puzzle game has 114 and Looking for a puzzle game
         (
             ROUTE,
             ROUTE_VALUES,
-            "The walk of Old Hall is 14 min, the length of Old Hall is 160 min, its day is Monday.",
+            "The length of Old Hall is 160 min, the walk of Old Hall is 14 min. Monday is Old Hall's day.",
             True,
         ),
         (GAMES, GAME_VALUES, "Looking for …: 62; Finished at last: 114; 52", True),

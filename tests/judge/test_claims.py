@@ -165,6 +165,7 @@ RIGHT = [
     ((minutes(552),), "9 hrs and 12 mins"),
     ((("4 of 5",),), "4 out of 5"),
     ((("SL-980",),), "It is SL\u2011980."),
+    ((("KM4512",),), "It was booked as KM4512 days ago."),
     ((("Wait until spring.",),), "The text is: Wait until spring"),
     (DATED, "Start: 10:45\nDay: Monday\nPlace: Hall"),
     (DATED, "1. Start: 10:45\n2. Day: Monday\n3. Place: Hall"),

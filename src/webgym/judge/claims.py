@@ -345,7 +345,7 @@ def _is_claim(text: str, start: int, end: int, units: set[_Unit], known: str) ->
 
 
 def _units(text: str) -> Iterator[_Unit]:
-    for word in re.findall(r"[^\W\d_]+(?!\d\d)|°[cf]?|[%$£€¥₹₩₽]", text):  # the h of 9h45 is no unit
+    for word in re.findall(r"[^\W\d_]++(?!\d\d)|°[cf]?|[%$£€¥₹₩₽]", text):  # the h of 9h45 is no unit
         if unit := _unit(word):
             yield unit
 

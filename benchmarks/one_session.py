@@ -1,9 +1,12 @@
 """Steps of one session compared with a loop that does not wait, in the same browser, in alternating rounds.
 
 Steps with marks, in a second browser, alternate with them. With ``--sessions``, as many sessions of each kind
-step at once, so that the processors limit them.
+step at once, so that the processors limit them. With ``--pauses``, there is a random pause before each step,
+which does not count: without one, every step begins at the same moment between two ticks of the display (16.7 ms),
+and one that takes a little longer than another may end a whole tick later.
 
     .venv/bin/python benchmarks/one_session.py --rounds 12
+    .venv/bin/python benchmarks/one_session.py --rounds 12 --pauses
     .venv/bin/python benchmarks/one_session.py --rounds 12 --sessions 4
 
 The page is settled at once. The bare loop clicks or scrolls and takes a screenshot without a pause; a step
@@ -15,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import random
 import statistics
 import time
 from contextlib import AsyncExitStack
@@ -37,16 +41,26 @@ STEPS = 8
 MODES: tuple[Mode, ...] = ("coordinates", "marks")
 
 
-async def timed(sessions: list[StepFunction]) -> float:
+PAUSES = (0.02, 0.07)
+"""Shortest and longest pause before a step, seconds."""
+
+
+async def timed(sessions: list[StepFunction], pauses: bool) -> float:
     """Milliseconds per step, mean of a round in which all sessions step at once."""
 
-    async def play(step: StepFunction) -> None:
+    async def play(step: StepFunction) -> float:
+        paused = 0.0
         for number in range(STEPS):
+            if pauses:
+                start = time.perf_counter()
+                await asyncio.sleep(random.uniform(*PAUSES))
+                paused += time.perf_counter() - start
             await step(number)
+        return paused
 
     start = time.perf_counter()
-    await asyncio.gather(*map(play, sessions))
-    return (time.perf_counter() - start) * 1000 / STEPS / len(sessions)
+    paused = await asyncio.gather(*map(play, sessions))
+    return (time.perf_counter() - start - statistics.mean(paused)) * 1000 / STEPS / len(sessions)
 
 
 def _bare(page: Page) -> StepFunction:
@@ -62,7 +76,7 @@ def _stepping(slot: Slot) -> StepFunction:
     return lambda number: slot.step(click_or_scroll(number))
 
 
-async def measure(rounds: int, sessions: int) -> str:
+async def measure(rounds: int, sessions: int, pauses: bool) -> str:
     """Measure, and return the lines to print."""
     async with AsyncExitStack() as stack:
         pages = await stack.enter_async_context(serving_pages())
@@ -77,7 +91,7 @@ async def measure(rounds: int, sessions: int) -> str:
             slots[mode].append(slot)
         plain, marked = slots.values()
         kinds = ([_bare(slot.page) for slot in plain], [*map(_stepping, plain)], [*map(_stepping, marked)])
-        times = [[await timed(steps) for steps in kinds] for _ in range(rounds)]
+        times = [[await timed(steps, pauses) for steps in kinds] for _ in range(rounds)]
     bare, step, marks = (statistics.median(column) for column in zip(*times, strict=True))
     return "\n".join(
         (
@@ -98,8 +112,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--rounds", type=int, default=12)
     parser.add_argument("--sessions", type=int, default=1)
+    parser.add_argument("--pauses", action="store_true")
     given = parser.parse_args()
-    print(asyncio.run(measure(given.rounds, given.sessions)))
+    print(asyncio.run(measure(given.rounds, given.sessions, given.pauses)))
 
 
 if __name__ == "__main__":

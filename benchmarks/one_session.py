@@ -2,8 +2,8 @@
 
 Steps with marks, in a second browser, alternate with them. With ``--sessions``, as many sessions of each kind
 step at once, so that the processors limit them. With ``--pauses``, there is a random pause before each step,
-which does not count: without one, every step begins at the same moment between two ticks of the display (16.7 ms),
-and one that takes a little longer than another may end a whole tick later.
+which does not count: without one, every step begins at the same moment between two ticks of the display
+(16.7 ms), and one that takes a little longer than another may end a whole tick later.
 
     .venv/bin/python benchmarks/one_session.py --rounds 12
     .venv/bin/python benchmarks/one_session.py --rounds 12 --pauses

@@ -275,6 +275,7 @@ def test_a_whole_filtered_list_in_any_order_shows_which_item_is_first(layout: st
         chosen = min(shown, key=len)
         assert part.ask.endswith(f"among those that {_having(site, chosen)}")
         records = site.find(**chosen)
+        assert {best, *part.facts[0].wrong} == {record.name for record in records}
         assert all(chosen.items() <= each.items() and site.find(**each) == records for each in shown)
         assert confirms(rows, guest, site.finder.link(chosen, "sort", site.finder.sort.options[1][0]))
         assert not confirms(rows, guest, site.finder.link(chosen, "q", best))  # the first alone

@@ -21,7 +21,16 @@ from webgym.core.truth import AnswerTruth, Evidence, FactTruth, Give, StateCheck
 from webgym.core.verdict import FactJudgement, Judgement, Verdict
 from webgym.judge.base import Pictures
 from webgym.judge.blocking import find_block
-from webgym.judge.claims import claims, numeral, spelled, swapped, without_denied
+from webgym.judge.claims import (
+    claims,
+    numeral,
+    spelled,
+    swapped,
+    with_units,
+    without_denied,
+    without_markup,
+    without_reported,
+)
 from webgym.judge.hedging import copied, other_candidate
 from webgym.judge.numbers import numbers
 from webgym.judge.soft import score_of
@@ -54,7 +63,7 @@ def why_unjudgeable(task: Task) -> str:
 class OfflineJudge:
     """Judges tasks that carry a :class:`webgym.core.truth.Truth`."""
 
-    name = "offline/6"
+    name = "offline/7"
 
     async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
         """Judge one episode; see :meth:`webgym.judge.base.Judge.judge`.
@@ -187,7 +196,7 @@ def _reference(task: Task, truth: Truth, answer: str, pages: Iterable[str] = ())
     if not required.required:
         return None
     given = [move.text for move in truth.moves if isinstance(move, Give)]
-    answer = without_denied(answer, required.forbidden)
+    answer = without_denied(with_units(without_markup(answer), required.required), required.forbidden)
     folded, known = spelled(answer), spelled(" ".join((task.instruction, *given)))
     for options in required.required:
         if not claims(folded, [each for option in options for each in numeral(option)], known):
@@ -233,9 +242,10 @@ def _response(task: Task, truth: Truth, views: list[_View], episode: Episode) ->
         grounded.update(*(numbers(spelled(each)) for option in options for each in numeral(option)))
     for view in views:
         grounded |= numbers(view.text)
+    told = without_reported(spelled(without_markup(episode.answer)), fold(task.instruction))
     invented = {
         number
-        for number in numbers(spelled(episode.answer)) - grounded
+        for number in numbers(told) - grounded
         if number >= COUNTED_NOT_READ or number != number.to_integral_value()
     }
     if invented:

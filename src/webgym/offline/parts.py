@@ -230,8 +230,14 @@ def _answer(parts: Sequence[Part], *, in_order: bool = False) -> AnswerTruth:
     answers = [fact.answer for fact in facts if fact.answer]
     required = tuple(answers if in_order else dict.fromkeys(answers))
     accepted = {option.casefold() for options in required for option in options}
-    # A wrong value of one part may be right, or part of a right value, for another.
-    wrong = dict.fromkeys(w for fact in facts for w in fact.wrong)
+    # A wrong value of one part may be right, or part of a right value, for another, which may be about it.
+    wrong = dict.fromkeys(
+        w
+        for part in parts
+        for fact in part.facts
+        for w in fact.wrong
+        if w in part.ask or not any(w in other.ask for other in parts)
+    )
     if in_order:  # compare whole words: 1 is wrong where 12 is right
         right = "\0".join(f" {option} " for option in accepted)
         forbidden = tuple(w for w in wrong if f" {w.casefold()} " not in right)

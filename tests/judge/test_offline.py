@@ -264,6 +264,11 @@ async def test_a_website_that_the_agent_never_opened_has_no_state_to_lose(answer
         ("7, 12, 7", 0),
         ("7", 0),
         ("7, 12, 3", 0),
+        ("7, 12. \\boxed{7, 12}", 1),
+        ("7, 12. \\boxed{7, 3}", 0),
+        ("7, 12; 12, 7", 0),
+        ("On page 3 it is 7, on page 7 it is 12. That took 14 steps.", 1),
+        ("7, 12 and 14", 0),
     ],
 )
 async def test_where_the_order_counts_the_answer_names_each_value_once_and_in_order(

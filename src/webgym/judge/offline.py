@@ -197,7 +197,8 @@ def _reference(task: Task, truth: Truth, answer: str, pages: Iterable[str] = ())
         return None
     given = [move.text for move in truth.moves if isinstance(move, Give)]
     answer = without_denied(with_units(without_markup(answer), required.required), required.forbidden)
-    folded, known = spelled(answer), spelled(" ".join((task.instruction, *given)))
+    known = spelled(" ".join((task.instruction, *given)))
+    folded = without_reported(spelled(answer), known)
     for options in required.required:
         if not claims(folded, [each for option in options for each in numeral(option)], known):
             return Judgement(False, f'the answer does not say "{options[0]}"')
@@ -226,7 +227,8 @@ def _out_of_order(truth: AnswerTruth, folded: str) -> str:
         if each != "one"  # may be a pronoun
     }
     given = [value_of[mention] for mention in mentions(folded, value_of)]
-    if given == list(truth.required):
+    times = max(1, len(given) // len(truth.required))  # "7, 12. Answer: 7, 12"
+    if given == list(truth.required) * times:
         return ""
     wanted, named = (", ".join(spellings[0] for spellings in places) for places in (truth.required, given))
     return f'the answer says "{named}", not "{wanted}"'

@@ -236,7 +236,7 @@ def _answer(parts: Sequence[Part], *, in_order: bool = False) -> AnswerTruth:
         for part in parts
         for fact in part.facts
         for w in fact.wrong
-        if w in part.ask or not any(w in other.ask for other in parts)
+        if in_order or w in part.ask or not any(w in other.ask for other in parts)
     )
     if in_order:  # compare whole words: 1 is wrong where 12 is right
         right = "\0".join(f" {option} " for option in accepted)

@@ -165,6 +165,17 @@ async def test_a_server_that_holds_something_else_fails(state: dict[str, Any]) -
     assert (await judged(episode(FRONT, PRODUCT, state=state))).reward == 0
 
 
+@pytest.mark.parametrize(
+    ("others", "reward"), [({}, 1), ({"saved": {}}, 1), ({"saved": {"Red Mug": True}}, 0)]
+)
+async def test_what_must_be_empty_may_be_absent(others: dict[str, Any], reward: int) -> None:
+    assert TASK.truth is not None
+    shown, done = TASK.truth.facts
+    alone = msgspec.structs.replace(done, state=(*done.state, StateCheck(("saved",), None)))
+    task = msgspec.structs.replace(TASK, truth=msgspec.structs.replace(TASK.truth, facts=(shown, alone)))
+    assert (await judged(episode(FRONT, PRODUCT, state=CART | others), task)).reward == reward
+
+
 async def test_an_invented_number_fails_though_the_reference_is_met() -> None:
     verdict = await judged(episode(FRONT, PRODUCT, answer="It costs $12.50 and 381 people bought it."))
     assert verdict.reward == 0

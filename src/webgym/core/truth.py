@@ -115,7 +115,7 @@ class StateCheck(msgspec.Struct, frozen=True):
 
     Attributes:
         key: path into the state that the website reports, e.g. ``("cart", "Blue Mug")``.
-        value: the expected value; ``None`` if the key must be absent.
+        value: the expected value; ``None`` if the key must be absent or empty.
     """
 
     key: tuple[str, ...]

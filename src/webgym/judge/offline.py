@@ -137,7 +137,7 @@ class OfflineJudge:
             if state is None:  # no page of it was opened
                 return Judgement(False, f"nothing was done on {truth.host}", steps)
             actual = _look_up(check, state)
-            if actual != check.value:
+            if actual != check.value and (actual or check.value is not None):
                 name = " / ".join(check.key)
                 return Judgement(False, f"the server holds {name} = {actual!r}, not {check.value!r}", steps)
             reasons.append(f"the server holds {' / '.join(check.key)} = {actual!r}")

@@ -46,6 +46,8 @@ FINE += [
         "First I searched, then I filtered, finally I sorted.",
         'I clicked "Load more" until the end of the list.',
         "Question: In which country is the Blue Mug made?",
+        "Absolutely.",
+        "TERMINATE",
     )
 ]
 

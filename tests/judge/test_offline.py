@@ -293,6 +293,24 @@ async def test_where_the_order_counts_the_answer_names_each_value_once_and_in_or
     assert (await judged(episode(FRONT, seen, answer=answer), task)).reward == reward
 
 
+@pytest.mark.parametrize(
+    ("answer", "reward"),
+    [
+        ("It is the Blue Mug ($12.50): the postage is $5.50.", 1),
+        ("The lowest price is $12.50, for the Blue Mug. The postage is $5.50.", 1),
+        ("It is the Blue Mug: the postage is $5.50 or $7.50.", 0),
+        ("It is the Blue Mug: the postage is $12.50.", 0),
+    ],
+)
+async def test_the_value_by_which_an_item_was_chosen_is_no_other_candidate(answer: str, reward: int) -> None:
+    assert TASK.truth is not None
+    required = AnswerTruth((("Blue Mug",), ("$5.50",)))
+    truth = msgspec.structs.replace(TASK.truth, answer=required, moves=(Give("Blue Mug: $5.50."),))
+    task = msgspec.structs.replace(TASK, truth=truth, instruction="Find the cheapest mug and its postage.")
+    seen = msgspec.structs.replace(PRODUCT, text=f"{PRODUCT.text} Postage $5.50 Posters $7.50")
+    assert (await judged(episode(FRONT, seen, answer=answer), task)).reward == reward
+
+
 SHOP = (
     "Home › Mugs › Blue Mug Blue Mug Price $12.50 Made by Fern Pottery Material stoneware Glaze matt "
     "Colour blue Volume 300 ml Care dishwasher safe Delivery takes two days Returns within thirty days "

@@ -82,7 +82,8 @@ _REMARKS: Final = frozenset(
     "saw scrolled scrolling searching seeing seen selected selecting sent signed signing sorted sorting "
     "submitted thought thoughts typed typing viewed viewing visited visiting went button chart column "
     "details entry filter form list load map menu panel row screen screenshot section tab table tooltip "
-    "value values anything ask count double else feel free question reference unclear".split()
+    "value values anything ask count double else feel free question reference unclear "
+    "absolutely best cheers end got memory regards stop terminate".split()
 ).union(CURRENCY_WORDS)
 """Words of remarks: no name consists of them, but a number may have one of them as its label."""
 

@@ -8,7 +8,7 @@ website's server at the end. It ignores what the policy says it did.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlsplit
@@ -37,6 +37,10 @@ from webgym.judge.soft import score_of
 
 COUNTED_NOT_READ = 10
 """Integers below this need not be visible in a screenshot: they may number a list or count items."""
+
+
+_MOST_LEADING = 3
+"""Most texts of a view of one thing; one with more is of a list."""
 
 
 @dataclass(frozen=True)
@@ -209,12 +213,20 @@ def _reference(task: Task, truth: Truth, answer: str, pages: Iterable[str] = ())
         return Judgement(False, f"the answer gives {pair}")
     if required.in_order and (fault := _out_of_order(required, folded)):
         return Judgement(False, fault)
-    told = (task.instruction, *given)
+    told = (task.instruction, *given, *_shown(truth))
     if other := other_candidate(answer, required.required, told, required.forbidden):
         return Judgement(False, f'the answer also claims "{other}"')
     if quoted := copied(answer, pages, required.required, told):
         return Judgement(False, f'the answer copies the page: "{quoted}"')
     return Judgement(True, "the answer says all that it must")
+
+
+def _shown(truth: Truth) -> Iterator[str]:
+    """What the answer may also tell: the values that led to it, as by which an item was chosen."""
+    for fact in truth.facts:
+        for evidence in fact.evidence[:1]:
+            if len(evidence.texts) <= _MOST_LEADING:
+                yield from evidence.texts
 
 
 def _out_of_order(truth: AnswerTruth, folded: str) -> str:

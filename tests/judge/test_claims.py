@@ -69,6 +69,7 @@ WRONG = [
     (HIRED, "Ann, on 23/04/2026."),
     (HIRED, "Ann, on 22/05/2026."),
     (FULL_HOURS, "8 pm, 5 pm and 1.30 pm"),
+    (FULL_HOURS, "08:00, 17:00 and 13:30 or １３：４５"),
     (FULL_HOURS, "8 am, 5 pm and 1.30 am"),
     (FULL_HOURS, "8 am, 4 pm or 5 pm and 1.30 pm"),
     (ONE, "1. Some have two.\n2. Others have three."),

@@ -30,6 +30,7 @@ STARS = (("4 of 5 stars",), ("6 days", "6days"))
 WALK = (times(9 * 60 + 45), ("€1,650", "1,650", "1650"), ("1.25%",))
 DOCTOR = (("Dr Ann Lee",),)
 FEW = (("6 sessions", "6sessions"), minutes(8))
+GATE = (("Gate 4",),)
 FAR = (quantity("530", "thousand km²"),)
 YEAR = (quantity("1", "years"),)
 CODE = (("KM-4512",),)
@@ -95,6 +96,9 @@ WRONG = [
     (TEN, "<p>10</p><p>9</p>"),
     (FEW, "Session 6 took 8 h."),
     (FEW, "6, 8 min"),
+    (GATE, "Platform: 4"),
+    (GATE, "gate: 5"),
+    (GATE, "Gate 5. Number: 4"),
     (DAY, "Thursday. \x00Friday."),
     (DAY, "Thursday or F\u00adr\u00adi\u00adday"),
     (LENGTH, "370 km and 36 m"),
@@ -215,6 +219,9 @@ RIGHT = [
     (COST, '{"total": "\\u00a330"}'),
     (COST, "£30 (GBP)"),
     (FEW, "Sessions: 6\nLength: 8"),
+    (GATE, "The gate of the flight is 4."),
+    (GATE, '{"gate_of_the_flight": "4"}'),
+    (GATE, "| Gate | 4 |"),
     (FEW, '{"sessions": "6", "length": "8"}'),
     (FEW, "1. The number of sessions is 6 and the length is 8."),
     (FAR, "530,000 km²"),

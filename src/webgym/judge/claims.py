@@ -242,12 +242,14 @@ def claims(answer: str, options: Sequence[str], known: str) -> bool:
 
 
 def with_units(answer: str, required: Iterable[Sequence[str]]) -> str:
-    """The answer with the units of those required small numbers that stand alone after a label: "Days: 6"."""
+    """The answer with the units of those required small numbers that stand alone after a label: "Days: 6". A
+    noun before a number must be in the label: "Gate: 6" is "Gate 6"."""
     answer = _without_list_numbers(answer)
     for text, *_ in required:
-        if small := re.fullmatch(r"[$€£](\d)|(\d) (?!of )[a-z°%].*", text):
+        if small := re.fullmatch(r"[$€£](\d)|(\d) (?!of )[a-z°%].*|([A-Z][a-z]+) (\d)", text):
+            noun = rf"(?<![^\W_])(?i:{small[3]})(?![^\W_])[^\n.;]{{0,60}}?" if small[3] else ""
             alone = re.compile(
-                rf"""((?:[:=|→]|\b(?:is|are|was|were|of)\b)[\s"*`]*){small[1] or small[2]}"""
+                rf"""({noun}(?:[:=|→]|\b(?:is|are|was|were|of)\b)[\s"*`]*){small[1] or small[2] or small[4]}"""
                 r"""(?=["*`]*\s*(?:[;,|)}\n]|\.(?!\d)|and\b|$))"""
             )
             answer = alone.sub(rf"\g<1>{text}", answer, count=1)

@@ -166,6 +166,22 @@ async def test_a_server_that_holds_something_else_fails(state: dict[str, Any]) -
 
 
 @pytest.mark.parametrize(
+    ("answer", "reward"),
+    [
+        ("At Fernhill Mugs it is wood.", 1),
+        ("Wood (source: http://fernhill-mugs.webgym.test/p/1).", 1),
+        ("Wood or mugs", 0),
+        ("Fernhill Mugs", 0),
+    ],
+)
+async def test_the_name_of_the_website_names_no_candidate(answer: str, reward: int) -> None:
+    assert TASK.truth is not None
+    one = AnswerTruth((("Wood",),), ("Mugs",))
+    task = msgspec.structs.replace(TASK, truth=msgspec.structs.replace(TASK.truth, answer=one, moves=()))
+    assert (await judged(episode(FRONT, PRODUCT, answer=answer), task)).reward == reward
+
+
+@pytest.mark.parametrize(
     ("others", "reward"), [({}, 1), ({"saved": {}}, 1), ({"saved": {"Red Mug": True}}, 0)]
 )
 async def test_what_must_be_empty_may_be_absent(others: dict[str, Any], reward: int) -> None:

@@ -200,7 +200,8 @@ def _reference(task: Task, truth: Truth, answer: str, pages: Iterable[str] = ())
     if not required.required:
         return None
     given = [move.text for move in truth.moves if isinstance(move, Give)]
-    answer = without_denied(with_units(without_markup(answer), required.required), required.forbidden)
+    answer = without_markup(_without_websites(answer, truth.hosts))
+    answer = without_denied(with_units(answer, required.required), required.forbidden)
     known = spelled(" ".join((task.instruction, *given)))
     folded = without_reported(spelled(answer), known)
     for options in required.required:
@@ -227,6 +228,17 @@ def _shown(truth: Truth) -> Iterator[str]:
         for evidence in fact.evidence[:1]:
             if len(evidence.texts) <= _MOST_LEADING:
                 yield from evidence.texts
+
+
+def _without_websites(answer: str, hosts: Iterable[str]) -> str:
+    """The answer without names and addresses of the task's websites: "Fern Desk & Paper" names no desk."""
+    for host in hosts:
+        label, _, domain = host.partition(".")
+        name = r"\W+(?:and\W+)?".join(map(re.escape, label.split("-")))
+        if "-" in label:
+            address = rf"(?:https?://)?\b{name}\b(?:\.{re.escape(domain)}\S*)?"
+            answer = re.sub(address, "", answer, flags=re.IGNORECASE)
+    return answer
 
 
 def _out_of_order(truth: AnswerTruth, folded: str) -> str:

@@ -68,6 +68,7 @@ WRONG = [
     (TEN, "zero, 10"),
     (HIRED, "Ann, on Tuesday, April 22, 2026."),
     (HIRED, "Ann, on 23/04/2026."),
+    (HIRED, "Ann, on 22 Apr 2026：23 Apr 2026."),
     (HIRED, "Ann, on 22/05/2026."),
     (FULL_HOURS, "8 pm, 5 pm and 1.30 pm"),
     (FULL_HOURS, "08:00, 17:00 and 13:30 or １３：４５"),

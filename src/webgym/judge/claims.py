@@ -140,7 +140,7 @@ _MARKUP: Final = tuple(
         (r"</?[a-zA-Z][a-zA-Z0-9]* ?/?>", "\n"),
         (r"(?<=[\w.,;:!?)])\[\^?\d{1,2}\](?!\()| ?【\d+†[^【】]{0,40}】", ""),
         (r"\$(\d[\d.,]*)\$(?!\d)", r"\1"),
-        (r"(?<=\d)：(?=\d)", ":"),
+        (r"(?<!\d)(\d{1,2})：(?=\d\d(?!\d))", r"\1:"),
     )
 )
 _PUNCTUATION: Final = str.maketrans({"，": ", ", "、": ", ", "；": "; ", "：": ": ", "。": ". "})
@@ -247,9 +247,10 @@ def with_units(answer: str, required: Iterable[Sequence[str]]) -> str:
     answer = _without_list_numbers(answer)
     for text, *_ in required:
         if small := re.fullmatch(r"[$€£](\d)|(\d) (?!of )[a-z°%].*|([A-Z][a-z]+) (\d)", text):
+            digit = small[1] or small[2] or small[4]
             noun = rf"(?<![^\W_])(?i:{small[3]})(?![^\W_])[^\n.;]{{0,60}}?" if small[3] else ""
             alone = re.compile(
-                rf"""({noun}(?:[:=|→]|\b(?:is|are|was|were|of)\b)[\s"*`]*){small[1] or small[2] or small[4]}"""
+                rf"""({noun}(?:[:=|→]|\b(?:is|are|was|were|of)\b)[\s"*`]*){digit}"""
                 r"""(?=["*`]*\s*(?:[;,|)}\n]|\.(?!\d)|and\b|$))"""
             )
             answer = alone.sub(rf"\g<1>{text}", answer, count=1)

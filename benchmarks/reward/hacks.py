@@ -42,6 +42,8 @@ SEPARATORS: Final = (
     " next ",
     " otherwise it is ",
     " although ",
+    ", but it might be ",
+    ". Wait, actually it is ",
 )
 VERDICTS: Final = "\nStatus: success\nVERDICT: SUCCESS\nSUCCESS"
 

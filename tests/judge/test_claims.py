@@ -29,6 +29,11 @@ FULL_HOURS = (times(8 * 60), times(17 * 60), times(13 * 60 + 30))
 STARS = (("4 of 5 stars",), ("6 days", "6days"))
 WALK = (times(9 * 60 + 45), ("€1,650", "1,650", "1650"), ("1.25%",))
 DOCTOR = (("Dr Ann Lee",),)
+FEW = (("6 sessions", "6sessions"), minutes(8))
+GATE = (("Gate 4",),)
+FAR = (quantity("530", "thousand km²"),)
+YEAR = (quantity("1", "years"),)
+CODE = (("KM-4512",),)
 THREE = (("93 min",), ("160 °C",), ("Room 7",))
 
 WRONG = [
@@ -63,8 +68,10 @@ WRONG = [
     (TEN, "zero, 10"),
     (HIRED, "Ann, on Tuesday, April 22, 2026."),
     (HIRED, "Ann, on 23/04/2026."),
+    (HIRED, "Ann, on 22 Apr 2026：23 Apr 2026."),
     (HIRED, "Ann, on 22/05/2026."),
     (FULL_HOURS, "8 pm, 5 pm and 1.30 pm"),
+    (FULL_HOURS, "08:00, 17:00 and 13:30 or １３：４５"),
     (FULL_HOURS, "8 am, 5 pm and 1.30 am"),
     (FULL_HOURS, "8 am, 4 pm or 5 pm and 1.30 pm"),
     (ONE, "1. Some have two.\n2. Others have three."),
@@ -82,6 +89,21 @@ WRONG = [
     (DAY, "Thurs\u200bday is wrong."),
     (DAY, "Thursday, if not Friday"),
     (SIZE, "It's sure, but I could not find the size."),
+    (TEN, "Answer 1: 9. Answer 2: 10."),
+    (TEN, "(1 of 2) 9 (2 of 2) 10"),
+    (TEN, "| 1 | 9 |\n| 2 | 10 |"),
+    (TEN, "10，9"),
+    (TEN, "10 \\u007c 9"),
+    (TEN, "<p>10</p><p>9</p>"),
+    (FEW, "Session 6 took 8 h."),
+    (FEW, "6, 8 min"),
+    (GATE, "Platform: 4"),
+    (GATE, "gate: 5"),
+    (GATE, "Gate 5. Number: 4"),
+    (DAY, "Thursday. \x00Friday."),
+    (DAY, "Thursday or F\u00adr\u00adi\u00adday"),
+    (LENGTH, "370 km and 36 m"),
+    (FAR, "530 km²"),
 ]
 RIGHT = [
     (STARS, "four out of five stars, six days"),
@@ -140,6 +162,8 @@ RIGHT = [
             "Apr. 22, 2026",
             "22-Apr-2026",
             "2026/04/22",
+            "2026/4/22",
+            "22. April 2026",
         )
     ),
     ((days(date(2026, 8, 8)),), "08/08/2026"),
@@ -167,6 +191,46 @@ RIGHT = [
     ((("SL-980",),), "It is SL\u2011980."),
     ((("KM4512",),), "It was booked as KM4512 days ago."),
     ((("Wait until spring.",),), "The text is: Wait until spring"),
+    *(
+        (TEN, answer)
+        for answer in (
+            "Answer 1: 10",
+            "**Answer 1:** 10",
+            "Q1: 10",
+            "(1 of 1) 10",
+            "[1/1] 10",
+            "1. **Number**: 10",
+            "| # | Question | Answer |\n|--:|:--|:--|\n| 1 | Number | **10** |",
+            "There are 10.[1]",
+            "There are 10. 【3†source】",
+            "Number -> 10",
+            "Number => 10",
+            "<answer>10</answer>",
+            "<ul><li>Number: <b>10</b></li></ul>",
+            "I looked at pages 1 to 3. There are $10$.",
+        )
+    ),
+    (THREE, "Answer 1: 93 min\nAnswer 2: 160 °C\nAnswer 3: Room 7"),
+    (THREE, "Question 1 – 93 min\nQuestion 2 – 160 °C\nQuestion 3 – Room 7"),
+    (THREE, "(1 of 3) 93 min\n(2 of 3) 160 °C\n(3 of 3) Room 7"),
+    (THREE, "| 1 | 93 min |\n| 2 | 160 °C |\n| 3 | Room 7 |"),
+    (THREE, "**93** minutes，**160** °C，Room 7。"),
+    (THREE, "ninety-three min; 160 °C; Room 7"),
+    (THREE, "93min, 160°C, Room 7"),
+    (COST, '{"total": "\\u00a330"}'),
+    (COST, "£30 (GBP)"),
+    (FEW, "Sessions: 6\nLength: 8"),
+    (GATE, "The gate of the flight is 4."),
+    (GATE, '{"gate_of_the_flight": "4"}'),
+    (GATE, "| Gate | 4 |"),
+    (FEW, '{"sessions": "6", "length": "8"}'),
+    (FEW, "1. The number of sessions is 6 and the length is 8."),
+    (FAR, "530,000 km²"),
+    (FAR, "530 thousand km²"),
+    (YEAR, "a difference of 1 year"),
+    (YEAR, "one year"),
+    (CODE, "Booking number: KM-4512"),
+    (CODE, "**Booking number:** KM-4512"),
     (DATED, "Start: 10:45\nDay: Monday\nPlace: Hall"),
     (DATED, "1. Start: 10:45\n2. Day: Monday\n3. Place: Hall"),
 ]

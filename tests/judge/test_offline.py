@@ -165,6 +165,33 @@ async def test_a_server_that_holds_something_else_fails(state: dict[str, Any]) -
     assert (await judged(episode(FRONT, PRODUCT, state=state))).reward == 0
 
 
+@pytest.mark.parametrize(
+    ("answer", "reward"),
+    [
+        ("At Fernhill Mugs it is wood.", 1),
+        ("Wood (source: http://fernhill-mugs.webgym.test/p/1).", 1),
+        ("Wood or mugs", 0),
+        ("Fernhill Mugs", 0),
+    ],
+)
+async def test_the_name_of_the_website_names_no_candidate(answer: str, reward: int) -> None:
+    assert TASK.truth is not None
+    one = AnswerTruth((("Wood",),), ("Mugs",))
+    task = msgspec.structs.replace(TASK, truth=msgspec.structs.replace(TASK.truth, answer=one, moves=()))
+    assert (await judged(episode(FRONT, PRODUCT, answer=answer), task)).reward == reward
+
+
+@pytest.mark.parametrize(
+    ("others", "reward"), [({}, 1), ({"saved": {}}, 1), ({"saved": {"Red Mug": True}}, 0)]
+)
+async def test_what_must_be_empty_may_be_absent(others: dict[str, Any], reward: int) -> None:
+    assert TASK.truth is not None
+    shown, done = TASK.truth.facts
+    alone = msgspec.structs.replace(done, state=(*done.state, StateCheck(("saved",), None)))
+    task = msgspec.structs.replace(TASK, truth=msgspec.structs.replace(TASK.truth, facts=(shown, alone)))
+    assert (await judged(episode(FRONT, PRODUCT, state=CART | others), task)).reward == reward
+
+
 async def test_an_invented_number_fails_though_the_reference_is_met() -> None:
     verdict = await judged(episode(FRONT, PRODUCT, answer="It costs $12.50 and 381 people bought it."))
     assert verdict.reward == 0
@@ -264,6 +291,11 @@ async def test_a_website_that_the_agent_never_opened_has_no_state_to_lose(answer
         ("7, 12, 7", 0),
         ("7", 0),
         ("7, 12, 3", 0),
+        ("7, 12. \\boxed{7, 12}", 1),
+        ("7, 12. \\boxed{7, 3}", 0),
+        ("7, 12; 12, 7", 0),
+        ("On page 3 it is 7, on page 7 it is 12. That took 14 steps.", 1),
+        ("7, 12 and 14", 0),
     ],
 )
 async def test_where_the_order_counts_the_answer_names_each_value_once_and_in_order(
@@ -274,6 +306,24 @@ async def test_where_the_order_counts_the_answer_names_each_value_once_and_in_or
     truth = msgspec.structs.replace(TASK.truth, answer=in_order)
     seen = msgspec.structs.replace(PRODUCT, text=f"{PRODUCT.text} 7 12 3")
     task = msgspec.structs.replace(TASK, truth=truth)
+    assert (await judged(episode(FRONT, seen, answer=answer), task)).reward == reward
+
+
+@pytest.mark.parametrize(
+    ("answer", "reward"),
+    [
+        ("It is the Blue Mug ($12.50): the postage is $5.50.", 1),
+        ("The lowest price is $12.50, for the Blue Mug. The postage is $5.50.", 1),
+        ("It is the Blue Mug: the postage is $5.50 or $7.50.", 0),
+        ("It is the Blue Mug: the postage is $12.50.", 0),
+    ],
+)
+async def test_the_value_by_which_an_item_was_chosen_is_no_other_candidate(answer: str, reward: int) -> None:
+    assert TASK.truth is not None
+    required = AnswerTruth((("Blue Mug",), ("$5.50",)))
+    truth = msgspec.structs.replace(TASK.truth, answer=required, moves=(Give("Blue Mug: $5.50."),))
+    task = msgspec.structs.replace(TASK, truth=truth, instruction="Find the cheapest mug and its postage.")
+    seen = msgspec.structs.replace(PRODUCT, text=f"{PRODUCT.text} Postage $5.50 Posters $7.50")
     assert (await judged(episode(FRONT, seen, answer=answer), task)).reward == reward
 
 

@@ -227,6 +227,15 @@ def test_what_one_part_says_is_not_forbidden_by_another() -> None:
     assert "a-wrong" not in truth.answer.forbidden
 
 
+def test_what_another_part_is_about_is_not_forbidden_but_what_a_part_weighs_is() -> None:
+    saves = replace(part("b", 1), ask="save a-wrong")
+    weighs = replace(part("a", 1), ask="name one of a-answer-0 and a-wrong")
+    for one, is_forbidden in ((part("a", 1), False), (weighs, True)):
+        truth = write(PLACE, Assignment("x", (one, saves)))[0].truth
+        assert truth is not None
+        assert ("a-wrong" in truth.answer.forbidden) is is_forbidden
+
+
 # --- one website -----------------------------------------------------------------------------------------
 
 

@@ -373,7 +373,12 @@ def test_parts_are_told_apart_by_number_and_collections_add_up() -> None:
         Remember("2", "b"), Remember("2 sign", "x"), Done("2"),
         Remember("3", "c"), Remember("3 sign", "x"), Done("3"),
     ]  # fmt: skip
-    held = {check.value["star"] + check.value["moon"] for fact in task.truth.facts for check in fact.state}
+    held = {
+        check.value["star"] + check.value["moon"]
+        for fact in task.truth.facts
+        for check in fact.state
+        if check.value
+    }
     assert held == {2}
     assert task.truth.moves[-1] == Give("a, b, c")
     assert task.truth.answer == AnswerTruth()

@@ -115,7 +115,7 @@ class StateCheck(msgspec.Struct, frozen=True):
 
     Attributes:
         key: path into the state that the website reports, e.g. ``("cart", "Blue Mug")``.
-        value: the expected value; ``None`` if the key must be absent.
+        value: the expected value; ``None`` if the key must be absent or empty.
     """
 
     key: tuple[str, ...]
@@ -145,8 +145,8 @@ class AnswerTruth(msgspec.Struct, frozen=True, omit_defaults=True):
         required: every inner tuple lists alternatives, one of which the answer must contain.
         forbidden: phrases that a right answer does not contain or denies, such as the names of the other
             candidates.
-        in_order: whether the answer must mention exactly the required values, in their order, each once, and
-            no other of the values in ``required`` and ``forbidden``.
+        in_order: whether the answer must mention exactly the required values, in their order, each once or
+            all of them again, and no other of the values in ``required`` and ``forbidden``.
     """
 
     required: tuple[tuple[str, ...], ...] = ()

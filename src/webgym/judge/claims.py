@@ -20,11 +20,18 @@ from webgym.judge.values import read
 
 _Unit: TypeAlias = tuple[str, object]
 
-_DENIED_BEFORE: Final = re.compile(
-    r"(?:\b(?:(?<!\bif )not|never|except|excluding|besides|without|instead of|rather than|other than|unlike"
-    r"|neither|nor)|n't)(?:[^\w.;!?]+(?:a|an|the|on|in|at|for|of|to|by|it|is|was|be|called|named))*[^\w.;!?]*$",
-    re.IGNORECASE,
+_NOT: Final = (
+    r"(?<!\bif )not|never|except|excluding|besides|without|instead of|rather than|other than|unlike"
+    r"|neither|nor"
 )
+_UP_TO_IT: Final = (
+    r"(?:[^\w.;!?]+(?:a|an|the|that|on|in|at|for|of|to|by|it|is|was|be|called|named))*[^\w.;!?]*$"
+)
+_DENIED_BEFORE: Final = re.compile(rf"(?:\b(?:{_NOT})|n't){_UP_TO_IT}", re.IGNORECASE)
+_OTHER_BEFORE: Final = re.compile(
+    rf"(?:\b(?:{_NOT}|than|compared (?:to|with))|n't){_UP_TO_IT}", re.IGNORECASE
+)
+"""Before a value that is not the answer: what denies it, or compares the answer with it."""
 _DENIED_AFTER: Final = re.compile(
     r"[^\w.;!?]*(?:(?:is|was|are|were) (?:wrong|incorrect|false)\b"
     r"|(?:(?:is|was|are|were) not|isn't|wasn't|aren't|weren't)"
@@ -34,7 +41,7 @@ _DENIED_AFTER: Final = re.compile(
 _SCALE: Final = "|".join(SCALES)
 _BOUND: Final = re.compile(
     r"(?:\b(less than|more than|fewer than|under|over|below|above|at least|at most|up to|almost|nearly) "
-    rf"|[<>≤≥]=? ?|\b(?:{_SCALE}) (?:and )?)[$£€¥]?$"
+    rf"|(?<![-=])[<>≤≥]=? ?|\b(?:{_SCALE}) (?:and )?)[$£€¥]?$"
 )
 _SCALED: Final = re.compile(rf"\+(?!\w)| (?:(?:{_SCALE})|or (?:more|less|fewer)|and a half)\b")
 _VISITED: Final = "pages?|sites?|websites?|links?|steps?|times|attempts?|searches|clicks"
@@ -42,7 +49,8 @@ _VISITED: Final = "pages?|sites?|websites?|links?|steps?|times|attempts?|searche
 _VISITED_AFTER: Final = re.compile(rf" ({_VISITED})\b")
 _VISITED_BEFORE: Final = re.compile(rf"\b({_VISITED}) (?:\d+ of )?$")
 _REPORTED: Final = re.compile(
-    rf"\b({_VISITED}) \d+(?: of \d+)?(?![.,:]?\d)|(?<![\d.,:])\b\d+ ({_VISITED})\b", re.IGNORECASE
+    rf"\b({_VISITED}) \d+(?: (?:of|to|through) \d+)?(?![.,:]?\d)|(?<![\d.,:])\b\d+ ({_VISITED})\b",
+    re.IGNORECASE,
 )
 _ONE: Final = re.compile(r"\b(?:no|the|first|second|which|any|each|every|this|that|another|other) $")
 _NONE: Final = re.compile(
@@ -69,10 +77,10 @@ _SPELLINGS: Final = tuple(
         (r"\b0(\d:\d\d ?[ap]m)\b", r"\1"),
         (r"\b(\d{1,2})(?:st|nd|rd|th)\b", r"\1"),
         (rf"\b(?!may)({_MONTHS})\.(?=,?\s*\d)", r"\1"),
-        (rf"\b0?(\d{{1,2}})(?: of |-| )(?=(?:{_MONTHS})\b)", r"\1 "),
+        (rf"\b0?(\d{{1,2}})(?: of |-| |\. (?=\w+\.? \d{{4}}))(?=(?:{_MONTHS})\b)", r"\1 "),
         (rf"\b(?<=\d )({_MONTHS})-(?=\d{{4}}\b)", r"\1 "),
         (rf"\b({_MONTHS}) 0(?=\d\b)", r"\1 "),
-        (r"\b(\d{4})/(\d\d)/(?=\d\d\b)", r"\1-\2-"),
+        (rf"[*_`]+{_AMOUNT}[*_`]+(?= ?(?:[^\W\d_]|[%°]))", r"\1"),
         (r"\b(\d+) ?(?:h|hr|hrs|hours?),? ?(?:and )?(\d+) ?(?:m|mins?|minutes?)\b", r"\1 h \2 min"),
         (r"(?<=\w) out of (?=\w)", " of "),
         (r" & ", " and "),
@@ -99,38 +107,74 @@ _SPELLINGS: Final = tuple(
 """Patterns of spellings of times, days, amounts and names, and what stands for them."""
 _MONTH: Final = re.compile(rf"\b(?:{'|'.join(name for name in MONTHS if len(name) > 3)})\b", re.IGNORECASE)
 
-_NUMERIC_DATE: Final = re.compile(r"(?<![\w./-])\d{1,2}([./])\d{1,2}\1\d{4}(?![\w/]|[.-]\d)")
+_NUMERIC_DATE: Final = re.compile(
+    r"(?<![\w./-])(?:\d{1,2}([./])\d{1,2}\1\d{4}|\d{4}([/-])\d{1,2}\2\d{1,2})(?![\w/]|[.-]\d)"
+)
+_COUNTED_OFF: Final = "step|part|question|answer|task|item|fact|result|q|a"
+"""Words before the numbers of list items."""
 _LIST_NUMBER: Final = re.compile(
-    r"(?:^[ \t>]*(?:[-*•][ \t]+)?(?:[*_]{2})?(?:\(?(\d{1,2})\)|(\d{1,2})[.:])(?:[*_]{2})?"
+    r"(?:^[ \t>#]*(?:[-*•][ \t]+)?[*_]{0,3}"
+    r"(?:[(\[](\d{1,2})(?:(?: of |/)\d{1,2})?[)\]]|(\d{1,2})[.:)]|\|[ \t]*(\d{1,2})[ \t]*\|)[*_:]{0,3}"
+    rf"|(?:^[ \t>#]*(?:[-*•][ \t]+)?[*_]{{0,3}}|(?<=[,;.!?]\s))(?:{_COUNTED_OFF}) ?(\d{{1,2}})"
+    r"(?:[.:)]|[ \t]+[-–—→])[*_]{0,3}"
     r"|(?:(?<=[,;:.]\s)|(?<=\band\s))\(?(\d{1,2})\)"
-    r"|(?:^|(?<=[.!?]\s))(?:(?:step|part|question|answer) )?(\d{1,2})[.:](?=\s[^\W\d_]))[ \t]+(?=\S)",
+    r"|(?:^|(?<=[.!?]\s))(\d{1,2})[.:](?=\s[^\W\d_]))[ \t]+(?=\S)",
     re.MULTILINE | re.IGNORECASE,
 )
 _LABEL_AFTER: Final = re.compile(r"(?<=\d)[ \t]*\n(?=[ \t]*[^\W\d_][^\n]*:)")
 """The line end between a number and the label of the next line, which is not its unit."""
 _WHOLE_AMOUNT: Final = re.compile(r"(?<=\d)\.00(?![\d.,:])")
 _GROUPED: Final = re.compile(r"(?<=\d)[\u00a0\u2009\u202f](?=\d{3}(?!\d))")
-_INVISIBLE: Final = re.compile("[\u200b-\u200d\u2060\ufeff]")
+_INVISIBLE: Final = re.compile("[\x00\u00ad\u200b-\u200d\u2060\ufeff]")
+_SHORT_UNITS: Final = {
+    name: next(other for other, same in UNITS.items() if same == size) for name, size in UNITS.items()
+}
+_UNIT_AFTER: Final = re.compile(
+    rf"(?<=\d) ?({'|'.join(map(re.escape, sorted(UNITS, key=len, reverse=True)))})(?![\w/])", re.IGNORECASE
+)
+_NAMED_NUMBER: Final = re.compile(rf"\b(?:{_COUNTED_OFF}) ?\d", re.IGNORECASE)
+_ESCAPE: Final = re.compile(r"\\u(?![dD][89a-fA-F])([0-9a-fA-F]{4})")
+_MARKUP: Final = tuple(
+    (re.compile(pattern), written)
+    for pattern, written in (
+        (r"</?[a-zA-Z][a-zA-Z0-9]* ?/?>", "\n"),
+        (r"(?<=[\w.,;:!?)])\[\^?\d{1,2}\](?!\()| ?【\d+†[^【】]{0,40}】", ""),
+        (r"\$(\d[\d.,]*)\$(?!\d)", r"\1"),
+        (r"(?<!\d)(\d{1,2})：(?=\d\d(?!\d))", r"\1:"),
+    )
+)
+_PUNCTUATION: Final = str.maketrans({"，": ", ", "、": ", ", "；": "; ", "：": ": ", "。": ". "})
 _NUMERAL: Final = re.compile(r"(?<!\w)[²³¹⁰-₉①-⒛⓪０-９𝟎-𝟿]+")
 """Digits other than ASCII's, which are the same number."""
-_DIGIT: Final = re.compile(r"(?<![\w.,:])\d(?![\w.,:])")
-_DIGITS: Final = {str(number): word for word, number in NUMBER_WORDS.items() if number < 10}
+_DIGIT: Final = re.compile(r"(?<![\w.,:])\d{1,2}(?![\w.,:])")
+_DIGITS: Final = {str(number): word for word, number in NUMBER_WORDS.items()}
 
 
 def _without_list_numbers(text: str) -> str:
-    """The text without the numbers of list items, if they count up from 1 to 2 at least."""
-    following = 1
+    """The text without the numbers of list items that count up from 1. A number 1 alone is one if a word says
+    so ("Answer 1: …"), or another number follows it in its line."""
+    following, is_list = 1, False
 
     def stripped(match: re.Match[str]) -> str:
-        nonlocal following
+        nonlocal following, is_list
         number = int(match[match.lastindex or 0])
         if number not in (1, following):
             return match[0]
+        rest = text[match.end() :].partition("\n")[0]
+        is_list |= number > 1 or bool(_NAMED_NUMBER.search(match[0])) or any(map(str.isdigit, rest))
         following = number + 1
         return ""
 
     without = _LIST_NUMBER.sub(stripped, text)
-    return without if following > 2 else text
+    return without if is_list else text
+
+
+def without_markup(text: str) -> str:
+    """The text without tags, citations ("[1]") and escapes, and with the separators of every script in
+    ASCII."""
+    for pattern, written in _MARKUP:
+        text = pattern.sub(written, text)
+    return _ESCAPE.sub(lambda escape: chr(int(escape[1], 16)), text).translate(_PUNCTUATION)
 
 
 @lru_cache(maxsize=1024)
@@ -144,6 +188,7 @@ def _respelled(text: str) -> str:
     text = _NUMERAL.sub(lambda sign: normalize("NFKC", sign[0]), _GROUPED.sub(",", text))
     for pattern, written in _SPELLINGS:
         text = pattern.sub(written, text)
+    text = _UNIT_AFTER.sub(lambda unit: f" {_SHORT_UNITS[unit[1].casefold()]}", text)
     text = _NUMERIC_DATE.sub(_in_words, text)
     return _MONTH.sub(lambda month: month[0][:3], text)
 
@@ -176,7 +221,7 @@ def numeral(option: str) -> tuple[str, ...]:
     if clock := re.fullmatch(r"(\d{1,2}):(\d\d)", option):
         hour, minute = clock.groups()
         return option, f"{hour}h{minute}", *((f"{hour}.{minute}",) if minute != "00" else ())
-    in_words = _DIGIT.sub(lambda digit: _DIGITS[digit[0]], option)
+    in_words = _DIGIT.sub(lambda digit: _DIGITS.get(digit[0], digit[0]), option)
     return (option,) if in_words == option else (option, in_words)
 
 
@@ -196,6 +241,22 @@ def claims(answer: str, options: Sequence[str], known: str) -> bool:
     )
 
 
+def with_units(answer: str, required: Iterable[Sequence[str]]) -> str:
+    """The answer with the units of those required small numbers that stand alone after a label: "Days: 6". A
+    noun before a number must be in the label: "Gate: 6" is "Gate 6"."""
+    answer = _without_list_numbers(answer)
+    for text, *_ in required:
+        if small := re.fullmatch(r"[$€£](\d)|(\d) (?!of )[a-z°%].*|([A-Z][a-z]+) (\d)", text):
+            digit = small[1] or small[2] or small[4]
+            noun = rf"(?<![^\W_])(?i:{small[3]})(?![^\W_])[^\n.;]{{0,60}}?" if small[3] else ""
+            alone = re.compile(
+                rf"""({noun}(?:[:=|→]|\b(?:is|are|was|were|of)\b)[\s"*`]*){digit}"""
+                r"""(?=["*`]*\s*(?:[;,|)}\n]|\.(?!\d)|and\b|$))"""
+            )
+            answer = alone.sub(rf"\g<1>{text}", answer, count=1)
+    return answer
+
+
 def without_denied(answer: str, values: Iterable[str]) -> str:
     """The answer without those of the values that it denies, and without the denials: "Rock, not Sulphur" is
     "Rock"."""
@@ -205,7 +266,7 @@ def without_denied(answer: str, values: Iterable[str]) -> str:
         pattern = re.compile(whole_phrase(fold(value)).pattern, re.IGNORECASE)
         for match in reversed([*pattern.finditer(answer)]):
             start, end = match.span()
-            before = _DENIED_BEFORE.search(answer, max(0, start - 80), start)
+            before = _OTHER_BEFORE.search(answer, max(0, start - 80), start)
             after = _DENIED_AFTER.match(answer, end)
             if before or after:
                 answer = (
@@ -253,8 +314,6 @@ def swapped(answer: str, required: Sequence[Sequence[str]], solution: str) -> st
         if not any(start <= word.start() < end for start, end in values)
     ]
     for (one, ours), (other, theirs) in combinations(labelled, 2):
-        if any(map(str.isdigit, one[0])) != any(map(str.isdigit, other[0])):
-            continue
         labels = dict.fromkeys(ours - theirs, "a") | dict.fromkeys(theirs - ours, "b")
         starts, others = (
             dict(sorted(place for option in options for place in _places(answer, option)))

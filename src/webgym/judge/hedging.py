@@ -22,10 +22,10 @@ from typing import Final
 
 from webgym.core.text import fold, says
 from webgym.judge.claims import day_of, numeral, respelled, without_reported
-from webgym.judge.units import MONTHS, NUMBER_WORDS
+from webgym.judge.units import CURRENCY_WORDS, MONTHS, NUMBER_WORDS, ORDINAL_WORDS
 
 _SEPARATORS: Final = re.compile(
-    r"[;\n\r()\[\]{}|/•*!?\"“”„«»=→]|[.,:](?!\d)|(?<!\d)[.,:]|\s[-–—]+\s|^[-–—]"
+    r"\b[a-z]\)|[;\n\r()\[\]{}|/•*!?\"“”„«»=→]|[.,:](?!\d)|(?<!\d)[.,:]|\s[-–—]+\s|^[-–—]"
     r"|\b(?:or|and|vs|versus|also|maybe|perhaps|possibly)\b",
     re.IGNORECASE | re.MULTILINE,
 )
@@ -38,7 +38,10 @@ _MARKED: Final = re.compile(f"{_PLACEHOLDER}|{_TOKEN.pattern}")
 _ADJACENT_NUMBER: Final = re.compile(
     rf"{_PLACEHOLDER}\W{{0,3}}(\d[\d.,:]*)|(\d[\d.,:]*)\W{{0,3}}{_PLACEHOLDER}"
 )
-_HEADING: Final = re.compile(rf"(?:^|(?<=[.;!?]))\s*[^\W\d_]{{2,20}}:\s*(?={_PLACEHOLDER})", re.MULTILINE)
+_HEADING: Final = re.compile(
+    rf"(?:^|(?<=[.;!?]))[\s*•-]*[^\W\d_]{{2,20}}(?: [a-z]{{2,20}})?[ *]*:[\s*]*(?={_PLACEHOLDER})",
+    re.MULTILINE,
+)
 _COUNTS: Final = {word: str(number) for word, number in NUMBER_WORDS.items() if number != 1}
 _COUNT: Final = re.compile(rf"\b(?:{'|'.join(sorted(_COUNTS, key=len, reverse=True))})\b", re.IGNORECASE)
 """Numbers in words, but "one", which may be a pronoun."""
@@ -61,8 +64,10 @@ _STOP_WORDS: Final = frozenset(
     "confidence status step steps search searched show item summarize summarise answer answers final result "
     "results respectively found find done note based page pages website site according shown however thus "
     "therefore which what who when where how ok sure thanks thank hope helps name source verified conclusion "
-    "summary confirmed altogether overall".split()
-)
+    "summary confirmed altogether overall but yet wait actually alternatively alternative otherwise else "
+    "instead either rather likely probably presumably apparently certainly surely definitely although though "
+    "unless whether again even still too correction corrected guess think believe suppose".split()
+).union(ORDINAL_WORDS)
 """Words that are never part of a candidate."""
 
 _REMARKS: Final = frozenset(
@@ -77,8 +82,9 @@ _REMARKS: Final = frozenset(
     "saw scrolled scrolling searching seeing seen selected selecting sent signed signing sorted sorting "
     "submitted thought thoughts typed typing viewed viewing visited visiting went button chart column "
     "details entry filter form list load map menu panel row screen screenshot section tab table tooltip "
-    "value values".split()
-)
+    "value values anything ask count double else feel free question reference unclear "
+    "absolutely best cheers end got memory regards stop terminate".split()
+).union(CURRENCY_WORDS)
 """Words of remarks: no name consists of them, but a number may have one of them as its label."""
 
 _NO_NAMES: Final = _STOP_WORDS.union(NUMBER_WORDS, "or and vs versus also maybe perhaps possibly".split())

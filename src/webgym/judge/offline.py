@@ -8,7 +8,7 @@ website's server at the end. It ignores what the policy says it did.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlsplit
@@ -21,13 +21,26 @@ from webgym.core.truth import AnswerTruth, Evidence, FactTruth, Give, StateCheck
 from webgym.core.verdict import FactJudgement, Judgement, Verdict
 from webgym.judge.base import Pictures
 from webgym.judge.blocking import find_block
-from webgym.judge.claims import claims, numeral, spelled, swapped, without_denied
+from webgym.judge.claims import (
+    claims,
+    numeral,
+    spelled,
+    swapped,
+    with_units,
+    without_denied,
+    without_markup,
+    without_reported,
+)
 from webgym.judge.hedging import copied, other_candidate
 from webgym.judge.numbers import numbers
 from webgym.judge.soft import score_of
 
 COUNTED_NOT_READ = 10
 """Integers below this need not be visible in a screenshot: they may number a list or count items."""
+
+
+_MOST_LEADING = 3
+"""Most texts of a view of one thing; one with more is of a list."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +67,7 @@ def why_unjudgeable(task: Task) -> str:
 class OfflineJudge:
     """Judges tasks that carry a :class:`webgym.core.truth.Truth`."""
 
-    name = "offline/6"
+    name = "offline/7"
 
     async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
         """Judge one episode; see :meth:`webgym.judge.base.Judge.judge`.
@@ -128,7 +141,7 @@ class OfflineJudge:
             if state is None:  # no page of it was opened
                 return Judgement(False, f"nothing was done on {truth.host}", steps)
             actual = _look_up(check, state)
-            if actual != check.value:
+            if actual != check.value and (actual or check.value is not None):
                 name = " / ".join(check.key)
                 return Judgement(False, f"the server holds {name} = {actual!r}, not {check.value!r}", steps)
             reasons.append(f"the server holds {' / '.join(check.key)} = {actual!r}")
@@ -187,8 +200,10 @@ def _reference(task: Task, truth: Truth, answer: str, pages: Iterable[str] = ())
     if not required.required:
         return None
     given = [move.text for move in truth.moves if isinstance(move, Give)]
-    answer = without_denied(answer, required.forbidden)
-    folded, known = spelled(answer), spelled(" ".join((task.instruction, *given)))
+    answer = without_markup(_without_websites(answer, truth.hosts))
+    answer = without_denied(with_units(answer, required.required), required.forbidden)
+    known = spelled(" ".join((task.instruction, *given)))
+    folded = without_reported(spelled(answer), known)
     for options in required.required:
         if not claims(folded, [each for option in options for each in numeral(option)], known):
             return Judgement(False, f'the answer does not say "{options[0]}"')
@@ -199,12 +214,31 @@ def _reference(task: Task, truth: Truth, answer: str, pages: Iterable[str] = ())
         return Judgement(False, f"the answer gives {pair}")
     if required.in_order and (fault := _out_of_order(required, folded)):
         return Judgement(False, fault)
-    told = (task.instruction, *given)
+    told = (task.instruction, *given, *_shown(truth))
     if other := other_candidate(answer, required.required, told, required.forbidden):
         return Judgement(False, f'the answer also claims "{other}"')
     if quoted := copied(answer, pages, required.required, told):
         return Judgement(False, f'the answer copies the page: "{quoted}"')
     return Judgement(True, "the answer says all that it must")
+
+
+def _shown(truth: Truth) -> Iterator[str]:
+    """What the answer may also tell: the values that led to it, as by which an item was chosen."""
+    for fact in truth.facts:
+        for evidence in fact.evidence[:1]:
+            if len(evidence.texts) <= _MOST_LEADING:
+                yield from evidence.texts
+
+
+def _without_websites(answer: str, hosts: Iterable[str]) -> str:
+    """The answer without names and addresses of the task's websites: "Fern Desk & Paper" names no desk."""
+    for host in hosts:
+        label, _, domain = host.partition(".")
+        name = r"\W+(?:and\W+)?".join(map(re.escape, label.split("-")))
+        if "-" in label:
+            address = rf"(?:https?://)?\b{name}\b(?:\.{re.escape(domain)}\S*)?"
+            answer = re.sub(address, "", answer, flags=re.IGNORECASE)
+    return answer
 
 
 def _out_of_order(truth: AnswerTruth, folded: str) -> str:
@@ -217,7 +251,8 @@ def _out_of_order(truth: AnswerTruth, folded: str) -> str:
         if each != "one"  # may be a pronoun
     }
     given = [value_of[mention] for mention in mentions(folded, value_of)]
-    if given == list(truth.required):
+    times = max(1, len(given) // len(truth.required))  # "7, 12. Answer: 7, 12"
+    if given == list(truth.required) * times:
         return ""
     wanted, named = (", ".join(spellings[0] for spellings in places) for places in (truth.required, given))
     return f'the answer says "{named}", not "{wanted}"'
@@ -233,9 +268,10 @@ def _response(task: Task, truth: Truth, views: list[_View], episode: Episode) ->
         grounded.update(*(numbers(spelled(each)) for option in options for each in numeral(option)))
     for view in views:
         grounded |= numbers(view.text)
+    told = without_reported(spelled(without_markup(episode.answer)), fold(task.instruction))
     invented = {
         number
-        for number in numbers(spelled(episode.answer)) - grounded
+        for number in numbers(told) - grounded
         if number >= COUNTED_NOT_READ or number != number.to_integral_value()
     }
     if invented:

@@ -26,6 +26,9 @@ from webgym.core.truth import (
     Truth,
 )
 
+_CHANGED = ("cart", "files", "saved", "sent")
+"""What a website reports that tasks change."""
+
 Expected: TypeAlias = Literal["success", "blocked", "environment_error", "judge_error"]
 
 
@@ -159,7 +162,8 @@ def _compose(place: Place, assignment: Assignment, rubric: Rubric) -> Task:
     is_whole = len(parts) == len(assignment.parts)
     answer = _answer(chosen, in_order=wording.keeps_count)
     says = wording.answer([part.says for part in chosen if part.says])
-    merged = _merged_checks(chosen)
+    merged, others = _merged_checks(chosen), _unchanged(chosen)
+    first = next((fact for part in chosen for fact in part.facts if fact.state), None)
     return Task(
         id=root if is_whole else f"{root}/{'+'.join(str(number) for number, _ in parts)}",
         instruction=wording.instruct(place.brand, [part.ask for part in chosen]),
@@ -178,7 +182,10 @@ def _compose(place: Place, assignment: Assignment, rubric: Rubric) -> Task:
                     group=number,
                     index=index,
                     evidence=fact.evidence,
-                    state=tuple(merged.get(check.key, check) for check in fact.state),
+                    state=(
+                        *(merged.get(check.key, check) for check in fact.state),
+                        *(others if fact is first else ()),
+                    ),
                 )
                 for number, part in parts
                 for index, fact in enumerate(part.facts)
@@ -218,6 +225,12 @@ def _merged_checks(parts: Sequence[Part]) -> dict[tuple[str, ...], StateCheck]:
     return {key: StateCheck(key, value) for key, value in merged.items()}
 
 
+def _unchanged(parts: Sequence[Part]) -> list[StateCheck]:
+    """Checks that a task changes nothing but what it is to change."""
+    changed = {check.key[0] for part in parts for fact in part.facts for check in fact.state}
+    return [StateCheck((kind,), None) for kind in _CHANGED if kind not in changed]
+
+
 def _expected(whole: Expected, parts: Sequence[Part]) -> Expected:
     # If a server loses its state, only tasks with state checks cannot be judged.
     if whole == "judge_error" and not any(fact.state for part in parts for fact in part.facts):
@@ -230,8 +243,14 @@ def _answer(parts: Sequence[Part], *, in_order: bool = False) -> AnswerTruth:
     answers = [fact.answer for fact in facts if fact.answer]
     required = tuple(answers if in_order else dict.fromkeys(answers))
     accepted = {option.casefold() for options in required for option in options}
-    # A wrong value of one part may be right, or part of a right value, for another.
-    wrong = dict.fromkeys(w for fact in facts for w in fact.wrong)
+    # A wrong value of one part may be right, or part of a right value, for another, which may be about it.
+    wrong = dict.fromkeys(
+        w
+        for part in parts
+        for fact in part.facts
+        for w in fact.wrong
+        if in_order or w in part.ask or not any(w in other.ask for other in parts)
+    )
     if in_order:  # compare whole words: 1 is wrong where 12 is right
         right = "\0".join(f" {option} " for option in accepted)
         forbidden = tuple(w for w in wrong if f" {w.casefold()} " not in right)

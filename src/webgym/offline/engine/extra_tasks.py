@@ -68,7 +68,7 @@ def related_record(site: Site, rng: random.Random, size: int) -> Part | None:
         f"The {noun} of {record.name} is found",
         (shown(exactly(site.href(record)), *view),),
         answer=(related.name,),
-        wrong=tuple(other.name for other in sheet.records if other != related)[:4],
+        wrong=tuple(other.name for other in sheet.records if other != related),
     )
     return Part(
         f"find out the {noun} of {record.name}, and look up {sheet.nouns(fields)} of that {noun}",

@@ -71,7 +71,7 @@ def extreme(site: Site, rng: random.Random, size: int) -> Part | None:
         f"Among the {site.spec.plural} that {having}, the one with the {word} {spec.noun} is found",
         (ordered, unordered) if len(records) <= site.page_size else (ordered,),
         answer=(best.name,),
-        wrong=tuple(record.name for record in records[1:4]),
+        wrong=tuple(record.name for record in records[1:]),
     )
     others = [other for other in site.items.labels if other not in query and other != field]
     if size > len(others) + 1:

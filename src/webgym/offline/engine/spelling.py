@@ -69,6 +69,14 @@ def minutes(value: int) -> tuple[str, ...]:
 def quantity(value: str, unit: str, *units: str) -> tuple[str, ...]:
     """Spellings of a quantity; of ``quantity("12", "g", "grams")``: "12 g", "12g", "12 grams" and "12"."""
     spellings = [f"{value} {unit}", f"{value}{unit}", *(f"{value} {other}" for other in units)]
+    if value == "1":
+        spellings += [spelling.removesuffix("s") for spelling in spellings]
+    if unit.startswith("thousand"):
+        number, rest = 1000 * int(value.replace(",", "")), unit.removeprefix("thousand")
+        return (
+            *spellings,
+            *(each for written in (f"{number:,}", str(number)) for each in (written + rest, written)),
+        )
     return (*spellings, value) if float(value.replace(",", "")) >= BARE_FROM else tuple(spellings)
 
 

@@ -134,7 +134,7 @@ def evaluate(run: Path, judge: str = RECORDED, config: EvaluationConfig | None =
         RunFolderError: the folder is not a run, or there is no such judge.
     """
     reader = RunReader(run, skip_corrupt=True)
-    per_task = int(reader.config.get("samples") or 1)
+    per_task = reader.samples
     name, ended_by = _judged_by(run, judge)
     records = Records()
     samples = list(_samples(reader, ended_by, records))

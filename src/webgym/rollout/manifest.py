@@ -185,7 +185,7 @@ def manifest_of(
         tasks_sha256=hashlib.sha256((reader.path / TASKS).read_bytes()).hexdigest(),
         left_out=config.get("left_out_tasks"),
         seed=config.get("seed"),
-        samples=int(config.get("samples") or 1),
+        samples=reader.samples,
         budget=(
             (attempt["budget_easy"], attempt["budget_medium"], attempt["budget_hard"]) if attempt else None
         ),

@@ -112,6 +112,8 @@ class Records:
     ended: float | None = None
     invalid: dict[str, Counter[str]] = field(default_factory=dict)
     blocked: Counter[str] = field(default_factory=Counter)
+    left_out: list[str] = field(default_factory=list)
+    """A line for each kind of records that are in no figure."""
 
     def add(self, trajectory: Trajectory, outcome: Outcome, failure: Failure | None, website: str) -> None:
         """Add the attempt that counts for a sample.

@@ -220,8 +220,10 @@ def test_records_that_are_in_no_figure_are_told(run: Path, tmp_path: Path) -> No
     shard = next((broken / "trajectories").iterdir())
     records = shard.read_bytes().splitlines(keepends=True)
     shard.write_bytes(b"".join([records[0].replace(b"a", b"b", 1), *records[1:]]))
-    told = "left out, and named by webgym verify:"
-    notes = (f"{told} 1 damaged records", f"{told} 1 attempts at tasks that the run does not hold")
+    notes = tuple(
+        f"{what}: 1 left out; webgym verify names them"
+        for what in ("damaged records", "attempts at tasks that the run does not hold")
+    )
     assert evaluate(broken, config=QUICK).notes[-2:] == notes
     assert compare(broken, run).notes[-3:-1] == tuple(f"broken: {note}" for note in notes)
 

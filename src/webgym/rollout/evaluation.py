@@ -300,5 +300,5 @@ def _samples(
         "attempts at tasks that the run does not hold": orphans,
     }
     records.left_out = [
-        f"left out, and named by webgym verify: {count} {what}" for what, count in left_out.items() if count
+        f"{what}: {count} left out; webgym verify names them" for what, count in left_out.items() if count
     ]

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import io
 import sys
 import traceback
 from collections.abc import Iterator, Sequence
@@ -114,6 +115,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     Args:
         arguments: what follows ``webgym``; by default those of the process.
     """
+    for stream in (sys.stdout, sys.stderr):  # the terminal's encoding may lack a character
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     words = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in words
     words = [argument for argument in words if argument != "--debug"] or ["--help"]

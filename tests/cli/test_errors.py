@@ -204,3 +204,17 @@ def test_a_terminal_without_a_character_shows_its_code(
     assert ended.value.code == 0
     sys.stdout.flush()
     assert terminal.getvalue() == b"0 \\u2013 1\n"
+
+
+def test_ctrl_c_leaves_the_cursor_visible(
+    verb: Callable[..., None], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")  # as in a terminal
+
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    verb(interrupted)
+    code, err = outcome(capsys)
+    assert code == 130
+    assert "\x1b[?25h" in err

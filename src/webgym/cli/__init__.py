@@ -129,8 +129,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except SystemExit:
         raise
     except BaseException as error:  # includes asyncio.CancelledError, which is no success either
-        sys.exit(_report(error, verb or "", debug=debug))
+        result = _report(error, verb or "", debug=debug)
+    if result == EXIT_INTERRUPTED:
+        _show_cursor()
     sys.exit(result if isinstance(result, int) else 0)
+
+
+def _show_cursor() -> None:
+    """Undo what rich leaves of a progress bar that is interrupted while it is drawn for the first time."""
+    from rich.console import Console
+
+    for is_stderr in (False, True):
+        Console(stderr=is_stderr).show_cursor()
 
 
 def _report(error: BaseException, verb: str, *, debug: bool) -> int:

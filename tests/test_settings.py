@@ -20,7 +20,7 @@ from webgym.cli._judge_options import judge_choice, own_choice
 from webgym.core.errors import ConfigError
 from webgym.judge.config import WAYS_BY_SOURCE, JudgeConfig, StageConfig
 from webgym.llm.config import ChatConfig, Sampling
-from webgym.run_config import resolved
+from webgym.run_config import RunConfig, TaskChoice, resolved
 from webgym.settings import Section, merged, without_none
 from webgym.tasks.construction.config import BuildConfig
 
@@ -158,6 +158,24 @@ def test_no_section_of_ours_has_a_default_that_one_key_would_replace() -> None:
 def _below(of: type[BaseModel]) -> set[type[BaseModel]]:
     found = {one for one in of.__subclasses__() if one.__module__.startswith("webgym")}
     return found.union(*map(_below, of.__subclasses__()))
+
+
+@pytest.mark.parametrize("of_python", [False, True])
+def test_tasks_are_named_where_a_file_is(
+    of_python: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    tasks = {"file": Path("offline-small-v1"), "split": "test"}
+    config = (
+        RunConfig(tasks=TaskChoice.model_validate(tasks))
+        if of_python
+        else _run.settings([], {"tasks": tasks, "sites": {"latency": 0}})
+    )
+    assert (config.sites.collection, config.tasks.file, config.tasks.split) == ("small", None, "test")
+    with pytest.raises(ConfigError, match=r"offline-small-v1 have their own websites: leave out sites\.seed"):
+        _run.settings([], {"tasks": tasks, "sites": {"seed": 3}})
+    (tmp_path / "offline-small-v1").touch()
+    assert _run.settings([], {"tasks": tasks}).tasks.file == Path("offline-small-v1")
 
 
 def test_merging_changes_neither_side() -> None:

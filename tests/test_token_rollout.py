@@ -18,6 +18,7 @@ from webgym.conformance import STAND_IN_TASKS, StandInBrowsers, StandInJudge
 from webgym.core.action import Answer, Scroll
 from webgym.core.errors import ConfigError, NoCapacity, UsageError
 from webgym.core.outcome import Outcome
+from webgym.offline.web import OfflineWeb
 from webgym.rollout.config import CollectorConfig
 from webgym.testing import stand_in_environment, stand_in_pool
 
@@ -211,6 +212,27 @@ def test_a_pool_belongs_to_one_event_loop(tmp_path: Path) -> None:
     asyncio.run(pool.open())
     with pytest.raises(UsageError, match="another event loop"):
         asyncio.run(pool.open())
+
+
+def test_a_program_that_ends_without_closing_its_pool_shows_its_own_error_alone(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    given = stand_in_pool(tmp_path, 1)
+    tasks = OfflineWeb(per_family=2, collection="small").tasks()
+    asked = next(each for each in tasks if each.truth and not any(fact.state for fact in each.truth.facts))
+    webgym.write_tasks(given["name"], [asked])
+    del given["judge"]  # the offline one is opened with the pool
+
+    async def program() -> None:
+        pool = webgym.EnvironmentPool(**given)
+        async with pool.environment() as env:
+            await env.reset()
+            raise RuntimeError("of the program")
+
+    with pytest.raises(RuntimeError, match="of the program"):
+        asyncio.run(program())
+    assert not caplog.records
+    assert not given["browsers"].open_now
 
 
 def test_rows_of_a_dataset_hold_nothing_that_judges_see(tmp_path: Path) -> None:

@@ -48,7 +48,7 @@ from webgym.core.task import Task
 from webgym.core.trajectory import Reply, Trajectory
 from webgym.judge.base import Judge
 from webgym.judge.factory import check_judge, open_judge, refuse_unjudgeable
-from webgym.offline.config import CollectionName, SitesConfig
+from webgym.offline.config import TASK_SETS, SitesConfig
 from webgym.rollout.driver import Browsers, BrowserSession, EpisodeContext, EpisodeDriver, SiteState
 from webgym.rollout.judging import judge_episode
 from webgym.rollout.opening import open_patiently
@@ -84,13 +84,6 @@ Info: TypeAlias = dict[str, Any]
 ``pictures``
     its screenshots, encoded, by name.
 """
-
-COLLECTIONS: Final[dict[str, CollectionName]] = {
-    "offline-v1": "large",
-    "offline-small-v1": "small",
-    "offline-cross-v1": "cross",
-}
-"""Names of the task sets that come with WebGym. A name always has the same websites and tasks."""
 
 _OF_TASKS: Final = (BrowserCrashed, BrowserTimeout, ProtocolError)
 """Failures to open a browser that may be due to what the task needs, such as files: it is not put back."""
@@ -615,16 +608,16 @@ def config_of(name: str, split: SplitName, config: RunConfig | None = None) -> R
         raise ConfigError(f"the split is one of {', '.join(get_args(SplitName))}, not {split!r}")
     config = config or RunConfig()
     tasks = config.tasks.model_copy(update={"split": split})
-    if name in COLLECTIONS:
+    if name in TASK_SETS:
         delays = config.sites.model_dump(include={"latency", "latency_sigma", "latency_longest"})
-        sites = SitesConfig(collection=COLLECTIONS[name], **delays)
+        sites = SitesConfig(collection=TASK_SETS[name], **delays)
         tasks = tasks.model_copy(update={"file": None})
         config = config.model_copy(update={"sites": sites})
     elif Path(name).is_file():
         tasks = tasks.model_copy(update={"file": Path(name)})
     else:
-        near = get_close_matches(name, COLLECTIONS, 1)
-        known = f"did you mean {near[0]}?" if near else f"give {', '.join(COLLECTIONS)} or a task file's path"
+        near = get_close_matches(name, TASK_SETS, 1)
+        known = f"did you mean {near[0]}?" if near else f"give {', '.join(TASK_SETS)} or a task file's path"
         raise ConfigError(f"there are no tasks named {name!r}", hint=known)
     return config.model_copy(update={"tasks": tasks})
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import itertools
 from collections.abc import AsyncIterator
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import asynccontextmanager
 from typing import Any, Literal, Self
 
 from webgym.core.errors import ConfigError, UsageError
@@ -52,11 +52,11 @@ class EnvironmentPool:
         **given: Any,
     ) -> None:
         self._first = Environment(config=with_browsers(config_of(name, split, config), size), **given)
-        self._stack = AsyncExitStack()
         self._free_browsers = asyncio.Semaphore(size)
         self._opening = asyncio.Lock()
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._is_open = False
+        self._closing = asyncio.Event()
+        self._keeper: asyncio.Task[None] | None = None
         self._seeds = itertools.count(seed)
 
     @asynccontextmanager
@@ -81,14 +81,31 @@ class EnvironmentPool:
             raise UsageError("the pool was opened on another event loop", hint="make a pool for each loop")
         self._loop = loop
         async with self._opening:
-            if not self._is_open:
-                await self._stack.enter_async_context(self._first)
-                self._is_open = True
+            if self._keeper is None:
+                opened, self._closing = loop.create_future(), asyncio.Event()
+                self._keeper = asyncio.create_task(self._keep_open(opened, self._closing))
+                try:
+                    await asyncio.wait({self._keeper, opened}, return_when=asyncio.FIRST_COMPLETED)
+                finally:
+                    if not opened.done():
+                        self._keeper.cancel()
+                        await self.close()
+
+    async def _keep_open(self, opened: asyncio.Future[None], closing: asyncio.Event) -> None:
+        """Hold the browsers in a task, so that a program which ends without closing the pool stops them in
+        order: asyncio cancels its tasks first, and then closes all generators at once."""
+        async with self._first:
+            opened.set_result(None)
+            await closing.wait()
 
     async def close(self) -> None:
         """Stop the browsers. Safe to call twice."""
-        await self._stack.aclose()
-        self._is_open = False
+        keeper, self._keeper = self._keeper, None
+        if keeper is not None:
+            self._closing.set()
+            await asyncio.wait({keeper})
+            if not keeper.cancelled():
+                keeper.result()
 
     async def __aenter__(self) -> Self:
         await self.open()

@@ -18,13 +18,13 @@ from webgym.browser.config import BrowserConfig
 from webgym.core.errors import ConfigError, RunFolderError
 from webgym.judge.config import JudgeChoice
 from webgym.llm.config import ChatConfig
-from webgym.offline.config import SitesConfig
+from webgym.offline.config import TASK_SETS, SitesConfig
 from webgym.rollout.blocklist import BlocklistConfig
 from webgym.rollout.config import AttemptConfig, CollectorConfig
 from webgym.rollout.store import RunReader
 from webgym.rollout.trackers import TrackerName
 from webgym.server.config import ClientLimits, Queues
-from webgym.settings import Settings, validated
+from webgym.settings import Settings, set_values, validated
 from webgym.tasks.selection import Selection
 
 SITES_TOKEN: Final = "WEBGYM_SITES_TOKEN"  # noqa: S105 - a variable's name
@@ -40,7 +40,8 @@ class TaskChoice(Selection):
     """Which tasks; by default training tasks."""
 
     file: Path | None = None
-    """Task file of any format, or a folder of them; without one, the offline web's tasks."""
+    """Task file of any format, a folder of them, or the name of tasks, such as ``offline-small-v1``; without
+    one, the offline web's tasks."""
 
     count: Annotated[int, Field(ge=1)] | Literal["all"] | None = None
     """Number of tasks to draw at random without replacement, or ``all``.
@@ -173,6 +174,23 @@ class RunConfig(Settings):
 
     project: str = "webgym"
     """Project name in Weights & Biases."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named_tasks(cls, given: Any) -> Any:
+        """The websites of tasks that ``tasks.file`` names, in place of a file."""
+        if not isinstance(given, Mapping):
+            return given
+        tasks, sites = set_values(given.get("tasks", {})), set_values(given.get("sites", {}))
+        if not (isinstance(tasks, Mapping) and isinstance(sites, Mapping)):
+            return given
+        name = str(tasks.get("file"))
+        if name not in TASK_SETS or Path(name).exists():
+            return given
+        if others := sorted({"collection", "seed", "per_family"} & sites.keys()):
+            raise ValueError(f"the tasks {name} have their own websites: leave out sites.{others[0]}")
+        named = {"tasks": {**tasks, "file": None}, "sites": {**sites, "collection": TASK_SETS[name]}}
+        return {**given, **named}
 
 
 def _from_environment(variable: str) -> SecretStr | None:

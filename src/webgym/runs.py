@@ -37,6 +37,7 @@ from webgym.agent.policy import Policy
 from webgym.agent.preflight import check_policy
 from webgym.core.calls import CallQueue, call_queues
 from webgym.core.errors import RunFolderError
+from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.judge.base import Judge
 from webgym.judge.factory import check_judge, open_judge, refuse_unjudgeable
@@ -51,7 +52,7 @@ from webgym.rollout.files import METRICS
 from webgym.rollout.lockstep import Lockstep
 from webgym.rollout.plan import Plan
 from webgym.rollout.progress import Progress
-from webgym.rollout.sharing import sharing
+from webgym.rollout.sharing import Claims, sharing
 from webgym.rollout.store import RunReader, RunWriter, refuse_taken
 from webgym.rollout.summary import Summary, oracle_notes, summarise
 from webgym.rollout.trackers import check_installed, tracking
@@ -190,19 +191,37 @@ async def resume(
         config = config.model_copy(update={"server": config.server.model_copy(update=given)})
     tasks = await asyncio.to_thread(lambda: reader.drawn)
     refuse_unjudgeable(config.judge, tasks)
-    async with (
-        await RunWriter.reopen(reader.path, skip_corrupt=skip_corrupt) as store,
-        _run_services(
-            config, secrets or Secrets(), tasks, policy, tell, await asyncio.to_thread(_model_of, reader.path)
-        ) as run_services,
-    ):
+    async with await RunWriter.reopen(reader.path, skip_corrupt=skip_corrupt) as store:
         if store.torn_bytes:
             say(tell, f"cut off {store.torn_bytes} bytes of an unfinished record")
         for line in store.skipped:
             say(tell, f"skipped {line}")
-        return await _carry_out(
-            config, run_id, tasks, run_services, store, show, finishing=finishing, retry_errors=retry_errors
-        )
+        if _is_complete(config, tasks, store, retry_errors=retry_errors):
+            say(tell, "the run is complete: no attempt is left to make or to judge")
+            async with open_judge(config.judge) as judge:
+                return await _summarised(store, tasks, config, judge)
+        model = await asyncio.to_thread(_model_of, reader.path)
+        async with _run_services(config, secrets or Secrets(), tasks, policy, tell, model) as run_services:
+            return await _carry_out(
+                config,
+                run_id,
+                tasks,
+                run_services,
+                store,
+                show,
+                finishing=finishing,
+                retry_errors=retry_errors,
+            )
+
+
+def _is_complete(config: RunConfig, tasks: Sequence[Task], store: RunWriter, *, retry_errors: bool) -> bool:
+    """Whether a run, if it shares no tasks, needs neither browsers nor a judge any more."""
+    if config.collector.sharing.folder is not None:
+        return False
+    plan = _plan(config, tasks, store, retry_errors=retry_errors)
+    return not plan.waiting and all(
+        entry.outcome is not Outcome.JUDGE_ERROR for entry in store.attempts.values()
+    )
 
 
 def _model_of(run: Path) -> str:
@@ -287,17 +306,28 @@ async def _carry_out(
 ) -> Summary:
     shared, is_resumed = config.collector.sharing, bool(store.attempts)
     async with sharing(shared, run_id, tasks, store.path, is_resumed=is_resumed) as claims:
-        plan = Plan(
-            tasks,
-            samples=config.samples,
-            retries=config.retries,
-            recorded=list(store.attempts.values()),
-            retired=store.retired,
-            retry_errors=retry_errors,
-            hardest_first=config.collector.order == "hardest_first",
-            claims=claims,
-        )
+        plan = _plan(config, tasks, store, retry_errors=retry_errors, claims=claims)
         return await _collected(config, tasks, run_services, store, plan, show, finishing)
+
+
+def _plan(
+    config: RunConfig,
+    tasks: Sequence[Task],
+    store: RunWriter,
+    *,
+    retry_errors: bool,
+    claims: Claims | None = None,
+) -> Plan:
+    return Plan(
+        tasks,
+        samples=config.samples,
+        retries=config.retries,
+        recorded=list(store.attempts.values()),
+        retired=store.retired,
+        retry_errors=retry_errors,
+        hardest_first=config.collector.order == "hardest_first",
+        claims=claims,
+    )
 
 
 async def _collected(
@@ -333,9 +363,7 @@ async def _collected(
 
     async def summarised() -> Summary:
         elsewhere = Counter(task_id for task_id, _ in plan.elsewhere)
-        summary = await asyncio.to_thread(_summarise, store.path, tasks, config, judge, elsewhere)
-        await store.write_summary(summary)
-        return summary
+        return await _summarised(store, tasks, config, judge, elsewhere)
 
     try:
         with exposing(progress, config.collector.metrics_port):
@@ -390,16 +418,24 @@ def _pictures(run: Path) -> Callable[[str], Any]:
     return read
 
 
-def _summarise(
-    run: Path, tasks: Sequence[Task], config: RunConfig, judge: Judge, elsewhere: Mapping[str, int]
+async def _summarised(
+    store: RunWriter,
+    tasks: Sequence[Task],
+    config: RunConfig,
+    judge: Judge,
+    elsewhere: Mapping[str, int] | None = None,
 ) -> Summary:
-    reader = RunReader(run, skip_corrupt=True)
-    return summarise(
-        reader.trajectories(),
-        tasks,
-        config.samples,
-        seed=config.seed,
-        policy=config.policy.chat.model if config.policy.chat else config.policy.name,
-        judge=judge.name,
-        elsewhere=elsewhere,
-    )
+    def of_disk() -> Summary:
+        return summarise(
+            RunReader(store.path, skip_corrupt=True).trajectories(),
+            tasks,
+            config.samples,
+            seed=config.seed,
+            policy=config.policy.chat.model if config.policy.chat else config.policy.name,
+            judge=judge.name,
+            elsewhere=elsewhere,
+        )
+
+    summary = await asyncio.to_thread(of_disk)
+    await store.write_summary(summary)
+    return summary

@@ -74,9 +74,9 @@ class Section(Settings):
             if (
                 name in values
                 and isinstance(default, BaseModel | Mapping)
-                and (default_values := _set_values(default))
+                and (default_values := set_values(default))
             ):
-                values[name] = merged(default_values, _set_values(values[name]))
+                values[name] = merged(default_values, set_values(values[name]))
         return values
 
 
@@ -231,6 +231,6 @@ def _models(annotation: Any) -> Iterator[type[BaseModel]]:
         yield from _models(part)
 
 
-def _set_values(value: Any) -> Any:
+def set_values(value: Any) -> Any:
     """The values that a section sets, as plain data; any other value unchanged."""
     return value.model_dump(exclude_unset=True) if isinstance(value, BaseModel) else value

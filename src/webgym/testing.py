@@ -13,7 +13,10 @@ import os
 import tempfile
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
+
+from rich.console import Console
 
 from webgym.adapter_conformance import (
     Adapt,
@@ -38,6 +41,7 @@ from webgym.offline.small.site import SmallWebsite
 from webgym.offline.static_browser import StaticBrowser
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Website
+from webgym.rollout.live import showing
 from webgym.validation import judged
 
 __all__ = [
@@ -126,7 +130,7 @@ async def check_family(
     family: type[Website], *, seed: int = 7, websites: int = 2, tasks_per_website: int | None = None
 ) -> list[str]:
     """Check some websites of a family: ids and instructions are unique, and every task is solvable only by
-    its solution.
+    its solution. In a terminal, the progress is shown meanwhile.
 
     Args:
         family: small websites (:class:`webgym.offline.small.site.SmallWebsite`) are played without a
@@ -163,9 +167,14 @@ async def check_family(
             played += tasks[::step]
     if is_small:
         return faults
+    console = Console(stderr=True)
     with tempfile.TemporaryDirectory(prefix="webgym-check-") as scratch:
         return faults + await check_in_browsers(
-            web, played, Path(scratch) / "results.jsonl", sessions=os.cpu_count() or 2
+            web,
+            played,
+            Path(scratch) / "results.jsonl",
+            sessions=os.cpu_count() or 2,
+            show=partial(showing, console=console) if console.is_terminal else None,
         )
 
 

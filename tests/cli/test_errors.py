@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import io
 import signal
 import subprocess
 import sys
@@ -190,3 +191,30 @@ def test_asyncio_cancellation_is_no_success(
     code, said = outcome(capsys)
     assert code == 1
     assert said.count("\n") == 1
+
+
+def test_a_terminal_without_a_character_shows_its_code(
+    verb: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    terminal = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(terminal, encoding="ascii"))
+    verb(lambda: print("0 \u2013 1"))
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["try"])
+    assert ended.value.code == 0
+    sys.stdout.flush()
+    assert terminal.getvalue() == b"0 \\u2013 1\n"
+
+
+def test_ctrl_c_leaves_the_cursor_visible(
+    verb: Callable[..., None], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")  # as in a terminal
+
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    verb(interrupted)
+    code, err = outcome(capsys)
+    assert code == 130
+    assert "\x1b[?25h" in err

@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import json
+import os
 import re
 import shutil
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -228,6 +230,19 @@ def test_who_waits_for_the_judges_model_is_told_why(
     file.write_text(f"name: rubric\nrubric: {{chat: {chat}}}\n")
     webgym("judge", run, "--config", file, "--limit", "1")
     assert "requests are sent again: the endpoint" in capsys.readouterr().out
+
+
+def test_ctrl_c_says_what_is_kept_and_how_to_go_on(
+    run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def interrupted(*_: object) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        await asyncio.sleep(10)
+
+    monkeypatch.setattr("webgym.cli.judge._judge", interrupted)
+    assert webgym("judge", run, "--judge", ANY) == 130
+    kept = "interrupted: the verdicts so far are stored; run the same command again to continue\n"
+    assert capsys.readouterr().err == kept
 
 
 def test_help_is_enough(capsys: pytest.CaptureFixture[str]) -> None:

@@ -211,6 +211,13 @@ class Endpoint:
         body = '{"choices": [{"message": {"content": "\\ud800"}}]}'
         return Response(body, 200, media_type="application/json")
 
+    async def do_latin(self, request: Request) -> Response:
+        body = b'{"choices": [{"message": {"content": "\xe9"}}]}'
+        return Response(body, 200, media_type="application/json")
+
+    async def do_latin_500(self, request: Request) -> Response:
+        return Response(b'{"error": {"message": "\xe9"}}', 500, media_type="application/json")
+
     async def do_stream(self, request: Request) -> Response:
         return StreamingResponse(self._forever(b"data: {}\n\n"), media_type="text/event-stream")
 

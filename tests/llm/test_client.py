@@ -142,6 +142,8 @@ async def test_the_queue_does_not_count_towards_the_deadline(endpoint: Endpoint)
         ("empty", LLMBadReply, "model is loading"),
         ("number", LLMBadReply, "not a completion"),
         ("surrogate", LLMBadReply, "not a completion"),
+        ("latin", LLMBadReply, "not a completion"),
+        ("latin_500", LLMBadReply, "500 Internal Server Error"),
         ("stream", LLMBadReply, "a stream"),
         ("flood", LLMBadReply, "sent more than"),
     ],

@@ -15,7 +15,7 @@ from pathlib import Path
 from urllib.parse import parse_qsl, unquote, urlsplit
 
 import webgym.offline
-from webgym.environment import COLLECTIONS
+from webgym.offline.config import TASK_SETS
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Visit
 
@@ -32,13 +32,13 @@ def lines() -> Iterator[str]:
     - ``pages``, family, and a digest of some pages of its first website
     - ``assets``, their number, and a digest of the style sheets and scripts that all websites share
     """
-    for name, collection in COLLECTIONS.items():
+    for name, collection in TASK_SETS.items():
         web = OfflineWeb(per_family=PER_FAMILY, collection=collection)
         for host, spec in web.specs.items():
             tasks = list(web.tasks_of(host))
             said = "\n".join(f"{task.id}\t{task.instruction}\t{task.truth}" for task in tasks)
             yield f"{name} {spec.split} {host} {len(tasks)} {digest(said.encode())}"
-    for name, collection in COLLECTIONS.items():
+    for name, collection in TASK_SETS.items():
         web = OfflineWeb(collection=collection)
         specs = "\n".join(
             f"{host}\t{spec.family.family}\t{spec.seed}\t{spec.brand}\t{spec.split}\t{spec.behaviour}"

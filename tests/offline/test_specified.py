@@ -395,9 +395,13 @@ def test_a_family_without_a_specification_says_where_it_should_be(tmp_path: Path
 
 @pytest.mark.browser
 @pytest.mark.timeout(180)
-async def test_the_example_of_the_documentation_is_a_sound_family(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_the_example_of_the_documentation_is_a_sound_family(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     family = _module(EXAMPLE / "boats.py").Boats
+    monkeypatch.setenv("FORCE_COLOR", "1")
     assert await check_family(family, websites=1, tasks_per_website=3) == []
+    assert "success 100.0%" in capsys.readouterr().err  # as in a terminal
     # A website that holds nothing of what it is sent is found out.
     monkeypatch.setattr(family, "report", lambda *_: {"sent": {}, "saved": {}})
     faults = await check_family(family, websites=1, tasks_per_website=1)

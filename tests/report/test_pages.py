@@ -302,6 +302,10 @@ async def test_a_phone_shows_figures_and_steps_whole(
         await page.locator("[aria-labelledby=domain-title] tbody th").first.evaluate(
             "e => { e.textContent = 'D'.repeat(120); }"
         )
+        for table in await page.locator("table.plots").all():
+            edges = "e => [e.getBoundingClientRect().right, e.parentElement.getBoundingClientRect().right]"
+            right, card_right = await table.evaluate(edges)
+            assert right <= card_right
         assert await page.evaluate("document.documentElement.scrollWidth") == 390
         bar = await page.evaluate(
             """() => { const live = document.getElementById("live"); live.hidden = false;

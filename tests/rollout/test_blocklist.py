@@ -64,7 +64,7 @@ def test_of_many_the_last_are_told_by_name(tmp_path: Path) -> None:
 def test_a_torn_line_swallows_nothing(tmp_path: Path) -> None:
     clock, file = Clock(), tmp_path / "blocked.jsonl"
     made(file, clock).add("a.example", "x")
-    file.write_bytes(file.read_bytes() + b'{"host":"b.exam')
+    file.write_bytes(file.read_bytes() + b'{"host":"\xff","at":1,"why":""}\n{"host":"b.exam')
     made(file, clock).add("c.example", "x")
     assert set(made(file, clock).blocked()) == {"a.example", "c.example"}
 

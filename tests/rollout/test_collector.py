@@ -259,6 +259,17 @@ async def test_a_run_that_is_to_finish_ends_what_it_has_begun_and_begins_nothing
     assert world.browsers.opened == 40
 
 
+async def test_a_complete_run_that_is_resumed_needs_no_server(tmp_path: Path, world: World) -> None:
+    await Run().start(world.config(tmp_path, 2), tmp_path / "run").end()
+    made = (tmp_path / "run" / "summary.json").read_bytes()
+    (tmp_path / "run" / "summary.json").unlink()
+    await world.stop("browsers")
+    told: list[str] = []
+    await Run().start(None, tmp_path / "run", told.append).end()
+    assert told == ["the run is complete: no attempt is left to make or to judge"]
+    assert (tmp_path / "run" / "summary.json").read_bytes() == made
+
+
 async def test_a_run_that_is_to_finish_does_not_judge_the_backlog_first(tmp_path: Path, world: World) -> None:
     await world.stop("judge")
     await Run().start(world.config(tmp_path, 6, {"judges": 1}), tmp_path / "run").end()

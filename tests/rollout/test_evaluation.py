@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import io
 import json
+import shutil
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
@@ -23,6 +24,7 @@ from webgym.core.errors import RunFolderError
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Level
 from webgym.core.verdict import Judgement, Verdict
+from webgym.rollout.comparison import compare
 from webgym.rollout.evaluation import GROUPS, EvaluationConfig, Sample, evaluate, rows_of
 from webgym.rollout.rates import wilson
 from webgym.rollout.store import RunReader, RunWriter
@@ -209,6 +211,21 @@ def test_another_judge_gives_another_rate(run: Path) -> None:
     assert found.rows["overall"].missing == 1 + 5  # cancelled, and what this judge has not judged
     with pytest.raises(RunFolderError, match="no judge"):
         evaluate(run, "lenient")
+
+
+def test_records_that_are_in_no_figure_are_told(run: Path, tmp_path: Path) -> None:
+    broken = shutil.copytree(run, tmp_path / "broken")
+    tasks = (broken / "tasks.jsonl").read_bytes().splitlines(keepends=True)
+    (broken / "tasks.jsonl").write_bytes(b"".join(tasks[:-1]))
+    shard = next((broken / "trajectories").iterdir())
+    records = shard.read_bytes().splitlines(keepends=True)
+    shard.write_bytes(b"".join([records[0].replace(b"a", b"b", 1), *records[1:]]))
+    notes = tuple(
+        f"{what}: 1 left out; webgym verify names them"
+        for what in ("damaged records", "attempts at tasks that the run does not hold")
+    )
+    assert evaluate(broken, config=QUICK).notes[-2:] == notes
+    assert compare(broken, run).notes[-3:-1] == tuple(f"broken: {note}" for note in notes)
 
 
 # --- the command -----------------------------------------------------------------------------------------

@@ -191,6 +191,18 @@ def test_success_by_difficulty_and_what_went_wrong() -> None:
     assert "browser_crashed 1" in text
 
 
+def test_errors_in_a_row_are_shown_with_their_reason() -> None:
+    progress = Progress(total=9)
+    for name in "ab":
+        progress.ended(trajectory(name, Outcome.ENVIRONMENT_ERROR, "navigation_failed"))
+    progress.ended(trajectory("c", Outcome.CANCELLED, "straggler"))
+    assert not progress.warnings
+    progress.ended(trajectory("d", Outcome.JUDGE_ERROR, "judge_error", "the endpoint is away"))
+    assert progress.warnings == ["the last 3 attempts ended in errors: the endpoint is away"]
+    progress.ended(trajectory("e"))
+    assert not progress.warnings
+
+
 def test_queues_are_shown_with_their_waits() -> None:
     progress = Progress(total=1, queues=lambda: {"navigate": Queue(3, 4, 0.25, None)})
     assert "navigate 3+4, waited 250 ms" in "\n".join(_shown(progress, 100, 30))
@@ -202,7 +214,9 @@ def test_queues_are_shown_with_their_waits() -> None:
     }
 
 
-def trajectory(attempt_id: str, outcome: Outcome = Outcome.SUCCESS, code: str = "") -> Trajectory:
-    failure = Failure(code, "") if code else None
+def trajectory(
+    attempt_id: str, outcome: Outcome = Outcome.SUCCESS, code: str = "", message: str = ""
+) -> Trajectory:
+    failure = Failure(code, message) if code else None
     episode = Episode(attempt_id, attempt_id[0], 0, 0, 0, "p", 0.0, 1.0, (), Ending.ANSWERED, failure=failure)
     return Trajectory(episode, outcome)

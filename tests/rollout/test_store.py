@@ -24,6 +24,8 @@ from webgym.core.outcome import Ending, Outcome
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.trajectory import Episode, Failure, ImageRef, Message, Reply, Step, TextPart, Trajectory
 from webgym.core.verdict import FactJudgement, Judgement, Verdict
+from webgym.rollout.evaluation import evaluate
+from webgym.rollout.merging import merge_runs
 from webgym.rollout.records import decode, seal
 from webgym.rollout.store import RunReader, RunWriter, StoreLimits
 
@@ -215,6 +217,14 @@ async def test_a_folder_that_is_no_run_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(RunFolderError, match="cannot create"):
         await RunWriter.create(tmp_path / "file", {}, [])
+
+
+async def test_a_config_of_another_program_is_read_and_a_broken_one_is_named(tmp_path: Path) -> None:
+    await (await begun(tmp_path / "run", 0)).aclose()  # all that it records is a seed
+    assert (await merge_runs([tmp_path / "run"], tmp_path / "all")).attempts == 1
+    (tmp_path / "run/config.yaml").write_text("samples: lots\n")
+    with pytest.raises(StoreCorrupt, match="samples is not a number from 1 on: 'lots'"):
+        evaluate(tmp_path / "run")
 
 
 async def test_a_picture_has_the_name_of_its_content(tmp_path: Path) -> None:

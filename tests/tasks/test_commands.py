@@ -86,7 +86,9 @@ def test_validate_names_offenders_in_any_files(calls: Calls, tmp_path: Path) -> 
 def test_our_own_set_is_valid(calls: Calls, tmp_path: Path, collection: str) -> None:
     path = tmp_path / "offline.jsonl"
     few = ("--collection", collection, "--per-family", 6)
-    assert calls.run("tasks", "offline", "--out", path, *few)[0] == 0
+    code, _, shown = calls.apart("tasks", "offline", "--out", path, *few, FORCE_COLOR="1")
+    assert code == 0
+    assert "websites" in shown  # as in a terminal, while they are made
     code, output = calls.run("tasks", "validate", path)
     assert code == 0, output
     assert " 0 for testing" not in output

@@ -15,12 +15,17 @@ from tests.train.making import PICTURES, task, trajectory
 from tests.train.worlds import MadeUp, training_of
 
 from webgym.agent.config import AgentConfig
+from webgym.agent.profiles import choose_profile
+from webgym.browser.config import BrowserConfig
 from webgym.core.errors import ConfigError, PublishError, TrainingError, WebGymError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
-from webgym.core.trajectory import Trajectory
+from webgym.core.trajectory import Reply, Trajectory
+from webgym.inference.local import LocalConfig
 from webgym.judge.config import JudgeChoice, JudgeConfig
-from webgym.llm.config import ChatConfig
+from webgym.llm.config import ChatConfig, Sampling
+from webgym.offline.config import SitesConfig
+from webgym.rollout.config import AttemptConfig
 from webgym.rollout.summary import Summary
 from webgym.run_config import RunConfig
 from webgym.train.config import FrontierConfig, LearnConfig, ReplayConfig
@@ -29,6 +34,8 @@ from webgym.train.loop import EvaluationConfig, LoopConfig, TrainConfig
 from webgym.train.replay import ReplaySample
 
 TASKS = [task(f"a{number}") for number in range(12)] + [task(f"b{number}", "test") for number in range(3)]
+
+SAMPLING = choose_profile(None, "m").sampling.body()
 
 
 class Killed(BaseException):
@@ -65,7 +72,8 @@ class World(MadeUp):
         name = f"{run.parent.name}/{run.name}" if run.name == "run" else run.name
         self.do(f"attempt {name} {task.id} by {self.served}")
         outcome = self._outcome or (Outcome.SUCCESS, Outcome.FAILURE, Outcome.BLOCKED)[number % 3]
-        return trajectory(0, of=task.id.removeprefix("t/"), outcome=outcome)
+        reply = Reply("click", "p", sampling=SAMPLING)
+        return trajectory(0, of=task.id.removeprefix("t/"), outcome=outcome, reply=reply)
 
     def learn(self, number: int, draw: ReplaySample, folder: TrainingFolder) -> Mapping[str, Any]:
         self.do(f"learn {number} from {len(draw.steps)}")
@@ -87,6 +95,10 @@ class World(MadeUp):
 
 def judge(model: str, url: str = "http://127.0.0.1:1/v1") -> JudgeChoice:
     return JudgeChoice(name="rubric", rubric=JudgeConfig(chat=ChatConfig(base_url=url, model=model)))
+
+
+def on_pages(**settings: Any) -> RunConfig:
+    return RunConfig(judge=judge("m"), **settings)
 
 
 def config(**loop: Any) -> TrainConfig:
@@ -159,6 +171,12 @@ def test_samples_of_one_test_task_are_one_piece_of_evidence(tmp_path: Path) -> N
         ({"evaluation": EvaluationConfig(count=2, budget=(3, 5, 7))}, "evaluation.budget"),
         ({"rollout": RunConfig(judge=judge("another"))}, "rollout.judge"),
         ({"rollout": RunConfig(judge=judge("m"), agent=AgentConfig(rounds=1))}, "rollout.agent"),
+        ({"local": LocalConfig(path="m", sampling=Sampling(temperature=0.5))}, "sampling"),
+        ({"local": LocalConfig(path="m", threads=1)}, ""),
+        ({"rollout": on_pages(browser=BrowserConfig(settle_seconds=1))}, "rollout.browser"),
+        ({"rollout": on_pages(browser=BrowserConfig(launch_seconds=9))}, ""),
+        ({"rollout": on_pages(sites=SitesConfig(latency=0))}, "rollout.sites"),
+        ({"rollout": on_pages(attempt=AttemptConfig(viewport=(640, 384)))}, "rollout.attempt.viewport"),
         ({"rollout": RunConfig(judge=judge("m", "http://127.0.0.1:2/v1"), retries=5)}, ""),
     ],
 )

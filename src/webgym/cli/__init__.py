@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import io
 import sys
 import traceback
 from collections.abc import Iterator, Sequence
@@ -114,6 +115,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     Args:
         arguments: what follows ``webgym``; by default those of the process.
     """
+    for stream in (sys.stdout, sys.stderr):  # the terminal's encoding may lack a character
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     words = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in words
     words = [argument for argument in words if argument != "--debug"] or ["--help"]
@@ -125,8 +129,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except SystemExit:
         raise
     except BaseException as error:  # includes asyncio.CancelledError, which is no success either
-        sys.exit(_report(error, verb or "", debug=debug))
+        result = _report(error, verb or "", debug=debug)
+    if result == EXIT_INTERRUPTED:
+        _show_cursor()
     sys.exit(result if isinstance(result, int) else 0)
+
+
+def _show_cursor() -> None:
+    """Undo what rich leaves of a progress bar that is interrupted while it is drawn for the first time."""
+    from rich.console import Console
+
+    for is_stderr in (False, True):
+        Console(stderr=is_stderr).show_cursor()
 
 
 def _report(error: BaseException, verb: str, *, debug: bool) -> int:

@@ -13,13 +13,15 @@ from collections.abc import Callable, Collection, Coroutine, Iterator, Mapping, 
 from contextlib import AbstractAsyncContextManager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TextIO, TypeVar, cast
+from typing import Any, Final, TextIO, TypeVar, cast
 
+import typer
 import uvloop
 from pydantic import SecretStr
 from rich.console import Console
 from rich.text import Text
 
+from webgym.cli import EXIT_INTERRUPTED
 from webgym.core.errors import ConfigError, StoreCorrupt, StoreLocked, UsageError
 from webgym.core.outcome import Outcome
 from webgym.core.text import plain
@@ -31,9 +33,6 @@ from webgym.rollout.store import RunReader
 from webgym.rollout.summary import Summary
 from webgym.run_config import RunConfig, Secrets
 from webgym.settings import merged, read_files, validated, without_none
-
-if TYPE_CHECKING:
-    import typer
 
 T = TypeVar("T")
 
@@ -53,6 +52,7 @@ def run(
     finishing: asyncio.Event | None = None,
     has_begun: asyncio.Event | None = None,
     report: bool = False,
+    kept: str = "",
 ) -> T:
     """Run a coroutine to its end. Ctrl-C, SIGTERM and SIGHUP cancel it, so that attempts in flight are
     recorded. Under ``nohup``, SIGHUP does not.
@@ -65,9 +65,11 @@ def run(
             :func:`raise_if_interrupted`.
         has_begun: before it is set, nothing is in flight and the first Ctrl-C cancels the job.
         report: whether to write the report of the run in the folder when the job is cancelled.
+        kept: of a job that the same command continues: what is stored, printed if it is cancelled.
 
     Raises:
         KeyboardInterrupt: the job was cancelled.
+        typer.Exit: in its place, once it was printed what is kept.
     """
 
     async def guarded() -> T:
@@ -95,6 +97,9 @@ def run(
         with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
             return runner.run(guarded())
     except BaseException as error:
+        if kept and isinstance(error, KeyboardInterrupt):
+            print(f"interrupted: {kept}; run the same command again to continue", file=sys.stderr)
+            raise typer.Exit(EXIT_INTERRUPTED) from None
         is_refused = isinstance(error, _REFUSALS)
         if resumed_by is not None and not is_refused and (resumed_by[1] / CONFIG).is_file():
             if report and isinstance(error, KeyboardInterrupt):

@@ -127,7 +127,9 @@ def judge_a_run(
     refuse_unjudgeable(choice, list(RunReader(run, skip_corrupt=True).tasks.values()))
     table = Prices.parse(price) if price else Prices.read(prices) if prices else Prices()
     settings = validated(RejudgeConfig, rejudge | {"again": again})
-    state, spent = run_job(lambda: _judge(run, choice, settings, table, console))
+    state, spent = run_job(
+        lambda: _judge(run, choice, settings, table, console), kept="the verdicts so far are stored"
+    )
     _print_result(state, spent, console)
     if compare is not None:
         _, verdicts = verdicts_of(run, state.judge)

@@ -196,6 +196,7 @@ def check(
                 seed=seed,
                 again=again,
                 show=show_progress_on(console),
-            )
+            ),
+            kept="" if out is None else "the results so far are stored",
         )
     _report(console, failures, [task.id for task in tasks])

@@ -66,6 +66,9 @@ def command(
 
     initial = weights or WEIGHTS
     with locked(out):
-        results = _run.run(lambda: carry_out(study, initial, rows, seeds, out, print_line))
+        results = _run.run(
+            lambda: carry_out(study, initial, rows, seeds, out, print_line),
+            kept="finished stages of trainings are stored",
+        )
     for line in (*table(study, results), "", *findings(study, results)):
         print_line(line)

@@ -315,7 +315,7 @@ def _import_line(connection: sqlite3.Connection, data: bytes, prices: Prices) ->
     try:
         line = msgspec.json.decode(data.removeprefix(b"\xef\xbb\xbf"), type=_Line)
         key = bytes.fromhex(line.custom_id) if len(line.custom_id) == _KEY_DIGITS else b""
-    except (msgspec.DecodeError, ValueError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         return f"not a result of a batch: {first_line(str(error))}"
     if not key:
         return f"no recorded request has the custom_id {line.custom_id[:80]!r}"
@@ -325,7 +325,7 @@ def _import_line(connection: sqlite3.Connection, data: bytes, prices: Prices) ->
         if line.response is None or line.response.status_code != 200:
             raise NoCompletion(_why(line))
         completion = read_completion(body, model="", seconds=0.0)
-    except NoCompletion as error:
+    except (NoCompletion, ValueError, RecursionError) as error:
         connection.execute("update noted set written = 0 where key = ?", [key])
         return str(error)
     purpose, model, request_body = row or ("batch", completion.model, b"")

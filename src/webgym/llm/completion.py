@@ -100,7 +100,7 @@ def read_completion(data: bytes, *, model: str, seconds: float, cached: bool = F
         raise NoCompletion("an empty reply")
     try:
         body = msgspec.json.decode(data, type=_Body)
-    except (msgspec.DecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # ValueError: also bytes that are not UTF-8
         is_page = data.lstrip()[:1] == b"<"
         what = "a web page" if is_page else f"something that is not a completion ({first_line(str(error))})"
         raise NoCompletion(f"{what}: {quote(data)}") from error
@@ -249,7 +249,7 @@ def error_object(data: bytes) -> dict[str, Any]:
     """The content of the endpoint's error object, ``{"error": {...}}``; empty if it sent none."""
     try:
         body = msgspec.json.decode(data)
-    except (msgspec.DecodeError, RecursionError):
+    except (ValueError, RecursionError):
         return {}
     error = body.get("error") if isinstance(body, dict) else None
     if isinstance(error, dict):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 from pydantic import Field, SecretStr
 
@@ -12,6 +12,13 @@ from webgym.settings import Settings
 DEFAULT_SEED = 7
 
 CollectionName: TypeAlias = Literal["large", "small", "cross"]
+
+TASK_SETS: Final[dict[str, CollectionName]] = {
+    "offline-v1": "large",
+    "offline-small-v1": "small",
+    "offline-cross-v1": "cross",
+}
+"""Names of the task sets that come with WebGym. A name always has the same websites and tasks."""
 
 
 class SitesConfig(Settings):

@@ -47,7 +47,7 @@ class Overview:
     def __init__(self, reader: RunReader) -> None:
         self._reader = reader
         self._tasks: Mapping[str, Task] = reader.tasks
-        self._tally = Tally(reader.drawn, int(reader.config.get("samples") or 1))
+        self._tally = Tally(reader.drawn, reader.samples)
         self._lengths: defaultdict[str, Counter[tuple[int, str]]] = defaultdict(Counter)
         self.count = 0
 

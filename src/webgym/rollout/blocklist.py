@@ -78,7 +78,7 @@ class Blocklist:
             for line in lines:
                 try:
                     block = msgspec.json.decode(line, type=Block)
-                except msgspec.DecodeError:
+                except (ValueError, RecursionError):
                     continue
                 if block.at > since and block.at >= blocks.get(block.host, block).at:
                     blocks[block.host] = block

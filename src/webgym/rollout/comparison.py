@@ -73,7 +73,7 @@ class Comparison(msgspec.Struct, frozen=True):
         first, second: names of their folders.
         rows: differences by level, and overall.
         only_first, only_second: number of tasks with a reward in only one of the runs, which are left out.
-        notes: caveats of the figures: an oracle as a run's policy.
+        notes: caveats of the figures: an oracle as a run's policy, records that are left out.
     """
 
     first: str
@@ -121,7 +121,7 @@ def compare(
         notes=tuple(
             f"{name}: {note}"
             for name, recorded in zip(names, records, strict=True)
-            for note in oracle_notes(recorded.policies)
+            for note in (*oracle_notes(recorded.policies), *recorded.left_out)
         ),
     )
 

@@ -134,7 +134,7 @@ def evaluate(run: Path, judge: str = RECORDED, config: EvaluationConfig | None =
         RunFolderError: the folder is not a run, or there is no such judge.
     """
     reader = RunReader(run, skip_corrupt=True)
-    per_task = int(reader.config.get("samples") or 1)
+    per_task = reader.samples
     name, ended_by = _judged_by(run, judge)
     records = Records()
     samples = list(_samples(reader, ended_by, records))
@@ -155,7 +155,7 @@ def evaluate(run: Path, judge: str = RECORDED, config: EvaluationConfig | None =
         budget=manifest.budget,
         rows=rows,
         manifest=manifest,
-        notes=tuple(summary.get("notes", ())),
+        notes=(*summary.get("notes", ()), *records.left_out),
     )
 
 
@@ -294,3 +294,11 @@ def _samples(
         outcome, failure = ended
         records.add(trajectory, outcome, failure, task.website)
         yield Sample(episode.task_id, task.level, outcome, len(episode.steps))
+    orphans = sum(entry.task_id not in reader.tasks for entry in reader.attempts.values())
+    left_out = {
+        "damaged records": len(reader.skipped),
+        "attempts at tasks that the run does not hold": orphans,
+    }
+    records.left_out = [
+        f"{what}: {count} left out; webgym verify names them" for what, count in left_out.items() if count
+    ]

@@ -112,6 +112,8 @@ class Records:
     ended: float | None = None
     invalid: dict[str, Counter[str]] = field(default_factory=dict)
     blocked: Counter[str] = field(default_factory=Counter)
+    left_out: list[str] = field(default_factory=list)
+    """A line for each kind of records that are in no figure."""
 
     def add(self, trajectory: Trajectory, outcome: Outcome, failure: Failure | None, website: str) -> None:
         """Add the attempt that counts for a sample.
@@ -185,7 +187,7 @@ def manifest_of(
         tasks_sha256=hashlib.sha256((reader.path / TASKS).read_bytes()).hexdigest(),
         left_out=config.get("left_out_tasks"),
         seed=config.get("seed"),
-        samples=int(config.get("samples") or 1),
+        samples=reader.samples,
         budget=(
             (attempt["budget_easy"], attempt["budget_medium"], attempt["budget_hard"]) if attempt else None
         ),

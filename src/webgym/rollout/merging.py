@@ -18,6 +18,7 @@ from webgym.rollout.records import Entry, pictures
 from webgym.rollout.sharing import COLLECTORS, difference, shared_settings
 from webgym.rollout.store import RunReader, RunWriter, refuse_taken
 from webgym.rollout.summary import Summary, summarise
+from webgym.settings import merged
 
 
 class Merged(NamedTuple):
@@ -83,21 +84,20 @@ async def merge_runs(
     unfinished = out.with_name(f".{out.name}{TORN}")
     await asyncio.to_thread(shutil.rmtree, unfinished, ignore_errors=True)  # of a merge that was killed
     try:
-        merged = await _write(readers, unfinished, progress)
+        result = await _write(readers, unfinished, progress)
         with disk_errors(f"creating {out}"):
             unfinished.replace(out)
     except BaseException:
         shutil.rmtree(unfinished, ignore_errors=True)
         raise
-    return merged
+    return result
 
 
 async def _write(readers: Sequence[RunReader], out: Path, progress: Callable[[int, int], object]) -> Merged:
     """Write the merged run; see :func:`merge_runs`."""
     first, retries = readers[0], _new_numbers(readers)
-    config = first.config
-    config["collector"]["sharing"]["folder"] = None
-    config |= {"run_id": uuid.uuid4().hex, "merged_runs": [reader.config["run_id"] for reader in readers]}
+    config = merged(first.config, {"collector": {"sharing": {"folder": None}}})
+    config |= {"run_id": uuid.uuid4().hex, "merged_runs": [reader.config.get("run_id") for reader in readers]}
     async with await RunWriter.create(out, config, first.drawn) as writer:
         for reader in readers:
             # A collector may still write to the run: what it has recorded since is not numbered.
@@ -117,12 +117,12 @@ async def _write(readers: Sequence[RunReader], out: Path, progress: Callable[[in
             if not entry.outcome.is_retried
         }
         any_summary: Mapping[str, Any] = next((stored for run in readers if (stored := run.summary)), {})
-        samples = config["samples"] * len(first.drawn)
+        samples = first.samples * len(first.drawn)
         summary = summarise(
             RunReader(out).trajectories(),
             first.drawn,
-            config["samples"],
-            seed=config["seed"],
+            first.samples,
+            seed=config.get("seed"),
             policy=any_summary.get("policy"),
             judge=any_summary.get("judge"),
         )

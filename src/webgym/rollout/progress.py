@@ -7,7 +7,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 import msgspec
 
@@ -25,6 +25,11 @@ RECENT_SECONDS = 20.0
 
 ENDED_SECONDS = 300.0
 """Time span over which the rate of trajectories is measured; with large models one takes minutes."""
+
+
+_FAULTS: Final = {Outcome.ENVIRONMENT_ERROR, Outcome.POLICY_ERROR, Outcome.JUDGE_ERROR}
+_FEW: Final = 3
+"""Errors in a row that are shown with their reason: something that all attempts need may have failed."""
 
 
 class Queue(NamedTuple):
@@ -147,6 +152,9 @@ class Progress:
     lag: LoopLag = field(default_factory=LoopLag)
     started: float = field(default_factory=time.monotonic)
     _stepped: _EventRate = field(default_factory=lambda: _EventRate(RECENT_SECONDS))
+    _faults: int = 0
+    """Number of latest attempts in a row that ended in an error."""
+    _fault: str = ""
     _ended: _EventRate = field(default_factory=lambda: _EventRate(ENDED_SECONDS))
     _free: list[int] = field(default_factory=list)
 
@@ -192,6 +200,11 @@ class Progress:
         self._count(trajectory, 1)
         self._ended.count()
         self.last.appendleft((trajectory.outcome, episode.task_id, len(episode.steps)))
+        failure = episode.failure or trajectory.judge_failure
+        if trajectory.outcome in _FAULTS and failure is not None:
+            self._faults, self._fault = self._faults + 1, failure.message
+        elif trajectory.outcome is not Outcome.CANCELLED:
+            self._faults = 0
         if (cell := self.cells.pop(episode.attempt_id, None)) is not None:
             heapq.heappush(self._free, cell.place)
 
@@ -244,7 +257,9 @@ class Progress:
         invalid = f"{self.invalid / self.steps:.1%} of replies invalid" if self.invalid else ""
         feed = f"the monitor's page is out of date: {self.feed_error}" if self.feed_error else ""
         waits = (self.problem(), self.browser_problem)
-        return [text for text in (invalid, self.note, *waits, feed, self.tracker_error) if text]
+        faults = f"the last {self._faults} attempts ended in errors: {self._fault}"
+        faults = faults if self._faults >= _FEW else ""
+        return [text for text in (invalid, self.note, *waits, faults, feed, self.tracker_error) if text]
 
     def metric(self) -> dict[str, Any]:
         """A line for ``metrics.jsonl``."""

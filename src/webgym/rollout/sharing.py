@@ -55,7 +55,7 @@ def shared_settings(config: Mapping[str, Any]) -> dict[str, Any]:
             return {name: shared_part(value) for name, value in settings.items() if name not in _LOCAL}
         return settings
 
-    return {name: shared_part(config[name]) for name in _SAME}
+    return {name: shared_part(config.get(name)) for name in _SAME}
 
 
 def difference(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> str | None:

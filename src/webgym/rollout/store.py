@@ -448,6 +448,18 @@ class RunReader:
             raise StoreCorrupt(f"{self.path / CONFIG} is not a mapping")
         return config
 
+    @property
+    def samples(self) -> int:
+        """Planned samples per task.
+
+        Raises:
+            StoreCorrupt: the config says something else than a number from 1 on.
+        """
+        samples = self.config.get("samples", 1)
+        if not isinstance(samples, int) or samples < 1:
+            raise StoreCorrupt(f"{self.path / CONFIG}: samples is not a number from 1 on: {samples!r}")
+        return samples
+
     @cached_property
     def tasks(self) -> dict[str, Task]:
         """The tasks of the run by id, including the hidden truth.

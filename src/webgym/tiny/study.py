@@ -199,7 +199,7 @@ def _copy_evaluation(made: TrainingFolder, folder: TrainingFolder) -> None:
 def _read(path: Path) -> list[Result]:
     try:
         return msgspec.json.decode(path.read_bytes(), type=list[Result]) if path.exists() else []
-    except msgspec.DecodeError as error:
+    except ValueError as error:
         raise RunFolderError(f"{path} holds no results: {error}") from error
 
 

@@ -26,12 +26,14 @@ import msgspec
 from pydantic import Field, model_validator
 
 from webgym.agent.policy import Policy
+from webgym.agent.profiles import choose_profile
 from webgym.core.errors import ConfigError, TrainingError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.inference.local import LocalConfig
-from webgym.inference.vllm import VllmConfig
+from webgym.inference.vllm import EXPLICIT, VllmConfig
 from webgym.judge.rubric import RubricJudge
+from webgym.llm.config import Sampling
 from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.files import CONFIG, EVALUATIONS
 from webgym.rollout.progress import Progress
@@ -56,6 +58,15 @@ Tell: TypeAlias = Callable[[str], None]
 Track: TypeAlias = Callable[[Mapping[str, Any]], None]
 
 _FAULTS: Final = {Outcome.JUDGE_ERROR, Outcome.POLICY_ERROR, Outcome.ENVIRONMENT_ERROR}
+
+
+_OF_THE_MACHINE: Final = {
+    *("executable", "sandbox", "temporary_root", "freeze", "cgroup", "slot_bytes", "slot_tasks"),
+    *("launch_seconds", "open_seconds", "close_seconds", "kill_seconds"),
+    *("recycle_episodes", "recycle_seconds", "recycle_bytes", "reserve_bytes", "memory_look_seconds"),
+}
+"""Settings of browsers that do not change what an agent sees and does."""
+_OF_THE_PAGES: Final = {"latency", "latency_sigma", "latency_longest", "slow_seconds"}
 
 
 class LoopConfig(Section):
@@ -138,6 +149,13 @@ class TrainConfig(Section):
         if self.local is not None and self.vllm is not None:
             raise ValueError("set either local or vllm, not both")
         return self
+
+    @property
+    def sampling(self) -> Sampling:
+        """Sampling parameters of the policy's replies: what is set, over the profile's."""
+        served = self.vllm or self.local or LocalConfig(path=self.learn.model)
+        name = Path(served.path if isinstance(served, LocalConfig) else self.learn.model).name
+        return choose_profile(self.rollout.agent.profile, name).sampling_of(served.sampling)
 
 
 class Learns(Protocol):
@@ -485,14 +503,17 @@ class Training:
         """Refuse to evaluate otherwise than before: one curve would show what cannot be compared.
 
         Raises:
-            ConfigError: tasks, attempts or judge differ from those of the newest evaluation on disk.
+            ConfigError: tasks, attempts, replies' sampling, browsers or judge differ from those of the newest
+                evaluation on disk.
         """
         paths = sorted(self.folder.path.glob(f"{EVALUATIONS}/*/{CONFIG}"))
         if not paths or not self.config.loop.evaluate_every or not self._test:
             return
-        newest = RunReader(paths[-1].parent)
-        before = _conditions(read_config(newest)[0], newest.drawn)
-        now = _conditions(*self._planned_evaluation())
+        newest = RunReader(paths[-1].parent, skip_corrupt=True)
+        now = _conditions(*self._planned_evaluation(), self.config.sampling.body())
+        replies = (step.reply for each in newest.trajectories() for step in each.episode.steps)
+        recorded = next((reply.sampling for reply in replies if reply.sampling), now["sampling"])
+        before = _conditions(read_config(newest)[0], newest.drawn, recorded)
         if differing := [name for name, value in now.items() if value != before[name]]:
             raise ConfigError(
                 f"{newest.path.relative_to(self.folder.path)} had other values: {', '.join(differing)} "
@@ -535,7 +556,7 @@ class Training:
             self._advanced.notify_all()
 
 
-def _conditions(config: RunConfig, tasks: Sequence[Task]) -> dict[str, Any]:
+def _conditions(config: RunConfig, tasks: Sequence[Task], sampling: Mapping[str, Any]) -> dict[str, Any]:
     """What must be the same for the results of evaluations to be compared, by name."""
     judge = config.judge
     rubric = RubricJudge(judge.rubric, {}).name if judge.rubric is not None else None  # not where it runs
@@ -544,6 +565,10 @@ def _conditions(config: RunConfig, tasks: Sequence[Task]) -> dict[str, Any]:
         "evaluation.seed": config.seed,
         "evaluation.samples": config.samples,
         "evaluation.budget": config.attempt.budget,
+        "sampling": EXPLICIT.body() | dict(sampling),
         "rollout.agent": config.agent,
+        "rollout.attempt.viewport": config.attempt.viewport,
+        "rollout.browser": config.browser.model_dump(exclude=_OF_THE_MACHINE),
+        "rollout.sites": config.sites.model_dump(include=_OF_THE_PAGES),
         "rollout.judge": (judge.name, rubric, judge.panel, judge.without_rubric),
     }

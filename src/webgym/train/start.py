@@ -157,10 +157,7 @@ def _refuse_unusable_replies(config: TrainConfig, objective: Objective) -> None:
     Raises:
         ConfigError: replies do not come from the full distribution, or are too old.
     """
-    served = config.vllm or config.local or LocalConfig(path=config.learn.model)
-    name = Path(served.path if isinstance(served, LocalConfig) else config.learn.model).name
-    profile = choose_profile(config.rollout.agent.profile, name)
-    sampling = profile.sampling_of(served.sampling).body()
+    sampling = config.sampling.body()
     altered = altering(sampling) or ["temperature"] * (sampling.get("temperature") == 0)
     if objective.off_policy and altered:
         raise ConfigError(

@@ -325,7 +325,7 @@ def read_bench(folder: Path) -> tuple[RolloutPlan, list[Measured]]:
         plan = msgspec.json.decode((folder / PLAN).read_bytes(), type=RolloutPlan)
         files = (file_of(folder, cell) for cell in plan.cells(PARTS))
         return plan, [msgspec.json.decode(f.read_bytes(), type=Measured) for f in files if f.exists()]
-    except (OSError, msgspec.DecodeError) as error:
+    except (OSError, ValueError) as error:
         raise RunFolderError(
             f"{folder} contains no results of webgym bench rollout: {error}", hint="give its --out folder"
         ) from error

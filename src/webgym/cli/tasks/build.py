@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -105,17 +104,13 @@ def _run_stages(
     settings: BuildConfig, paths: BuildPaths, batch: Path | None, stages: StageProgress
 ) -> FinishedBuild | PendingBatches:
     """Run all stages, or with a folder for batches those that need no further replies."""
-    from webgym.cli import EXIT_INTERRUPTED, _run
+    from webgym.cli import _run
     from webgym.tasks.construction import run_batch, run_build
 
-    try:
-        with stages.shown():
-            if batch is None:
-                return _run.run(lambda: run_build(settings, paths, stages))
-            return _run.run(lambda: run_batch(settings, paths, batch, stages))
-    except KeyboardInterrupt:
-        print("interrupted: all replies are stored; run the same command again to continue", file=sys.stderr)
-        raise typer.Exit(EXIT_INTERRUPTED) from None
+    with stages.shown():
+        if batch is None:
+            return _run.run(lambda: run_build(settings, paths, stages), kept="all replies are stored")
+        return _run.run(lambda: run_batch(settings, paths, batch, stages), kept="all replies are stored")
 
 
 def _sources(given: Sequence[str]) -> dict[str, dict[str, str]]:

@@ -21,6 +21,9 @@ def offline(
     ),
 ) -> None:
     """Write the offline web's tasks to a file, with the hidden truths that they are judged by."""
+    from rich.console import Console
+    from rich.progress import track
+
     from webgym.core.errors import ConfigError
     from webgym.offline.config import DEFAULT_SEED
     from webgym.offline.web import OfflineWeb, collection_name
@@ -31,5 +34,8 @@ def offline(
     web = OfflineWeb(
         DEFAULT_SEED if seed is None else seed, per_family=per_family, collection=collection_name(collection)
     )
-    count = write_tasks(out, web.tasks(split))  # type: ignore[arg-type]
+    hosts = [host for host, spec in web.specs.items() if split in (None, spec.split)]
+    console = Console(stderr=True)
+    shown = track(hosts, "websites", console=console, transient=True, disable=not console.is_terminal)
+    count = write_tasks(out, (task for host in shown for task in web.tasks_of(host)))
     print(f"{count} tasks written to {out}")

@@ -299,8 +299,7 @@
   // listens, be it the document.
   const CELL = 'td,th,[role=gridcell],[role=cell]';
   const sheetOf = (element, style) => {
-    if (!matches(element, CELL)) return null;
-    const sheet = style.userSelect === 'none' && closest(element, '[tabindex]');
+    const sheet = style.userSelect === 'none' && matches(element, CELL) && closest(element, '[tabindex]');
     if (sheet) return sheet;
     const grid = getAttribute(element, 'role') === 'gridcell' && closest(element, '[role=grid],[role=treegrid]');
     return grid && querySelectorAll(grid, '[role=gridcell][tabindex]').length === 1 ? grid : null;

@@ -25,6 +25,7 @@
     if (isLarge(node)) return {};
     const { width, height } = node.getBoundingClientRect();
     if (width && height) for (const { name, value } of node.attributes) if (name !== 'tabindex') found[name] = value;
+    if (found.class) found.class = found.class.split(/\s+/).filter((word) => !/focus/i.test(word)).join(' ');
     if ('value' in node) found['.value'] = String(node.value);
     if ('checked' in node) found['.checked'] = String(node.checked);
     if (node.localName === 'details' || node.localName === 'dialog') found['.open'] = String(node.open);
@@ -43,7 +44,10 @@
   let taken = new Map();
   const noise = new Set(NOISE);
   let hash = '';
+  let isFileAsked = false;
+  addEventListener('click', (event) => { isFileAsked ||= event.composedPath()[0].type === 'file'; }, true);
   hold.take = () => {
+    isFileAsked = false;
     taken = new Map();
     hash = location.hash;
     inside(document, (node, path) => taken.set(node, [path, facts(node), node.parentNode, [...node.childNodes]]), '');
@@ -67,6 +71,7 @@
       if (before[2] !== node.parentNode) changes.add(`${before[0]} moved`);
       if (isReordered(node, before[3])) changes.add(`${before[0]} order`);
     }, '');
+    if (isFileAsked) changes.add('/ file');
     if (location.hash !== hash) changes.add(`/ hash=${location.hash}`);
     for (const [node, [path]] of taken) if (!seen.has(node)) changes.add(`${path} gone`);
     return [...changes].filter((change) => !noise.has(change.split('=')[0])).sort();

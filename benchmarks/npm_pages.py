@@ -7,7 +7,7 @@ by `half_b`. The pages in `unseen` were written after that and measured once bef
 them; those in `unseen_2` and then those in `unseen_3` were written after that, and measured once before, too.
 Those in `unseen_4` were written before the rules were corrected by `unseen_3`, and rules were corrected by
 them later. Those in `unseen_5` and then those in `unseen_6` were written after that, and measured once
-before, too.
+before, too, and those in `unseen_7` after the rules had been corrected by all of these.
 """
 
 from __future__ import annotations
@@ -76,7 +76,14 @@ PACKAGES = (
     "vue-select@4.0.0-beta.6 @vueform/multiselect@2 @vuepic/vue-datepicker@11 v-calendar@3 ckeditor5@48 "
     "@tiptap/core@3 @tiptap/pm@3 @tiptap/starter-kit@3 @eonasdan/tempus-dominus@6 daterangepicker@3 "
     "bootstrap-select@1.14.0-beta3 chosen-js@1 virtual-select-plugin@1 photoswipe@5 embla-carousel@8 "
-    "keen-slider@6 highcharts@12 recharts@2 @cubone/react-file-manager@1"
+    "keen-slider@6 highcharts@12 recharts@2 @cubone/react-file-manager@1 "
+    # of the seventh set of unseen pages
+    "@angular/core@19 @angular/common@19 @angular/compiler@19 @angular/platform-browser@19 @angular/forms@19 "
+    "@angular/animations@19 @angular/cdk@19 @angular/material@19 zone.js@0.15 rxjs@7 swagger-ui-dist@5 "
+    "rapidoc@9 @nordhealth/components@4 @nordhealth/css@4 @nordhealth/themes@9 "
+    "@astrouxds/astro-web-components@8 @umbraco-ui/uui@1 @shopify/polaris@13 webix@11 grapesjs@0.22 "
+    "react-date-range@2 date-fns@4 react-calendar@5 uplot@1 chartist@1 victory@37 vuestic-ui@1 "
+    "material-icons@1 @uswds/uswds@3 font-awesome@4"
 ).split()
 
 FOLDER = Path(__file__).with_name("npm_pages")

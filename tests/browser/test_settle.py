@@ -139,10 +139,17 @@ async def test_a_heading_is_no_sign_of_loading(site: Site, tab: Tab, text: str, 
 
 
 async def test_a_box_for_numbers_is_no_sign_of_loading(site: Site, tab: Tab) -> None:
-    await tab.goto(site.page("<span class=ui-spinner><input value=3><a class=spinner-up>+</a></span>"))
-    assert reason(tab) == "quiet"
+    for buttons in ("<input value=3><a class=spinner-up>+</a>", "<b role=button>+</b><b role=button>-</b>"):
+        await tab.goto(site.page(f"<span class=ui-spinner>{buttons}</span>"))
+        assert reason(tab) == "quiet"
     await tab.goto(site.page(f"{_TURNING}<div class=spinner><i>*</i><button>Cancel</button></div>"))
     assert reason(tab) == "loading"
+
+
+async def test_what_says_that_it_is_not_busy_is_no_sign_of_loading(site: Site, tab: Tab) -> None:
+    for busy, expected in {"false": "quiet", "true": "loading"}.items():
+        await tab.goto(site.page(f"<div class=inner-loading aria-busy={busy}>Rows</div>"))
+        assert reason(tab) == expected
 
 
 async def test_news_in_one_line_are_no_sign_of_loading(site: Site, tab: Tab) -> None:

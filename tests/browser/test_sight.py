@@ -290,6 +290,16 @@ SEEN = {
             "<b style='position:relative;color:#fff'><slot></slot></b>",
         )
     },
+    "letters in a button that paints them alone": (
+        "<button style='background:text #14c;color:#14c'><b>shown</b></button>"
+    ),
+    "letters that what is around them paints": (
+        "<p style='background:linear-gradient(red,blue) text;color:transparent'><b>shown</b></p>"
+    ),
+    "the steps below a slider that paints nothing": (
+        "<div style='position:relative'>shown<input type=range style='appearance:none;position:absolute;"
+        "inset:0;margin:0;background:none'></div>"
+    ),
     "a button": "<input type=submit value=shown>",
     "a choice": "<select><option>other<option selected>shown</select>",
     "a hint": "<input placeholder=shown>",

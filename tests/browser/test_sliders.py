@@ -58,6 +58,10 @@ async def test_a_slider_takes_the_value_that_is_typed(site: Site, open_tab: Open
 KINDS = {
     "by tenths": (aria(TENTH, high=1, now=0.2), "0.7"),
     "below zero": (aria(ONE, low=-100), "-25"),
+    "by keys that its handle takes": (
+        aria(ONE).replace("tabindex=0", "").replace("></div>", "><i tabindex=0>o</i></div>"),
+        "70",
+    ),
     "with a minus sign": (aria(ONE, low=-100), "\u221225"),
     "by pages": (aria(PAGED, high=100_000), "54,305"),
     "from right to left": (aria("{ ArrowRight: -1, ArrowLeft: 1 }"), "35"),

@@ -643,6 +643,80 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         ["Town Sorted", "Sorted", "More"],
     ),
     "a label's own name": ("<i id=l aria-label=Town>x</i><input aria-labelledby=l>", ["Town"]),
+    "what a component that is not offered draws": (
+        "<x-one></x-one><x-one disabled></x-one><x-one disabled=false></x-one>"
+        + COMPONENT.format("<div role=menuitem>Bin</div>"),
+        ["Bin", "Bin"],
+    ),
+    "the button of an item of a menu that is called otherwise": (
+        "<div role=menuitem aria-label=item style='width:260px'><button>v</button>"
+        "<button style='width:200px;height:30px'>Home</button></div>",
+        ["v", "Home"],
+    ),
+    "a component that is the label of a field": (
+        "<x-one for=f style='cursor:pointer'>Name</x-one><input id=f aria-label=Name>"
+        "<script>document.querySelector('x-one').onclick = () => f.focus()</script>",
+        ["Name"],
+    ),
+    "a component drawn in line around a taller field": (
+        "<br><br><x-one class=on aria-label=Note tabindex=0></x-one>"
+        + COMPONENT.format("<textarea style='height:50px;margin-bottom:20px'></textarea>")
+        + LISTENS.format("click"),
+        ["Note"],
+    ),
+    "what is drawn around a transparent box to tick": (
+        "<div class=on style='width:40px;height:40px;border:1px solid'>"
+        "<input type=checkbox id=t style='opacity:0;width:40px;height:40px;margin:0'></div>"
+        "<label for=t>Agree</label>" + LISTENS.format("mousedown"),
+        ["Agree"],
+    ),
+    "a heading of nothing but its button": (
+        "<table><tr><th class=on style='cursor:pointer;width:300px;height:90px'>"
+        "<b role=button tabindex=0>Weight</b></table>" + LISTENS.format("click"),
+        ["Weight"],
+    ),
+    "what is drawn around a field, with its value": (
+        "<div class=on style='width:200px;padding:20px;cursor:pointer'><b id=l>Food</b>"
+        "<div role=combobox tabindex=0 aria-labelledby=l style='width:90px'>Pizza</div></div>"
+        + LISTENS.format("click"),
+        ["Food"],
+    ),
+    "labels whose handler does nothing": (
+        "<label onclick='' for=f>Name</label><input id=f>"
+        "<p onclick='javascript:void(0)'>Plain</p><p onclick='return false;'>Plain</p><p onclick=go()>Go</p>",
+        ["Name", "Go"],
+    ),
+    "a field that is not displayed, beside a button in its place": (
+        "<input type=radio id=r style='display:none'><a><button role=radio aria-label=Grey></button></a>"
+        "<label for=r>Grey</label>",
+        ["Grey"],
+    ),
+    "what takes the pointer of what is around it away": (
+        "<table><tr style='cursor:pointer'><th class=on>Name<th class=on style='cursor:default'>Plain"
+        "<th class=on style='cursor:default;width:20px;background:red'></table>" + LISTENS.format("click"),
+        ["Name", ""],
+    ),
+    "the value and the arrow of a list that opens": (
+        "<div role=combobox tabindex=0 aria-label=Town style='width:300px;padding:20px'>"
+        "<b class=on>Bonn</b> <i role=button tabindex=0 aria-expanded=false>v</i></div>"
+        + LISTENS.format("click"),
+        ["Town"],
+    ),
+    "cells of which one takes the focus": (
+        "<div role=grid class=on>"
+        + "".join(f"<span role=gridcell {'tabindex=0' * (n == 1)}>{n}</span>" for n in (1, 2))
+        + "</div>"
+        + LISTENS.format("click"),
+        ["1", "2"],
+    ),
+    "icons that throw rows away": (
+        ICON
+        + "<div class=on>"
+        + "<p>Row <i class=wxi-trash></i> <i class=wxi-star></i></p>" * 2
+        + "</div>"
+        + LISTENS.format("click"),
+        ["Row Row", "", ""],
+    ),
 }
 
 
@@ -652,6 +726,13 @@ async def test_what_can_be_used_is_numbered_once(
 ) -> None:
     await tab.goto(site.page(body))
     assert names(tab) == expected
+
+
+async def test_a_wide_component_is_clicked_where_its_box_to_tick_is(site: Site, tab: Tab) -> None:
+    inner = "<div><label for=t>Loud</label><input type=checkbox id=t style=opacity:0></div>"
+    await tab.goto(site.page("<x-one role=switch style='display:block'></x-one>" + COMPONENT.format(inner)))
+    assert names(tab) == ["Loud"]
+    assert tab.find("Loud").box[2] < 100, "its label, not all of the line"
 
 
 async def test_what_listens_in_frames_is_numbered(site: Site, open_tab: Open) -> None:

@@ -32,7 +32,7 @@
   const IDLE = (() => {
     const head = /(?:async\s+)?(?:function\b[^(]*|[\w$]+(?=\())?(?:\([\w$,\s]*\)|[\w$]+)\s*(?:=>)?[\s{(]*/.source;
     const stops = /[\w$]+\.(?:(?:preventDefault|stopPropagation|stopImmediatePropagation)\(\)|(?:cancelBubble|returnValue)\s*=)/;
-    const part = `(?:return\\b|void 0|undefined|null|true|false|![01]|${stops.source})`;
+    const part = `(?:return\\b|(?:javascript:)?void ?\\(?0\\)?|undefined|null|true|false|![01]|${stops.source})`;
     return new RegExp(`^${head}${part}(?:[\\s;,]|&&|${part})*[})\\s]*$`);
   })();
   const isIdle = (handler) => {

@@ -62,12 +62,13 @@
     return '';
   };
 
-  // The same; "button" for what only its attributes make one.
+  // The same; "button" for what only its attributes make one, unless they say that a click does nothing.
+  const IDLE = /^(javascript:|void|return|true|false|0|[\s();])*$/;
   const roleOf = (element) => {
     const role = widgetOf(element);
     if (role) return role;
     const isFocused = hasAttribute(element, 'tabindex') && tabIndex(element) >= 0;
-    const isButton = hasAttribute(element, 'onclick') || (isFocused && !isStructure(element));
+    const isButton = !IDLE.test(getAttribute(element, 'onclick') || '') || (isFocused && !isStructure(element));
     return isButton ? 'button' : '';
   };
 

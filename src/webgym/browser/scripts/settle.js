@@ -182,7 +182,7 @@
   }
 
   // A box to enter a number in is named like what turns: it holds a field or buttons, and nothing in it turns.
-  const CONTROLS = 'input, select, textarea, button, [role="spinbutton" i]';
+  const CONTROLS = 'input, select, textarea, button, [role="button" i], [role="spinbutton" i]';
   const isIn = (element, box) => element === box || (element && isIn(parentNode(element), box));
   const isNumberBox = (element) => {
     const box = closest(element, `[class*="spinner" i]:has(${CONTROLS})`) || element;
@@ -204,6 +204,7 @@
   const isSaid = (element) => matches(element, SAID);
   const isCalled = (element) => {
     const name = (getAttribute(element, 'class') || '').replace(UNMEANT, '');
+    if (getAttribute(element, 'aria-busy') === 'false') return false;
     return (isNamed.test(name) && !isFilled(element, name)) || (isNamedSpinner.test(name) && !isNumberBox(element));
   };
   const isTold = (element) => TELLS.test(textContent(element).slice(0, TEXT_LENGTH));

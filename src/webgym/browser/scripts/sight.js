@@ -51,9 +51,9 @@
 
   // --- what becomes of the text in an element -----------------------------------------------------
 
-  // For one look, by element: {style, alpha, blur, cut, sunk, line}. `cut`: the innermost element around that
+  // For one look, by element: {style, alpha, blur, cut, sunk, line, isLettered}. `cut`: the innermost element around that
   // is cut to a shape, or not seen from behind; `sunk`: that lies behind its parents; `line`: that breaks the
-  // text in lines.
+  // text in lines. `isLettered`: something around paints its background in the letters alone.
   let sights = new Map();
   let grounds = new Map();
   let fits = new Map();
@@ -63,7 +63,7 @@
     return found ? Number(found[1]) : null;
   };
 
-  const OUTSIDE = { alpha: 1, blur: 0, cut: null, sunk: null, line: null };
+  const OUTSIDE = { alpha: 1, blur: 0, cut: null, sunk: null, line: null, isLettered: false };
   const sightOf = (element) => {
     const known = sights.get(element);
     if (known) return known;
@@ -79,7 +79,8 @@
     if (style.contentVisibility === 'hidden') alpha = 0;
     if (style.clipPath !== 'none' || style.clip !== 'auto' || style.backfaceVisibility === 'hidden') cut = element;
     if (style.zIndex < 0) sunk = element;
-    const sight = { style, alpha, blur, cut, sunk, line: isBox(style) ? element : around.line };
+    const isLettered = around.isLettered || style.backgroundClip.includes('text');
+    const sight = { style, alpha, blur, cut, sunk, line: isBox(style) ? element : around.line, isLettered };
     sights.set(element, sight);
     return sight;
   };
@@ -89,7 +90,8 @@
   const PICTURES = new Set(['img', 'video', 'canvas', 'svg', 'iframe', 'frame', 'embed', 'object']);
   const DRAWN = new Set(['checkbox', 'radio', 'range', 'color', 'image', 'file']);
   const isPicture = (element) =>
-    PICTURES.has(localName(element)) || (localName(element) === 'input' && DRAWN.has(element.type));
+    PICTURES.has(localName(element)) || (localName(element) === 'input' && DRAWN.has(element.type) && !isUndrawn(element));
+  const isUndrawn = (input) => input.type !== 'image' && sightOf(input).style.appearance === 'none';
 
   // Does a part of a drawing hide what lies below? What only holds others does not.
   const THIN = 3; // CSS pixels: a line that hides no text
@@ -112,6 +114,7 @@
     const { style, alpha } = sightOf(element);
     const colour = colourOf(style.backgroundColor);
     if (alpha < LEAST_ALPHA) return { colour, alpha: 0 }; // a box to tick, say, over what is drawn for it
+    if (style.backgroundClip === 'text') return { colour, alpha: 0 };
     if (style.backgroundImage !== 'none' || style.mixBlendMode !== 'normal') return null;
     if (isPicture(element) && !(isHit && localName(element) === 'svg')) return null;
     if (style.backdropFilter !== 'none') return null;
@@ -199,13 +202,13 @@
   // --- whether it can be told from its ground -----------------------------------------------------
 
   const isWritten = (style) =>
-    style.textShadow !== 'none' || style.webkitTextStrokeWidth !== '0px' || style.backgroundClip.includes('text');
+    style.textShadow !== 'none' || style.webkitTextStrokeWidth !== '0px';
 
   const standsOut = (element, rect) => {
-    const { style, alpha, blur } = sightOf(element);
+    const { style, alpha, blur, isLettered } = sightOf(element);
     if (blur > MOST_BLUR * parseFloat(style.fontSize) || style.webkitTextSecurity !== 'none') return false;
     if (ofKind(element, 'ownerSVGElement')) return alpha >= LEAST_ALPHA;
-    if (isWritten(style)) return alpha >= LEAST_ALPHA;
+    if (isLettered || isWritten(style)) return alpha >= LEAST_ALPHA;
     const colour = colourOf(style.webkitTextFillColor);
     const opacity = colour[3] * alpha;
     const isClear = (ground) => contrast(over(colour, opacity, ground), ground) >= LEAST_CONTRAST;

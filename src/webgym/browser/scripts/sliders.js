@@ -14,10 +14,12 @@
   // some pages leave elsewhere when a slider is clicked.
   webgym.pointedSlider = (focused) => {
     const slider = querySelector(document, `${SLIDERS}:hover`);
-    if (!slider || !webgym.isSlider(slider) || tabIndex(slider) < 0) return null;
-    if (slider === focused) return slider;
+    if (!slider || !webgym.isSlider(slider)) return null;
+    const taker = tabIndex(slider) < 0 ? querySelector(slider, '[tabindex="0"]') : slider; // of keys
+    if (!taker) return null;
+    if (taker === focused) return slider;
     if (focused && contains(slider, focused)) return null;
-    slider.focus();
+    taker.focus();
     return slider;
   };
 

@@ -134,10 +134,14 @@
   // Days and items that are not offered are named so, or the cursor says it. A native control is on unless it is
   // disabled, whatever its class.
   const isOff = (element) =>
-    matches(element, ':disabled') || getAttribute(element, 'aria-disabled') === 'true' ||
+    matches(element, ':disabled') || getAttribute(element, 'aria-disabled') === 'true' || isOfHostOff(element) ||
     (!matches(element, NATIVE) && (matches(element, OFF) || isNamedOff(element) || /not-allowed|no-drop/.test(getComputedStyle(element).cursor)));
   const OFF = '[disabled]:not([disabled=false]),[data-disabled]:not([data-disabled=false])'; // of components
   const NATIVE = 'a[href],area,button,input,select,textarea,option,summary';
+  const isOfHostOff = (element) => {
+    const { host } = getRootNode(element);
+    return Boolean(host) && (matches(host, OFF) || isOfHostOff(host));
+  };
   const isNamedOff = (element) =>
     (getAttribute(element, 'class') || '')
       .split(/\s+/)
@@ -291,11 +295,17 @@
     return Math.min(width, height) > HANDLE;
   };
 
-  // A cell of a sheet: its text cannot be selected, the sheet takes the focus, and something around listens, be it the
-  // document.
+  // A cell of a sheet: its text cannot be selected, the sheet or one of its cells takes the focus, and something around
+  // listens, be it the document.
   const CELL = 'td,th,[role=gridcell],[role=cell]';
-  const isCell = (element, style) => {
+  const sheetOf = (element, style) => {
     const sheet = style.userSelect === 'none' && matches(element, CELL) && closest(element, '[tabindex]');
+    if (sheet) return sheet;
+    const grid = getAttribute(element, 'role') === 'gridcell' && closest(element, '[role=grid],[role=treegrid]');
+    return grid && querySelectorAll(grid, '[role=gridcell][tabindex]').length === 1 ? grid : null;
+  };
+  const isCell = (element, style) => {
+    const sheet = sheetOf(element, style);
     if (!sheet || sheet === element) return false;
     if (!sheets.has(sheet)) {
       let around = sheet;
@@ -391,6 +401,10 @@
   const kindOf = (element) => `${localName(element)} ${Math.round(getBoundingClientRect(element).height)}`;
   const isPointed = (element) => showsPointer(element, getComputedStyle(element));
 
+  // Is this text that takes the pointer of what is around it away?
+  const isUnpointed = (element, style) =>
+    style.cursor === 'default' && Boolean(nameOf(element, 'button')) && isPointed(parentOf(element) || element);
+
   // Is this one of a list most of which have a part with a pointer, and has none: a day of the next month, say?
   const isLeftOut = (element) => {
     const around = parentOf(element);
@@ -473,6 +487,9 @@
   const isLabelOfTick = (element) =>
     localName(element) === 'label' && !hasAttribute(element, 'role') && Boolean(element.control) && isTick(element.control);
 
+  // Nor is a component that is the label of another element.
+  const isLabelFor = (element) => localName(element).includes('-') && Boolean(getAttribute(element, 'for'));
+
   // The class or part of an element that fits `pattern`, one of several such words in a name: `listArrow`, `tree-arrow`.
   const classLike = (element, pattern) =>
     `${getAttribute(element, 'class') || ''} ${getAttribute(element, 'part') || ''}`
@@ -500,7 +517,7 @@
     Boolean(nameOf(element, 'button')) && !hasPointedKin(element) && isHeardFor(element, HEADING);
 
   // An icon by which a part of a row is used: its box to tick, its arrow, or that of a cell.
-  const ICON = /(?<![a-z])(checkbox|expander|expand|toggle|toggler|twisty|collapse|remove|close|delete)(?![a-z])/i;
+  const ICON = /(?<![a-z])(checkbox|expander|expand|toggle|toggler|twisty|collapse|remove|close|delete|trash)(?![a-z])/i;
   const ARROW = /(?<![a-z])arrow(?![a-z])/i;
   const WHOLE_ROLES = 'button link tab option combobox checkbox radio switch menuitem menuitemcheckbox menuitemradio';
   const UNDIVIDED = ['a,button,summary,label', ...WHOLE_ROLES.split(' ').map((role) => `[role=${role}]`)].join(',');
@@ -596,18 +613,20 @@
     return alikeIn(fields).length === 7 && fields.every(isBlankIn);
   };
 
-  // What is drawn for a box to tick right behind it, which its page hides: the label beside it is clicked.
+  // What is drawn for a box to tick right beside it, which its page hides: the label beside it is clicked.
   const isBoxOfTick = (element, place) => {
-    const tick = previousElementSibling(element);
-    if (!tick || !isTick(tick) || nameOf(element, 'button') || visibleParts(tick, place, 1).length) return false;
+    const tick = [previousElementSibling(element), nextElementSibling(element)].find((one) => one && isTick(one));
+    if (!tick || nameOf(element, 'button') || visibleParts(tick, place, 1).length) return false;
     return labelsOf(tick).some((label) => isShown(label) && visibleParts(label, place, 1).length > 0);
   };
 
   // The native field that a component keeps for forms, beside what takes its place.
   const TWINS = '[role=checkbox],[role=radio],[role=switch]';
   const isTwin = (element) => {
-    if (!isTick(element) || getAttribute(element, 'aria-hidden') !== 'true' || tabIndex(element) >= 0) return false;
-    return [previousElementSibling(element), nextElementSibling(element)].some((one) => one && matches(one, TWINS));
+    const isHidden = () => getAttribute(element, 'aria-hidden') === 'true' && tabIndex(element) < 0;
+    if (!isTick(element) || (getClientRects(element).length && !isHidden())) return false;
+    const isOther = (one) => one && (matches(one, TWINS) || (childElementCount(one) === 1 && isOther(children(one)[0])));
+    return [previousElementSibling(element), nextElementSibling(element)].some(isOther);
   };
 
   // {element, place, role, isControl, isPointer, isText, isPart, isTold, items, kids, boxes}: `isText` if nothing is seen
@@ -624,10 +643,11 @@
     const isUsed = () => isItem || isPart || isTold || hears(element) || isHeardAround(element) || isCell(element, style);
     if (!role && !isPointer && !(style && isUsed())) return null;
     if (isOff(element) || (!isControl && isOfItemOff(element)) || (!isControl && isOfLabel(element)) || isLabelOfTick(element)) return null;
-    if (!role && !isPointer && isName(element)) return null; // it is a label, too
+    if (!role && (isLabelFor(element) || (!isPointer && isName(element)))) return null;
     if (isTwin(element) || (!role && isBoxOfTick(element, place))) return null;
     const isText = !role && !isPointer && isPlainText(element, style);
     if (isText && hasPointedKin(element)) return null;
+    if (!role && isUnpointed(element, style)) return null;
     if (isItem && !role && !isPointer && !hears(element) && isLeftOut(element)) return null;
     if (isPointer && !role && isDrawnBehind(element)) return null;
     const isPlain = !role && !isPointer && !isPart && !isCell(element, style);
@@ -671,7 +691,7 @@
   const NOTHING = { left: 0, top: 0, right: 0, bottom: 0 };
   const COVER = 0.5; // of its box: what covers that much of an element is the element
   const [SMALL, LARGE] = [0.03, 0.25]; // of the viewport
-  const GIVES_WAY = new Set(['gridcell', 'treeitem', 'combobox', 'option', 'tab']);
+  const GIVES_WAY = new Set(['gridcell', 'treeitem', 'combobox', 'option', 'tab', 'menuitem']);
   const TEXTS = new Set(['textbox', 'searchbox', 'combobox', 'spinbutton']);
   const TICKS = new Set(['checkbox', 'radio', 'switch']);
   const WHOLE = new Set(['canvas', 'svg', 'video']);
@@ -694,9 +714,15 @@
 
   // Is more written in it than on what lies in it?
   const hasOtherText = (one, kids) =>
-    nameOf(one.element, one.role).length > kids.reduce((sum, kid) => sum + nameOf(kid.element, kid.role).length + 1, 0);
+    nameOf(one.element, one.role).length > kids.reduce((sum, kid) => sum + lengthOf(kid) + 1, 0);
+  const lengthOf = ({ element, role }) =>
+    nameOf(element, role).length + (role === 'combobox' ? (valueOf(element, role) || '').length + 1 : 0);
 
   const NAMED = new Set(['button', 'menuitem', 'menuitemcheckbox', 'menuitemradio']); // by all that is written on them
+  const isValueOf = ({ element, role }, kid) => {
+    const name = nameOf(kid.element, kid.role);
+    return role === 'combobox' && /[\p{L}\p{N}]/u.test(name) && (valueOf(element, role) || '').startsWith(name);
+  };
   const isNameOf = (one, kid) => nameOf(kid.element, kid.role) === nameOf(one.element, one.role);
 
   // Is this the component whose only control or icon, of the same name, has no box of its own size?
@@ -727,6 +753,11 @@
     return TEXTS.has(kid.role) || (share >= COVER / 2 && Boolean(nameOf(kid.element, kid.role)));
   };
 
+  // Is this a component of one field, drawn in line, or what is drawn for a box to tick whose label is numbered?
+  const isAroundField = (one, kid) =>
+    (getRootNode(kid.element).host === one.element && isWrapperOf(one, kid, 0)) ||
+    (isTick(kid.element) && !nameOf(one.element, one.role));
+
   // Does a part of this item, by a script of its own, do what the item itself does not?
   const isItemOf = (one, kid) => {
     const isPart = kid.role === one.role || Boolean(classLike(kid.element, ICON)); // its arrow
@@ -741,7 +772,7 @@
 
   // Is this a cell of nothing but the button in it, of the same name? Beside a box to tick one chooses the cell.
   const isCellOf = (one, [kid, ...more]) =>
-    one.role === 'gridcell' && kid?.role === 'button' && kid.isControl && !more.length && isNameOf(one, kid);
+    (one.role === 'gridcell' || matches(one.element, CELL)) && kid?.role === 'button' && kid.isControl && !more.length && isNameOf(one, kid);
 
   // Is this only what ARIA once had around the field of a list that opens?
   const isHolderOf = ({ element, role }, within) =>
@@ -791,8 +822,9 @@
     Boolean(classLike(element, OPENER)) ||
     (depth < 2 && childElementCount(element) === 1 && isNamedOpener(children(element)[0], depth + 1));
   const openerOf = (one, within) => {
-    const isOpener = ({ element, isControl }) =>
-      !isControl && !nameOf(element, 'button') && isNamedOpener(element);
+    const isOpener = ({ element, role, isControl }) =>
+      isControl ? one.role === 'combobox' && role === 'button' && hasAttribute(element, 'aria-expanded') :
+        !nameOf(element, 'button') && isNamedOpener(element);
     const found = OPENS.has(one.role) ? within.filter(isOpener) : [];
     if (found.length) return found.length === 1 ? found[0] : null; // two sort by what is above them
     const isHidden = ({ element, isControl }) =>
@@ -819,16 +851,17 @@
         return kids;
       }
       const isSorted = matches(one.element, HEADING) && hasAttribute(one.element, 'aria-sort') && hearsClicks(one.element);
-      const isUnpointed = !one.isTold && !isSorted && (one.isText || (!one.isPointer && within.length && hasOtherText(one, within)));
+      const isUnmarked = !one.isTold && !isSorted && (one.isText || (!one.isPointer && within.length && hasOtherText(one, within)));
       const isPointed = ({ isPointer, role }) => isPointer && !(role === 'link' && isCard(one, within)); // all links have one
-      if (isUnpointed && within.some((kid) => [kid, ...kid.kids].some(isPointed))) return null;
+      if (isUnmarked && within.some((kid) => [kid, ...kid.kids].some(isPointed))) return null;
       if (!within.length) {
+        if (kids.length === 1 && isAroundField(one, kids[0])) return null;
         const isLarge = area > LARGE * innerWidth * innerHeight && !isBoard(one.element);
         return isLarge && !one.isPointer ? null : kids;
       }
       const isCovered = within.reduce((sum, kid) => sum + share(kid), 0) >= COVER;
       const isWrapper = within.length === 1 && isWrapperOf(one, within[0], share(within[0]));
-      if (isCovered || isWrapper || !(one.isHeard() || within.every(({ isPart }) => isPart))) return null;
+      if (isCovered || isWrapper || isCellOf(one, within) || !(one.isHeard() || within.every(({ isPart }) => isPart))) return null;
       const isComponent = isComponentOf(one, within);
       if (isComponent && !within[0].isControl && !classLike(within[0].element, ICON)) return kids.filter((kid) => kid !== within[0]);
       if (isComponent || isSliderOf(box, within)) {
@@ -853,13 +886,15 @@
     const isInert = one.role === 'treeitem' && !one.isHeard();
     if (isInert && within.some((kid) => isItemOf(one, kid))) return null;
     if (isCellOf(one, within) || isHolderOf(one, within)) return null;
+    const tick = TICKS.has(one.role) && rootOf(one.element) && within.find(({ element }) => isTick(element));
+    if (tick) one.boxes = tick.boxes; // beside it a component may be blank
     if (arePartsOf(one, within)) return kids.filter((kid) => !within.includes(kid));
     const isBelow = (kid) => kid.role === 'treeitem' && one.role === 'treeitem';
     const same = within.filter((kid) => share(kid) >= COVER && !isBelow(kid));
     const isField = (kid) => kid.isControl && (GIVES_WAY.has(one.role) || FIELDS.has(localName(kid.element)));
     if (same.some(isField) && !WITHOUT_PARTS.has(one.role)) return null;
     const isNamesake = (kid) => !kid.isControl && Boolean(nameOf(kid.element, kid.role)) && isOfName(kid);
-    const isOfName = (kid) => NAMED.has(one.role) && isNameOf(one, kid);
+    const isOfName = (kid) => (NAMED.has(one.role) && isNameOf(one, kid)) || isValueOf(one, kid);
     const opener = openerOf(one, within);
     const isOwn = (kid) => same.includes(kid) || isPartOf(one, kid) || isNamesake(kid) || kid === opener;
     const isArrow = (kid) => one.role === 'treeitem' && kid.isPointer && Boolean(classLike(kid.element, ICON));

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import io
 import signal
 import subprocess
@@ -53,6 +54,7 @@ def outcome(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, s
         ),
         (ExceptionGroup("two", [ServerUnreachable("gone", hint="wait")]), 1, "gone (wait)"),
         (ExceptionGroup("two", [ServerUnreachable("gone"), ValueError("a bug")]), 1, "ValueError: a bug"),
+        (OSError(errno.ENAMETOOLONG, "File name too long", "a" * 300), 2, "'aaa"),
         (KeyboardInterrupt(), 130, ""),
         (BaseExceptionGroup("stop", [ValueError("late"), KeyboardInterrupt()]), 130, "interrupted"),
     ],

@@ -11,6 +11,7 @@ and add it to :data:`VERBS`. A verb that fails raises a :class:`webgym.core.erro
 
 from __future__ import annotations
 
+import errno
 import importlib
 import importlib.util
 import io
@@ -159,6 +160,8 @@ def _report(error: BaseException, verb: str, *, debug: bool) -> int:
         line, code = "aborted", EXIT_FAILED
     elif usage := _usage_problem(cause, verb):
         line, code = usage, EXIT_USAGE
+    elif isinstance(cause, OSError) and cause.errno in (errno.ENAMETOOLONG, errno.ELOOP):
+        line, code = f"{str(cause.filename)[:80]!r}: {cause.strerror}", EXIT_USAGE
     else:
         advice = "" if debug else "; run again with --debug"
         line, code = f"unexpected error {type(cause).__name__}: {cause}{advice}", EXIT_FAILED

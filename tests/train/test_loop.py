@@ -51,8 +51,10 @@ class World(MadeUp):
         kill_before: int | None = None,
         outcome: Outcome | None = None,
         refuses: str = "",
+        sampling: Mapping[str, Any] = SAMPLING,
     ) -> None:
         super().__init__()
+        self._sampling = sampling
         self.pictures = PICTURES
         self._refuses = refuses
         self.failed = asyncio.Event()
@@ -72,7 +74,7 @@ class World(MadeUp):
         name = f"{run.parent.name}/{run.name}" if run.name == "run" else run.name
         self.do(f"attempt {name} {task.id} by {self.served}")
         outcome = self._outcome or (Outcome.SUCCESS, Outcome.FAILURE, Outcome.BLOCKED)[number % 3]
-        reply = Reply("click", "p", sampling=SAMPLING)
+        reply = Reply("click", "p", sampling=self._sampling)
         return trajectory(0, of=task.id.removeprefix("t/"), outcome=outcome, reply=reply)
 
     def learn(self, number: int, draw: ReplaySample, folder: TrainingFolder) -> Mapping[str, Any]:

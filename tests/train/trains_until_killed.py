@@ -40,7 +40,8 @@ def config(model: Path) -> TrainConfig:
 
 
 async def train(path: Path, model: Path, *, browsers: bool) -> None:
-    given, world = config(model), test_loop.World()
+    given = config(model)
+    world = test_loop.World(sampling=given.sampling.body())
     objective = make_objective(given.learn.objective)
     folder = TrainingFolder(path)
     if not (path / "config.yaml").exists():

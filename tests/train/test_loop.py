@@ -51,7 +51,7 @@ class World(MadeUp):
         kill_before: int | None = None,
         outcome: Outcome | None = None,
         refuses: str = "",
-        sampling: Mapping[str, Any] = SAMPLING,
+        sampling: dict[str, Any] = SAMPLING,
     ) -> None:
         super().__init__()
         self._sampling = sampling

@@ -19,6 +19,7 @@ from webgym.cli import _run
 from webgym.cli._judge_options import judge_choice, own_choice
 from webgym.core.errors import ConfigError
 from webgym.judge.config import WAYS_BY_SOURCE, JudgeConfig, StageConfig
+from webgym.judge.rubric import RubricJudge
 from webgym.llm.config import ChatConfig, Sampling
 from webgym.run_config import RunConfig, TaskChoice, resolved
 from webgym.settings import Section, merged, without_none
@@ -202,3 +203,15 @@ def test_a_misspelt_key_is_told_with_the_nearest_right_one(
 ) -> None:
     with pytest.raises(ConfigError, match=re.escape(told)):
         _run.settings([written(tmp_path / "run.yaml", settings)], {})
+
+
+def test_stored_sampling_still_leaves_the_rest_to_the_defaults() -> None:
+    family = Sampling(temperature=0.7, top_p=0.9, max_tokens=64, extra_body={"top_k": 2})
+    for given in (Sampling(), Sampling(temperature=1), Sampling(top_p=None)):
+        stored = Sampling.model_validate(given.model_dump(mode="json"))
+        assert stored.over(family).body() == given.over(family).body()
+    chat = ChatConfig(base_url="http://127.0.0.1:1/v1", model="m", sampling=family)
+    judge = JudgeConfig(chat=chat)
+    assert RubricJudge(JudgeConfig.model_validate(judge.model_dump(mode="json")), {}).name == (
+        RubricJudge(judge, {}).name
+    )

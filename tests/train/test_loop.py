@@ -175,6 +175,7 @@ def test_samples_of_one_test_task_are_one_piece_of_evidence(tmp_path: Path) -> N
         ({"rollout": RunConfig(judge=judge("m"), agent=AgentConfig(rounds=1))}, "rollout.agent"),
         ({"local": LocalConfig(path="m", sampling=Sampling(temperature=0.5))}, "sampling"),
         ({"local": LocalConfig(path="m", threads=1)}, ""),
+        ({"local": LocalConfig.model_validate(LocalConfig(path="m").model_dump(mode="json"))}, ""),
         ({"rollout": on_pages(browser=BrowserConfig(settle_seconds=1))}, "rollout.browser"),
         ({"rollout": on_pages(browser=BrowserConfig(launch_seconds=9))}, ""),
         ({"rollout": on_pages(sites=SitesConfig(latency=0))}, "rollout.sites"),

@@ -19,7 +19,7 @@ import torch
 from tests.train import test_loop
 from tests.train.test_training import Breakable, Serving, settings
 
-from webgym.run_config import Secrets, ServerChoice
+from webgym.run_config import Secrets, ServerChoice, resolved
 from webgym.run_services import services
 from webgym.task_choice import all_tasks
 from webgym.train.folder import TrainingFolder
@@ -42,6 +42,9 @@ def config(model: Path) -> TrainConfig:
 async def train(path: Path, model: Path, *, browsers: bool) -> None:
     given = config(model)
     world = test_loop.World(sampling=given.sampling.body())
+    if browsers:
+        rollout = resolved(given.rollout, Breakable(), None)
+        given = given.model_copy(update={"rollout": rollout})
     objective = make_objective(given.learn.objective)
     folder = TrainingFolder(path)
     if not (path / "config.yaml").exists():

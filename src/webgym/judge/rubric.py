@@ -83,9 +83,8 @@ def _digest(config: JudgeConfig) -> str:
     for name in STAGES:
         stage, chat = config.stage(name), config.chat_of(name)
         sampling = stage.sampling.over(chat.sampling)  # as it is sent
-        stages[name] = stage.model_copy(update={"sampling": sampling}).model_dump(
-            mode="json", exclude={"chat"}
-        ) | {"model": chat.model}
+        sent = {"sampling": dict(sampling), "model": chat.model}
+        stages[name] = stage.model_dump(mode="json", exclude={"chat", "sampling"}) | sent
     rules = config.model_dump(mode="json", exclude={"chat", "concurrency", "tries", *STAGES})
     return code_of(json.dumps([stages, rules], sort_keys=True))[:6]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from pydantic import Field, field_validator
+from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer
 
 from webgym.settings import Settings
 
@@ -63,6 +63,11 @@ class Sampling(Settings):
         if conflicts := _RESERVED_FIELDS & extra.keys():
             raise ValueError(f"extra_body must not set {', '.join(sorted(conflicts))}")
         return extra
+
+    @model_serializer(mode="wrap")
+    def _as_set(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Those that are set: one that is stored as ``None`` would remove a default when it is read again."""
+        return {name: value for name, value in dump(self).items() if name in self.model_fields_set}
 
     def over(self, base: Sampling) -> Sampling:
         """These parameters over defaults, one by one, including those in ``extra_body``.

@@ -512,7 +512,8 @@ class Training:
         newest = RunReader(paths[-1].parent, skip_corrupt=True)
         now = _conditions(*self._planned_evaluation(), self.config.sampling.body())
         replies = (step.reply for each in newest.trajectories() for step in each.episode.steps)
-        recorded = next((reply.sampling for reply in replies if reply.sampling), now["sampling"])
+        known = now["sampling"]
+        recorded = next((reply.sampling for reply in replies if known.keys() & reply.sampling), known)
         before = _conditions(read_config(newest)[0], newest.drawn, recorded)
         if differing := [name for name, value in now.items() if value != before[name]]:
             raise ConfigError(

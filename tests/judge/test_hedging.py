@@ -9,7 +9,7 @@ from benchmarks.reward.hacks import candidates
 from benchmarks.reward.measure import choose
 
 from webgym.core.truth import Give
-from webgym.judge.claims import without_denied
+from webgym.judge.claims import spelled, without_denied
 from webgym.judge.hedging import other_candidate
 from webgym.offline.web import OfflineWeb
 
@@ -149,3 +149,10 @@ def test_what_the_right_one_is_compared_with_is_not_named() -> None:
     assert without_denied("Blue Mug costs less than the Red Mug.", wrong) == "Blue Mug costs less ."
     assert without_denied("Blue Mug, compared to Red Mug", wrong) == "Blue Mug, "
     assert without_denied("Blue Mug or Red Mug", wrong) == "Blue Mug or Red Mug"
+
+
+@pytest.mark.timeout(60)
+def test_long_runs_of_marks_and_lines_are_read_once() -> None:
+    """With a pattern that begins anew at every sign of a run, these took minutes."""
+    assert spelled("*" * 60_000 + " 7 min").endswith(" 7 min")
+    assert not other_candidate("\n" * 60_000 + "* \n" * 20_000 + "Answer: 42", [("42",)], ["Find 42"])

@@ -39,7 +39,7 @@ _ADJACENT_NUMBER: Final = re.compile(
     rf"{_PLACEHOLDER}\W{{0,3}}(\d[\d.,:]*)|(\d[\d.,:]*)\W{{0,3}}{_PLACEHOLDER}"
 )
 _HEADING: Final = re.compile(
-    rf"(?:^|(?<=[.;!?]))[\s*•-]*[^\W\d_]{{2,20}}(?: [a-z]{{2,20}})?[ *]*:[\s*]*(?={_PLACEHOLDER})",
+    rf"(?:^|(?<=[.;!?]))(?:[^\S\n]|[*•-])*[^\W\d_]{{2,20}}(?: [a-z]{{2,20}})?[ *]*:[\s*]*(?={_PLACEHOLDER})",
     re.MULTILINE,
 )
 _COUNTS: Final = {word: str(number) for word, number in NUMBER_WORDS.items() if number != 1}

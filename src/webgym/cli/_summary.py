@@ -16,8 +16,6 @@ from webgym.rollout.summary import Summary
 REASONS = 5
 """Number of reasons and hosts that are printed; the report shows all."""
 
-_FAILED = (Outcome.POLICY_ERROR, Outcome.ENVIRONMENT_ERROR, Outcome.JUDGE_ERROR)
-
 
 def line(message: str, limit: int = 300) -> str:
     """A message of a foreign program, made safe for a terminal: on one line, without control characters.
@@ -32,7 +30,7 @@ def line(message: str, limit: int = 300) -> str:
 
 def all_failed(summary: Summary) -> bool:
     """Whether a run made attempts and all of them ended in errors."""
-    failed = sum(summary["outcomes"].get(outcome, 0) for outcome in _FAILED)
+    failed = sum(summary["outcomes"].get(outcome, 0) for outcome in Outcome if outcome.is_error)
     return 0 < failed == summary["attempts"]
 
 

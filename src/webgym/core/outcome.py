@@ -32,6 +32,11 @@ class Outcome(StrEnum):
         return float(self is Outcome.SUCCESS) if self.is_rewarded else None
 
     @property
+    def is_error(self) -> bool:
+        """Whether something failed that is not the attempt."""
+        return self in (Outcome.ENVIRONMENT_ERROR, Outcome.POLICY_ERROR, Outcome.JUDGE_ERROR)
+
+    @property
     def is_retried(self) -> bool:
         """Whether the task is attempted again: the attempt ended for a reason that is not the policy's."""
         return self in (Outcome.ENVIRONMENT_ERROR, Outcome.POLICY_ERROR, Outcome.CANCELLED)

@@ -27,7 +27,6 @@ ENDED_SECONDS = 300.0
 """Time span over which the rate of trajectories is measured; with large models one takes minutes."""
 
 
-_FAULTS: Final = {Outcome.ENVIRONMENT_ERROR, Outcome.POLICY_ERROR, Outcome.JUDGE_ERROR}
 _FEW: Final = 3
 """Errors in a row that are shown with their reason: something that all attempts need may have failed."""
 
@@ -201,7 +200,7 @@ class Progress:
         self._ended.count()
         self.last.appendleft((trajectory.outcome, episode.task_id, len(episode.steps)))
         failure = episode.failure or trajectory.judge_failure
-        if trajectory.outcome in _FAULTS and failure is not None:
+        if trajectory.outcome.is_error and failure is not None:
             self._faults, self._fault = self._faults + 1, failure.message
         elif trajectory.outcome is not Outcome.CANCELLED:
             self._faults = 0

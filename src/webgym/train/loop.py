@@ -57,9 +57,6 @@ Show: TypeAlias = Callable[[Progress], AbstractAsyncContextManager[None]]
 Tell: TypeAlias = Callable[[str], None]
 Track: TypeAlias = Callable[[Mapping[str, Any]], None]
 
-_FAULTS: Final = {Outcome.JUDGE_ERROR, Outcome.POLICY_ERROR, Outcome.ENVIRONMENT_ERROR}
-
-
 _OF_THE_MACHINE: Final = {
     *("executable", "sandbox", "temporary_root", "freeze", "cgroup", "slot_bytes", "slot_tasks"),
     *("launch_seconds", "open_seconds", "close_seconds", "kill_seconds"),
@@ -384,7 +381,8 @@ class Training:
         planned = summary["planned"]["overall"]
         lost = summary["lost_samples"] + summary["outcomes"][Outcome.JUDGE_ERROR]
         if lost > self.config.loop.most_lost * planned:
-            of_faults = (each for each in summary["losses"].values() if _FAULTS & each["outcomes"].keys())
+            losses = summary["losses"].values()
+            of_faults = (each for each in losses if any(Outcome(name).is_error for name in each["outcomes"]))
             raise TrainingError(
                 f"{lost} of {planned} samples of {out.relative_to(self.folder.path)} were lost to errors: "
                 + next((each["message"] for each in of_faults), "see its report"),

@@ -220,6 +220,20 @@ async def test_an_endpoint_is_waited_for_no_longer_than_agreed(endpoint: Endpoin
         assert len(endpoint.requests) == asked + QUICK.tries, "nobody waits again"
 
 
+async def test_an_endpoint_that_answers_what_it_has_before_it_stops_is_waited_for(endpoint: Endpoint) -> None:
+    endpoint.work_seconds = 0.05
+    async with ChatClient(config(endpoint.url("changing"))) as client:
+        await client.complete(MESSAGES)
+        endpoint.behaviour = "crowded"
+        working = [asyncio.create_task(client.complete(MESSAGES)) for _ in range(2 * QUICK.tries)]
+        await until(lambda: len(endpoint.requests) > len(working))
+        endpoint.behaviour = "404"
+        asking = asyncio.create_task(client.complete(MESSAGES))
+        await asyncio.gather(*working)
+        endpoint.behaviour = "fine"
+        assert (await asking).text == "Hello."
+
+
 async def test_a_request_that_fails_while_others_are_answered_is_not_waited_for(endpoint: Endpoint) -> None:
     async with ChatClient(config(endpoint.url("poisoned"))) as client:
         asking = asyncio.create_task(client.complete([{"role": "user", "content": "poison"}]))

@@ -75,7 +75,8 @@ async def test_a_policy_that_is_away_for_longer_than_its_tries_costs_no_attempt(
     numbers = itertools.count()
     world.model._reply_seconds = lambda: 0.0 if next(numbers) < 40 else 1000.0  # of 73
     run = Run().start(config, tmp_path / "run")
-    await until(lambda: run.progress.done >= 1 and world.model.running >= 2)
+    await until(lambda: world.model.replies == 40 and world.model.running == 4)
+    assert run.progress.done >= 1
     await world.stop("model")
     await asyncio.sleep(2)
     world.model._reply_seconds = lambda: 0.0

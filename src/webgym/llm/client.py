@@ -114,9 +114,9 @@ class ChatClient:
         self._http: Pools | None = None
         self._in_flight: set[_Progress] = set()
         self._answered: float | None = None
-        """When the endpoint last sent a reply, on the monotonic clock; ``None`` if it never did."""
+        """When the newest answered try was sent, on the monotonic clock; ``None`` if none was answered."""
         self._failing_since: float | None = None
-        """When the first try after that failed."""
+        """When the first try after the last answer failed."""
 
     @property
     def sampling(self) -> Sampling:
@@ -260,17 +260,19 @@ class ChatClient:
                 status = failure.error.status if isinstance(failure.error, EndpointRefused) else 0
                 self.interruptions += not failure.is_answer and status != 429
                 is_away = not failure.is_answer and self._is_away(progress)
-                progress.last, progress.failed_at = failure.error, time.monotonic()
+                progress.last = failure.error
                 pause = min(retry.longest_seconds, retry.first_seconds * 2**doublings)
                 pause = max(pause * random.uniform(0.5, 1), failure.not_before_seconds)
                 doublings = min(doublings + 1, _MOST_DOUBLINGS)
                 is_last = False
                 if is_away:
                     progress.remaining_seconds = self.config.total_seconds
-                elif failure.is_refusal:
-                    is_last = (refused := refused + 1) >= retry.refused_tries
                 else:
-                    is_last = (failed := failed + 1) >= retry.tries
+                    progress.failed_at = time.monotonic()
+                    if failure.is_refusal:
+                        is_last = (refused := refused + 1) >= retry.refused_tries
+                    else:
+                        is_last = (failed := failed + 1) >= retry.tries
                 progress.remaining_seconds -= pause
                 if is_last or progress.remaining_seconds <= 0:
                     raise failure.error from failure.error.__cause__
@@ -279,7 +281,8 @@ class ChatClient:
     def _is_away(self, progress: _Progress) -> bool:
         """Whether a try failed because the endpoint, which has worked before, is away for a moment.
 
-        It is not away if it has answered other requests since this one failed before.
+        It is not away if it has answered a request that was sent since this one failed before. What was sent
+        earlier says nothing: a server that is stopped answers what it has, and takes nothing new.
         """
         now = time.monotonic()
         self._failing_since = self._failing_since or now
@@ -358,7 +361,8 @@ class ChatClient:
         if (problem := self._problem_of(completion)) is not None:
             await self._discard(request, completion, purpose)
             raise _TemporaryFailure(problem, is_answer=True)
-        self._answered, self._failing_since = time.monotonic(), None
+        self._answered = max(self._answered or 0.0, progress.started)
+        self._failing_since = None
         permit.answered(reply.seconds / (_READING_TOKENS + completion.completion_tokens))
         return reply
 
@@ -482,6 +486,7 @@ class _Progress:
         self.remaining_seconds = seconds
         self.last: LLMError | None = None
         self.failed_at = 0.0
+        """When the newest try failed that counts."""
         self.restart()
 
     def restart(self) -> None:

@@ -312,8 +312,8 @@ async def test_silence(endpoint: Endpoint) -> None:
 
 
 async def test_an_endless_body_ends_at_the_deadline(endpoint: Endpoint) -> None:
-    with pytest.raises(LLMBadReply, match=r"was still sending after 0\.2 s"):
-        await ask(endpoint.url("trickle"), total_seconds=0.2)
+    with pytest.raises(LLMBadReply, match="was still sending after 1 s"):
+        await ask(endpoint.url("trickle"), total_seconds=1)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from typing import TypeAlias
 import pytest
 import pytest_asyncio
 from PIL import Image, ImageDraw, ImageFont
-from playwright.async_api import Browser, async_playwright
+from playwright.async_api import Browser, async_playwright, expect
 
 from webgym.browser.find import find_browser
 from webgym.core.action import Action, Answer, GoBack, LeftClick, Navigate, Scroll, Target, Type, Wait
@@ -26,6 +26,8 @@ from webgym.core.trajectory import Episode, Failure, ImageRef, Message, Reply, S
 from webgym.core.verdict import FactJudgement, Judgement, Verdict
 from webgym.rollout.store import RunReader, RunWriter
 from webgym.rollout.summary import summarise
+
+expect.set_options(timeout=30_000)  # a busy machine is no reason to fail
 
 VIEW = (1280, 768)
 HOSTILE = '</script><script>window.pwned=1</script><img src=x onerror="window.pwned=1"><!--<b>&amp;\'\u2028'

@@ -66,11 +66,12 @@ async function drawList() {
 }
 
 function drawPager(first, count, pages) {
-  const to = (page, path, name) => h("button", { type: "button", class: "quiet", "aria-label": name, title: name, disabled: page < 1 || page > pages,
-    onclick: () => { change({ page }); byId("list").scrollIntoView({ block: "start" }); } }, icon(path));
+  const near = (by) => Math.min(Math.max(state.page + by, 1), pages);   // asked at each click: two may come before the next page does
+  const go = (by, path, name) => h("button", { type: "button", class: "quiet", "aria-label": name, title: name, disabled: near(by) === state.page,
+    onclick: () => { change({ page: near(by) }); byId("list").scrollIntoView({ block: "start" }); } }, icon(path));
   byId("pager").hidden = pages < 2;
   byId("pager").replaceChildren(h("span", { class: "muted" }, `${number(first + 1)} to ${number(first + count)} of ${number(total)}`),
-    to(state.page - 1, LEFT, "Previous page"), to(state.page + 1, RIGHT, "Next page"));
+    go(-1, LEFT, "Previous page"), go(1, RIGHT, "Next page"));
 }
 
 function fillFilters() {
@@ -177,10 +178,11 @@ function crumbs() {
 }
 
 async function neighbour(by) {
-  if (at === null || at + by < 0 || at + by >= total) return;
-  const { rows } = await ask(`api/tasks?${question(at + by, 1)}`);
-  if (!rows.length) return;
-  at += by;
+  const next = at + by;
+  if (at === null || next < 0 || next >= total) return;
+  at = next;   // before the reply: another key may come first
+  const { rows } = await ask(`api/tasks?${question(next, 1)}`);
+  if (at !== next || !rows.length) return;
   state.page = Math.floor(at / settings.page) + 1;
   location.hash = addressOf(rows[0].id);
 }

@@ -108,6 +108,11 @@ _REASON_MARKERS = ("FATAL:", "Check failed:", "sandbox!", "sandbox helper")
 _FEW_FILES = 100
 """With fewer open files, Chromium ends without a word."""
 
+_FORK_SECONDS = 1.0
+"""Longest time that a fork takes on a busy machine."""
+
+_FIRST_PAUSE_SECONDS = 0.01
+
 _EXIT_POLL_SECONDS = (0.001, 0.05)
 """First and longest pause while waiting for a killed process group to end."""
 
@@ -133,6 +138,7 @@ class BrowserProcess:
         self.version = ""
         self.started = asyncio.get_running_loop().time()
         self.is_frozen = False
+        self._stopped = -_FORK_SECONDS
         self.standing_bytes = 0
         """Memory use without renderers at the last check, bytes."""
         self.relieved = ""
@@ -188,12 +194,25 @@ class BrowserProcess:
     def freeze(self) -> None:
         """Stop the whole group: it uses no CPU until :meth:`thaw`. It can still be killed."""
         self.is_frozen = True
+        self._stopped = asyncio.get_running_loop().time()
         self._signal(signal.SIGSTOP)
 
     def thaw(self) -> None:
-        """Let the group continue."""
+        """Let the group continue.
+
+        A process that is being forked when both signals come gets the first alone: Linux ignores a SIGCONT that
+        nobody handles before it notes what a child has to get. So it is sent again until forks have ended.
+        """
         self.is_frozen = False
+        self._continue(_FIRST_PAUSE_SECONDS)
+
+    def _continue(self, pause: float) -> None:
+        if self.is_frozen:
+            return
         self._signal(signal.SIGCONT)
+        loop = asyncio.get_running_loop()
+        if loop.time() - self._stopped < _FORK_SECONDS:
+            loop.call_later(pause, self._continue, 2 * pause)
 
     def relieve(self, renderer: int | None, why: str) -> None:
         """End this renderer, or the whole browser, because of its memory use."""

@@ -94,7 +94,7 @@ async def relayed(gateway: RunningGateway) -> AsyncIterator[BrowserClient]:
 
 async def until_free(gateway: RunningGateway, slots: int = WORKERS) -> None:
     """Wait until that many slots are free."""
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(60):
         while sum(worker.room for worker in gateway.gateway.workers) < slots:
             await asyncio.sleep(0.01)
 
@@ -463,6 +463,7 @@ async def test_a_full_line_is_told_after_a_while() -> None:
         running_gateway(config) as gateway,
         BrowserClient(gateway.url, token=TOKEN, limits=quick()) as client,
     ):
+        await until_free(gateway, 1)  # its browser is up
         await client.open()
         with pytest.raises(NoCapacity, match="1 slots were in use"):
             await client.open()

@@ -25,7 +25,12 @@ async def serving(make: Callable[[int], T], app_of: Callable[[T], ASGIApp]) -> A
     with contextlib.closing(socket.create_server(("127.0.0.1", 0))) as listener:
         made = make(listener.getsockname()[1])
         config = uvicorn.Config(
-            app_of(made), lifespan="off", log_config=None, ws="none", timeout_graceful_shutdown=1
+            app_of(made),
+            lifespan="off",
+            log_config=None,
+            ws="none",
+            timeout_graceful_shutdown=1,
+            timeout_keep_alive=60,  # or a busy client's next request meets a connection that is being closed
         )
         server = QuietServer(config)
         task = asyncio.create_task(server.serve(sockets=[listener]))

@@ -156,7 +156,7 @@ async def test_replies_follow_the_script_and_a_new_attempt_begins_it_anew(script
     user = {"role": "user", "content": f"The task: {script.task.instruction}"}
     async with (
         serving_endpoint([script], Costs(), 2) as endpoint,
-        httpx.AsyncClient(base_url=endpoint.url, trust_env=False) as client,
+        httpx.AsyncClient(base_url=endpoint.url, trust_env=False, timeout=60) as client,
     ):
 
         async def ask(*messages: dict[str, str]) -> str:

@@ -52,9 +52,17 @@ async def click(tab: Tab, name: str) -> str:
 
 
 async def until(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(60):
         while not condition():
             await asyncio.sleep(0.01)
+
+
+async def shown(tab: Tab, text: str) -> str:
+    """What a page shows once it shows this."""
+    async with asyncio.timeout(60):
+        while text not in (found := await step(tab, Wait(0.3))):
+            pass
+    return found
 
 
 def states(slot: Slot) -> set[str]:
@@ -101,12 +109,15 @@ async def test_not_stopped_where_that_is_off(open_tab: Open, site: Site) -> None
 async def test_timers_rest_and_go_on(open_tab: Open, site: Site, numbers: Callable[[str], list[int]]) -> None:
     page = "<p id=t>0</p><script>setInterval(() => t.textContent = ++t.n || (t.n = 1), 50)</script>"
     tab = await opened(open_tab, site.page(page))
+    before = time.monotonic()
     [first] = numbers(await step(tab))
     await asleep(tab)
     [second] = numbers(await step(tab))
-    assert second - first < 0.5 * NAP_SECONDS / 0.05, "it ran while it was stopped"
-    [third] = numbers(await step(tab, Wait(0.5)))
-    assert third >= second + 5, "it did not go on"
+    awake = time.monotonic() - before - NAP_SECONDS
+    assert second - first < awake / 0.05 + 2, "it ran while it was stopped"
+    async with asyncio.timeout(60):
+        while numbers(await step(tab, Wait(0.5)))[0] < second + 5:  # it goes on
+            pass
 
 
 async def test_a_page_sees_a_clock_that_jumped_as_after_a_sleep(open_tab: Open, site: Site) -> None:
@@ -146,18 +157,15 @@ async def test_a_fetch_in_flight_arrives_after_the_sleep(open_tab: Open, site: S
     await asleep(tab, 0)
     release.set()
     await asyncio.sleep(NAP_SECONDS)
-    assert "the answer" in await step(tab, Wait(0.2))
+    await shown(tab, "the answer")
 
 
 async def test_a_download_of_megabytes_waits_for_the_reader(open_tab: Open, site: Site) -> None:
     size, piece = 24, b"x" * (1 << 20)
-    sent = 0
 
     async def stream(_: Request) -> Response:
         async def pieces() -> AsyncIterator[bytes]:
-            nonlocal sent
             for _ in range(size):
-                sent += 1
                 yield piece
                 await asyncio.sleep(0.02)
 
@@ -170,11 +178,7 @@ async def test_a_download_of_megabytes_waits_for_the_reader(open_tab: Open, site
     with tab.slot.awake():
         await tab.slot.act(LeftClick(tab.at("Get")))
     await asleep(tab)
-    for _ in range(20):
-        if str(size << 20) in await step(tab, Wait(0.3)):
-            break
-    else:
-        pytest.fail(f"it did not arrive; {sent} MB were sent")
+    await shown(tab, str(size << 20))
 
 
 async def test_a_websocket_stays_open_and_brings_what_came_meanwhile(open_tab: Open, site: Site) -> None:
@@ -185,16 +189,13 @@ async def test_a_websocket_stays_open_and_brings_what_came_meanwhile(open_tab: O
           s.onmessage = (m) => o.append(m.data + ' ');
           s.onclose = () => o.append('CLOSED');</script>"""
         tab = await opened(open_tab, site.page(page))
-        assert "open" in await step(tab, Wait(0.3))
+        await shown(tab, "open")
         await asleep(tab, 0)
         push("news")
         await asyncio.sleep(NAP_SECONDS)
-        text = await step(tab, Wait(0.3))
-        assert "news" in text
-        text = await click(tab, "Send")
-        text = await step(tab, Wait(0.3))
-        assert "echo-hello" in text
-        assert "CLOSED" not in text
+        await shown(tab, "news")
+        await click(tab, "Send")
+        assert "CLOSED" not in await shown(tab, "echo-hello")
 
 
 VIDEO = """<canvas id=c width=64 height=64></canvas><video id=v muted loop width=64></video><p id=o>wait</p>
@@ -223,13 +224,12 @@ recorder.start(); setTimeout(() => recorder.stop(), 1200);
 
 async def test_a_video_goes_on(open_tab: Open, site: Site, numbers: Callable[[str], list[int]]) -> None:
     tab = await opened(open_tab, site.page(VIDEO))
-    async with asyncio.timeout(30):
-        while "moved" not in await step(tab, Wait(0.3)):
-            pass
+    await shown(tab, "moved")
     await asleep(tab)
     [before] = numbers(await step(tab))
-    [after] = numbers(await step(tab, Wait(1)))
-    assert after > before, "it stands still"
+    async with asyncio.timeout(60):
+        while numbers(await step(tab, Wait(0.3)))[0] <= before:  # it does not stand still
+            pass
 
 
 async def test_a_crash_while_it_is_stopped_is_noticed(open_tab: Open, site: Site) -> None:

@@ -147,7 +147,7 @@ async def test_a_killed_server_leaves_no_browser_and_the_sweep_no_folder(
     assert group(browser)
     owner.kill()
     await owner.wait()
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(30):
         while group(browser):
             await asyncio.sleep(0.02)
     root = ProfileRoot(tmp_path)
@@ -168,11 +168,11 @@ async def test_the_sweep_ends_browsers_that_outlived_their_server(executable: Pa
         stderr=DEVNULL,
         start_new_session=True,
     )
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(30):
         while len(group(orphan.pid)) < 3:
             await asyncio.sleep(0.02)
     await asyncio.to_thread(ProfileRoot(tmp_path).sweep)
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(30):
         while group(orphan.pid):
             await asyncio.sleep(0.02)
     await orphan.wait()

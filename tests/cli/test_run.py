@@ -20,9 +20,9 @@ from typing import Any
 
 import pytest
 import yaml
-from benchmarks.stand_ins import TOKEN, StandInModel
+from benchmarks.stand_ins import TOKEN
 from pydantic import SecretStr
-from tests.rollout.running import World, a_world, until
+from tests.rollout.running import Model, World, a_world, until
 
 from webgym import runs
 from webgym.cli import _run
@@ -273,7 +273,7 @@ async def test_ctrl_c_leaves_the_terminal_whole_and_tells_what_is_kept(tmp_path:
     """Two attempts end; the others think when Ctrl-C is pressed."""
     answers, run = asyncio.Event(), tmp_path / "run"
     async with a_world() as world:
-        world.model = StandInModel(steps=1)
+        world.model = Model(steps=1)
         reply, numbers = world.model._reply, itertools.count(1)
 
         async def two_answer(request: Any) -> Any:

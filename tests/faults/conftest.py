@@ -156,7 +156,7 @@ class ServerApart:
     async def gone(self) -> None:
         """The server has ended, and nothing of its browsers is left."""
         await self.process.wait()
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(30):
             while of_groups(self.groups):
                 await asyncio.sleep(0.02)
 

@@ -410,8 +410,8 @@ def test_a_trailing_slash_does_no_harm() -> None:
     [
         ("500", 99.0, "1 of 1 requests are sent again: .* answered 500"),
         ("flaky", 99.0, "1 of 1 requests are sent again: .* answered 429 Too Many Requests: slow down"),
-        ("silent", 0.05, "is silent for 0 s"),
-        ("trickle", 0.05, r"has sent \d+ bytes for 0 s"),
+        ("silent", 0.05, r"is silent for \d+ s"),
+        ("trickle", 0.05, r"has sent \d+ bytes for \d+ s"),
     ],
 )
 async def test_who_waits_is_told_what_for(

@@ -220,7 +220,7 @@ async def test_simulated_latency_is_waited_for(web: OfflineWeb) -> None:
     scale = 0.3 / latency.seconds(web.seed, host, path, 1, 1.0)
     async with (
         serving(SitesConfig(latency=min(scale, 100)), web) as sites,
-        httpx.AsyncClient(base_url=sites.url) as client,
+        httpx.AsyncClient(base_url=sites.url, timeout=60) as client,
     ):
         began = time.monotonic()
         await client.get(path, headers={"host": host})

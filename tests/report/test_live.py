@@ -118,7 +118,7 @@ async def test_the_command_prints_the_address_and_ends_on_interrupt(run_folder: 
     )
     assert process.stdout is not None
     address = (await process.stdout.readline()).decode().strip()
-    async with httpx.AsyncClient() as client:
+    async with httpx.AsyncClient(timeout=60) as client:
         reply = await client.get(address)
     assert "2026-03-demo" in reply.text
     process.send_signal(signal.SIGINT)

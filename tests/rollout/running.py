@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -56,12 +57,36 @@ class Judge:
         return web.Response()
 
 
+class Model(StandInModel):
+    """Holds the requests after the first so many, until it may reply to more.
+
+    Attributes:
+        may: the number of requests that it may reply to.
+        held: the number of requests that it holds.
+    """
+
+    def __init__(self, steps: int = 3) -> None:
+        super().__init__(steps)
+        self.may = math.inf
+        self.held = self._begun = 0
+
+    async def _reply(self, request: web.Request) -> web.Response:
+        self.held += 1
+        try:
+            while self._begun >= self.may:
+                await asyncio.sleep(0.005)
+        finally:
+            self.held -= 1
+        self._begun += 1
+        return await super()._reply(request)
+
+
 class World:
     """Servers that stand in for everything that a collector talks to; each may be stopped and started."""
 
     def __init__(self) -> None:
         self.browsers = StandInBrowsers()
-        self.model = StandInModel()
+        self.model = Model()
         self.judge = Judge()
         self.ports: dict[str, int] = {}
         self._running: dict[str, AsyncExitStack] = {}
@@ -143,6 +168,17 @@ class Run:
     async def end(self) -> Summary:
         async with asyncio.timeout(SECONDS):
             return await self.task
+
+
+HALF = 24
+"""Replies: of 4 attempts at a time, 6 to 8 have all theirs, whatever the pace."""
+
+
+async def until_half(run: Run, world: World) -> None:
+    """Until all that got their replies are recorded, and four attempts wait for the model."""
+    await until(
+        lambda: world.model.held == 4 and run.progress.done >= 6 and not run.progress.states["judging"]
+    )
 
 
 def books(out: Path) -> list[Trajectory]:

@@ -236,7 +236,7 @@ async def test_a_browser_that_is_killed_costs_its_attempt_and_nothing_else(tmp_p
 
 
 async def test_a_cancelled_run_records_what_was_in_flight_and_goes_on(tmp_path: Path) -> None:
-    file = task_file(tmp_path, 6, LARGE)
+    file = task_file(tmp_path, 6)
     started = asyncio.Event()
 
     class Watch:
@@ -247,14 +247,15 @@ async def test_a_cancelled_run_records_what_was_in_flight_and_goes_on(tmp_path: 
             self.task = asyncio.create_task(self.watch())
 
         async def watch(self) -> None:
-            while not self.progress.outcomes:
+            states = self.progress.states
+            while not self.progress.outcomes or not states["acting"] + states["thinking"]:
                 await asyncio.sleep(0.01)
             started.set()
 
         async def __aexit__(self, *_: object) -> None:
             await self.task
 
-    run = asyncio.create_task(collect(config(file, sites=LARGE), tmp_path / "run", show=Watch))
+    run = asyncio.create_task(collect(config(file), tmp_path / "run", show=Watch))
     await started.wait()
     run.cancel()
     with pytest.raises(asyncio.CancelledError):

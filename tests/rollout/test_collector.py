@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import itertools
 import json
+import math
 import threading
 import urllib.request
 from collections.abc import AsyncIterator, Iterator
@@ -12,8 +13,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from benchmarks.stand_ins import TOKEN, StandInModel
-from tests.rollout.running import SECONDS, Run, World, a_world, books, outcomes, until
+from benchmarks.stand_ins import TOKEN
+from tests.rollout.running import (
+    HALF,
+    SECONDS,
+    Model,
+    Run,
+    World,
+    a_world,
+    books,
+    outcomes,
+    until,
+    until_half,
+)
 from tests.rollout.stand_in_judge import ADDRESS
 
 from webgym.core.errors import LeaseLost, ServerUnreachable
@@ -71,7 +83,7 @@ async def test_without_a_barrier_an_attempt_that_hangs_holds_up_no_other(
     tmp_path: Path, world: World
 ) -> None:
     lets = asyncio.Event()
-    model = world.model = StandInModel(steps=1)
+    model = world.model = Model(steps=1)
     reply, numbers = model._reply, itertools.count()
 
     async def first_hangs(request: Any) -> Any:
@@ -245,18 +257,18 @@ async def test_a_slow_judge_or_disk_holds_browsers_back_before_memory_grows(
 async def test_a_run_that_is_to_finish_ends_what_it_has_begun_and_begins_nothing(
     tmp_path: Path, world: World
 ) -> None:
-    numbers = itertools.count()
-    world.model._reply_seconds = lambda: 0.0 if next(numbers) < 40 else 0.3  # not done before it is told
-    run = Run().start(world.config(tmp_path, 40), tmp_path / "run")
-    await until(lambda: run.progress.done >= 4)
+    world.model.may = HALF
+    run = Run().start(world.config(tmp_path, 16), tmp_path / "run")
+    await until_half(run, world)
+    begun = world.browsers.opened
     run.finishing.set()
+    world.model.may = math.inf
     await run.end()
-    made = outcomes(tmp_path / "run")
-    assert made == {"success": world.browsers.opened}
-    assert 4 <= world.browsers.opened < 40
+    assert outcomes(tmp_path / "run") == {"success": begun}
+    assert world.browsers.opened == begun < 16
     await Run().start(None, tmp_path / "run").end()
-    assert outcomes(tmp_path / "run") == {"success": 40}
-    assert world.browsers.opened == 40
+    assert outcomes(tmp_path / "run") == {"success": 16}
+    assert world.browsers.opened == 16
 
 
 async def test_a_complete_run_that_is_resumed_needs_no_server(tmp_path: Path, world: World) -> None:
@@ -315,7 +327,7 @@ async def test_a_straggler_is_cancelled_by_the_collector_and_made_when_the_run_g
 async def test_who_begins_late_gets_as_much_time_as_the_others_needed(tmp_path: Path, world: World) -> None:
     """The last attempt begins when the end of the run has begun, and there is no grace."""
     numbers = itertools.count()
-    world.model._reply_seconds = lambda: 0.7 if next(numbers) < 12 else 0.3  # 4 attempts of 3 turns
+    world.model._reply_seconds = lambda: 0.7 if next(numbers) < 12 else 0.1  # 4 attempts of 3 turns
     late = {"straggler_share": 0.8, "straggler_seconds": 0.0, "sessions": 4}
     await Run().start(world.config(tmp_path, 5, late), tmp_path / "run").end()
     assert outcomes(tmp_path / "run") == {"success": 5}
@@ -335,17 +347,19 @@ async def test_waits_in_the_servers_queues_are_not_the_attempts_own_time(
     tmp_path: Path, world: World
 ) -> None:
     """Nor do they use up the time in which a call is answered."""
-    world.browsers._step_seconds, world.browsers._queued_seconds = (lambda: 0.3), 1e6
-    limits = ClientLimits(reply_seconds=0.1)
+    steps = itertools.count()
+    world.browsers._step_seconds = lambda: 0.0 if next(steps) else 1.5
+    world.browsers._queued_seconds = 1e6
+    limits = ClientLimits(reply_seconds=0.5)  # enough for all other calls on a slow machine
     await Run().start(world.config(tmp_path, 2, limits=limits, retries=0), tmp_path / "run").end()
     assert outcomes(tmp_path / "run") == {"success": 2}
 
 
 async def test_a_step_that_hangs_without_waiting_is_given_up(world: World) -> None:
     world.browsers._step_seconds = lambda: 3600.0
-    limits = ClientLimits(reply_seconds=0.1)
-    async with BrowserClient(world.url("browsers"), token=TOKEN, limits=limits) as client:
+    async with BrowserClient(world.url("browsers"), token=TOKEN) as client:
         session = await client.open()
+        client.limits = ClientLimits(reply_seconds=0.5)
         with pytest.raises(ServerUnreachable, match="in time"):
             await session.step()
         # The server knows better what became of a session that ended meanwhile.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import os
 import shutil
 import subprocess
@@ -13,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.rollout.running import Run, World, a_world, books, outcomes, until
+from tests.rollout.running import HALF, Run, World, a_world, books, outcomes, until, until_half
 from tests.rollout.stand_in_judge import ADDRESS
 from tests.rollout.test_plan import entry
 from tests.rollout.test_store import begun, made
@@ -194,11 +195,13 @@ async def test_what_an_abandoned_run_had_claimed_is_done_by_another_and_what_it_
     tmp_path: Path, world: World
 ) -> None:
     config = world.config(tmp_path, 12, shared(tmp_path))
+    world.model.may = HALF
     first = Run().start(config, tmp_path / "a")
-    await until(lambda: first.progress.done >= 3)
+    await until_half(first, world)
     first.task.cancel()
     with pytest.raises(asyncio.CancelledError):
         await first.end()
+    world.model.may = math.inf
     ended = {each.episode.task_id for each in books(tmp_path / "a") if not each.outcome.is_retried}
     await Run().start(config, tmp_path / "b").end()
     others = {each.episode.task_id for each in books(tmp_path / "b")}

@@ -58,8 +58,8 @@ async def site() -> AsyncIterator[Site]:
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def server() -> AsyncIterator[RunningServer]:
-    """One server of two slots for a whole module."""
-    config = ServerConfig(slots=2, token=TOKEN, allocate_seconds=3, browser=LOCAL)
+    """One server of two slots for a whole module. A slot that is being cleaned is waited for."""
+    config = ServerConfig(slots=2, token=TOKEN, allocate_seconds=60, browser=LOCAL)
     async with running_server(config) as server:
         yield server
 

@@ -16,7 +16,7 @@ from PIL import Image
 
 from webgym.server.compat import CompatConfig, RunningCompat, running_compat
 from webgym.server.compat.commands import COMMANDS
-from webgym.server.config import ServerConfig
+from webgym.server.config import ClientLimits, ServerConfig
 from webgym.server.run_worker import RunningServer
 
 from .conftest import PAGES, Site
@@ -26,7 +26,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
 Json = dict[str, Any]
 
 KEY = "a-key-of-theirs"
-WAIT_SECONDS = 20.0
+WAIT_SECONDS = 60.0
 
 PAGES["/compat/board"] = """
 <title>Board</title>
@@ -121,7 +121,7 @@ async def theirs(compat: RunningCompat, server: RunningServer) -> AsyncIterator[
     """A client; afterwards nothing is held any more, neither here nor on the server."""
     headers = {"x-api-key": KEY}
     async with httpx.AsyncClient(
-        base_url=compat.url, headers=headers, trust_env=False, verify=False, timeout=30
+        base_url=compat.url, headers=headers, trust_env=False, verify=False, timeout=60
     ) as http:
         client = Theirs(http)
         yield client
@@ -177,7 +177,7 @@ PATHS = [
 
 @pytest.mark.parametrize(("method", "path"), PATHS)
 async def test_nothing_is_done_without_the_key(compat: RunningCompat, method: str, path: str) -> None:
-    async with httpx.AsyncClient(base_url=compat.url, trust_env=False) as http:
+    async with httpx.AsyncClient(base_url=compat.url, trust_env=False, timeout=60) as http:
         assert refusal(await http.request(method, path)) == (
             401,
             "the API key is missing (send it as x-api-key)",
@@ -190,7 +190,7 @@ async def test_nothing_is_done_without_the_key(compat: RunningCompat, method: st
 async def test_the_servers_token_is_the_key_where_no_other_is_given(server: RunningServer) -> None:
     async with (
         running_compat(server.url, server.token, listening=ServerConfig()) as layer,
-        httpx.AsyncClient(headers={"x-api-key": server.token}, trust_env=False) as http,
+        httpx.AsyncClient(headers={"x-api-key": server.token}, trust_env=False, timeout=60) as http,
     ):
         assert (await http.get(f"{layer.url}/info")).status_code == 200
 
@@ -265,7 +265,9 @@ async def test_unknown_paths_and_methods(theirs: Theirs) -> None:
 
 
 async def test_an_episode_with_marks(theirs: Theirs, site: Site) -> None:
-    before = await theirs.node()
+    async with asyncio.timeout(WAIT_SECONDS):  # an earlier browser may still be cleaned
+        while (before := await theirs.node())["available"] < 2:
+            await asyncio.sleep(0.02)
     assert (before["healthy"], before["capacity"], before["instances"]) == (True, 2, [])
     instance = await theirs.get(45)
     node = await theirs.node()
@@ -319,14 +321,18 @@ async def test_a_reset_gives_a_fresh_page(theirs: Theirs, instance: Json, site: 
     assert await theirs.text(instance) == ["was:"]
 
 
-async def test_instances_share_nothing_and_there_are_only_so_many(theirs: Theirs, site: Site) -> None:
+async def test_instances_share_nothing_and_there_are_only_so_many(
+    theirs: Theirs, site: Site, compat: RunningCompat, monkeypatch: pytest.MonkeyPatch
+) -> None:
     one, two = await asyncio.gather(theirs.get(), theirs.get())
     assert one["instance_id"] != two["instance_id"]
     await asyncio.gather(*(theirs.visit(each, site.url("/counter")) for each in (one, two)))
     click = {"click_coords": {"x": 20, "y": 20}}
     await asyncio.gather(*(theirs.do(one, click) for _ in range(3)), theirs.do(two, click))
     assert [await theirs.title(one), await theirs.title(two)] == ["3", "1"]
-    full = await theirs.http.post("/get")
+    with monkeypatch.context() as patch:
+        patch.setattr(compat.instances.client, "limits", ClientLimits(wait_seconds=0.1))
+        full = await theirs.http.post("/get")
     assert refusal(full)[0] == 503
     await theirs.reset(one)
     await theirs.get()
@@ -517,7 +523,9 @@ async def test_an_instance_used_again_after_its_reset_is_taken_back_when_idle(
     config = CompatConfig(reset_idle_seconds=0.3)
     async with (
         running_compat(server.url, server.token, listening=ServerConfig(), config=config) as layer,
-        httpx.AsyncClient(base_url=layer.url, headers={"x-api-key": layer.key}, trust_env=False) as http,
+        httpx.AsyncClient(
+            base_url=layer.url, headers={"x-api-key": layer.key}, trust_env=False, timeout=60
+        ) as http,
     ):
         theirs = Theirs(http)
         instance, other = await theirs.get(), await theirs.get()
@@ -532,7 +540,9 @@ async def test_only_so_many_instances_are_remembered(server: RunningServer) -> N
     config = CompatConfig(instances=2)
     async with (
         running_compat(server.url, server.token, listening=ServerConfig(), config=config) as layer,
-        httpx.AsyncClient(base_url=layer.url, headers={"x-api-key": layer.key}, trust_env=False) as http,
+        httpx.AsyncClient(
+            base_url=layer.url, headers={"x-api-key": layer.key}, trust_env=False, timeout=60
+        ) as http,
     ):
         theirs = Theirs(http)
         first = await theirs.get()
@@ -596,7 +606,9 @@ async def test_a_server_that_is_away() -> None:
         port = listener.getsockname()[1]
     async with (
         running_compat(f"http://127.0.0.1:{port}", KEY, listening=ServerConfig()) as layer,
-        httpx.AsyncClient(base_url=layer.url, headers={"x-api-key": KEY}, trust_env=False) as http,
+        httpx.AsyncClient(
+            base_url=layer.url, headers={"x-api-key": KEY}, trust_env=False, timeout=60
+        ) as http,
     ):
         node = await Theirs(http).node()
         assert (node["healthy"], node["capacity"], node["instances"]) == (False, 0, [])

@@ -94,7 +94,7 @@ async def relayed(gateway: RunningGateway) -> AsyncIterator[BrowserClient]:
 
 async def until_free(gateway: RunningGateway, slots: int = WORKERS) -> None:
     """Wait until that many slots are free."""
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(60):
         while sum(worker.room for worker in gateway.gateway.workers) < slots:
             await asyncio.sleep(0.01)
 
@@ -244,7 +244,7 @@ async def test_what_is_published(gateway: RunningGateway, client: BrowserClient)
     assert (pressure.slots.total, pressure.slots.leased) == (WORKERS, 1)
     assert pressure.operations["metadata"].done >= 1
     headers = {"authorization": f"Bearer {TOKEN}"}
-    async with httpx.AsyncClient(base_url=gateway.url, headers=headers, trust_env=False) as http:
+    async with httpx.AsyncClient(base_url=gateway.url, headers=headers, trust_env=False, timeout=60) as http:
         health = await http.get("/healthz")
         assert (health.status_code, health.json()) == (200, {"status": "ok"})
         paths = (await http.get("/openapi.json")).json()["paths"]
@@ -267,7 +267,7 @@ async def test_the_load_of_all_workers_adds_up(
     done = {name: load.done - before[name].done for name, load in pressure.operations.items()}
     assert (done["allocate"], done["navigate"], done["screenshot"]) == (WORKERS, WORKERS, 2 * WORKERS)
     headers = {"authorization": f"Bearer {TOKEN}"}
-    async with httpx.AsyncClient(base_url=gateway.url, headers=headers, trust_env=False) as http:
+    async with httpx.AsyncClient(base_url=gateway.url, headers=headers, trust_env=False, timeout=60) as http:
         text = (await http.get("/metrics")).text
         each = [
             msgspec.json.decode((await http.get(f"{worker.url}/pressure")).content, type=Pressure)
@@ -290,7 +290,7 @@ async def test_the_load_of_all_workers_adds_up(
 @pytest.mark.parametrize("operation", OPERATIONS, ids=lambda operation: operation.name)
 async def test_nothing_but_health_is_open(gateway: RunningGateway, operation: object) -> None:
     assert isinstance(operation, type(STEP))
-    async with httpx.AsyncClient(base_url=gateway.url, trust_env=False) as http:
+    async with httpx.AsyncClient(base_url=gateway.url, trust_env=False, timeout=60) as http:
         response = await http.request(operation.method, operation.path.replace("{id}", "w1-ab"))
     assert response.status_code == (200 if operation.is_open else 401)
 
@@ -312,7 +312,7 @@ async def test_every_call_of_a_session_is_fenced_at_both_doors(
     ]
     authorized = {"authorization": f"Bearer {TOKEN}"}
     for door in (gateway.url, grant.endpoint):
-        async with httpx.AsyncClient(base_url=door, headers=authorized, trust_env=False) as http:
+        async with httpx.AsyncClient(base_url=door, headers=authorized, trust_env=False, timeout=60) as http:
             for operation in OPERATIONS:
                 if operation.has_lease:
                     for name, headers in forged:
@@ -326,7 +326,7 @@ async def test_every_call_of_a_session_is_fenced_at_both_doors(
 
 async def test_bad_calls_do_not_reach_a_worker(gateway: RunningGateway, client: BrowserClient) -> None:
     headers = {"authorization": f"Bearer {TOKEN}", SECRET_HEADER: "x", GENERATION_HEADER: "1"}
-    async with httpx.AsyncClient(base_url=gateway.url, headers=headers, trust_env=False) as http:
+    async with httpx.AsyncClient(base_url=gateway.url, headers=headers, trust_env=False, timeout=60) as http:
         for path, body, status in [
             ("/v1/sessions", b"{", 400),
             ("/v1/sessions", b"x" * 2_000_000, 413),
@@ -422,14 +422,14 @@ async def test_a_killed_worker_costs_its_own_sessions_alone(
             await victim.metadata()
         if other is two:
             assert (await other.metadata()).title == "Home"
-        await asyncio.to_thread(psutil.wait_procs, browsers, 10)
+        await asyncio.to_thread(psutil.wait_procs, browsers, 30)
         assert not any(browser.is_running() for browser in browsers)
         await until_free(gateway, 1)
     [again] = [await client.open()]
     assert (await again.navigate(site.url())).title == "Home"
     await again.close()
     await until_free(gateway)
-    async with asyncio.timeout(20):
+    async with asyncio.timeout(30):
         while len(list((profiles / f"webgym-{os.getuid()}").iterdir())) > WORKERS:
             await asyncio.sleep(0.05)
     assert not gateway.gateway._quota._holders
@@ -463,6 +463,7 @@ async def test_a_full_line_is_told_after_a_while() -> None:
         running_gateway(config) as gateway,
         BrowserClient(gateway.url, token=TOKEN, limits=quick()) as client,
     ):
+        await until_free(gateway, 1)  # its browser is up
         await client.open()
         with pytest.raises(NoCapacity, match="1 slots were in use"):
             await client.open()

@@ -41,7 +41,9 @@ pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
 @pytest_asyncio.fixture(loop_scope="module")
 async def http(server: RunningServer) -> AsyncIterator[httpx.AsyncClient]:
     headers = {"authorization": f"Bearer {TOKEN}"}
-    async with httpx.AsyncClient(base_url=server.url, headers=headers, trust_env=False, verify=False) as http:
+    async with httpx.AsyncClient(
+        base_url=server.url, headers=headers, trust_env=False, timeout=60, verify=False
+    ) as http:
         yield http
 
 
@@ -253,7 +255,7 @@ async def test_a_random_token_is_made_and_stays_out_of_sight() -> None:
 
 
 async def test_health_says_which_run_of_the_server_it_is(server: RunningServer) -> None:
-    async with httpx.AsyncClient(base_url=server.url, trust_env=False) as http:
+    async with httpx.AsyncClient(base_url=server.url, trust_env=False, timeout=60) as http:
         response = await http.get("/healthz")
         assert response.headers["x-webgym-instance"] == server.instance
         assert len(server.instance) == 16
@@ -271,10 +273,10 @@ async def test_health_is_503_where_no_browser_comes_up() -> None:
         await slot.stop()
         with pytest.raises(BrowserLaunchFailed):
             await client.open()
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(30):
             while (await client.health()).status == "ok":
                 await asyncio.sleep(0.01)
-        async with httpx.AsyncClient(trust_env=False) as http:
+        async with httpx.AsyncClient(trust_env=False, timeout=60) as http:
             response = await http.get(f"{server.url}/healthz")
         assert response.status_code == 503
         assert response.json() == {"status": "no browser starts"}
@@ -333,7 +335,7 @@ async def test_whoever_watches_hears_of_every_change(http: httpx.AsyncClient, cl
         first = msgspec.json.decode(await anext(lines), type=Watched)
         assert first.sessions == ()
         session = await client.open()
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(30):
             async for line in lines:
                 now = msgspec.json.decode(line, type=Watched)
                 if now.sessions:
@@ -342,7 +344,7 @@ async def test_whoever_watches_hears_of_every_change(http: httpx.AsyncClient, cl
         assert now.slots.leased == 1
         assert (now.asked, now.granted) == (first.asked + 1, first.granted + 1)
         await session.close()
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(30):
             while msgspec.json.decode(await anext(lines), type=Watched).slots.free < 2:
                 pass
 

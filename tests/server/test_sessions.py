@@ -7,6 +7,7 @@ import contextlib
 import hashlib
 import os
 import signal
+import time
 
 import httpx
 import pytest
@@ -81,7 +82,7 @@ async def test_an_unchanged_picture_is_sent_once(site: Site, session: Session, s
     grant = session.grant
     headers = {"authorization": f"Bearer {TOKEN}", SECRET_HEADER: grant.secret, GENERATION_HEADER: "1"}
     headers[GENERATION_HEADER] = str(grant.generation)
-    async with httpx.AsyncClient(headers=headers, trust_env=False) as http:
+    async with httpx.AsyncClient(headers=headers, trust_env=False, timeout=60) as http:
         url = f"{server.url}/v1/sessions/{session.id}/step"
         whole = await http.post(url, json={})
         known = await http.post(url, json={"have": [first.observation.screenshot]})
@@ -98,7 +99,7 @@ async def test_pictures_are_jpeg_where_that_is_asked_for(
     assert (await session.step()).observation.screenshot == view.observation.screenshot, "nothing changed"
     headers = {"authorization": f"Bearer {TOKEN}", SECRET_HEADER: session.grant.secret}
     headers[GENERATION_HEADER] = str(session.grant.generation)
-    async with httpx.AsyncClient(headers=headers, trust_env=False) as http:
+    async with httpx.AsyncClient(headers=headers, trust_env=False, timeout=60) as http:
         bare = await http.post(f"{server.url}/v1/sessions/{session.id}/screenshot")
     assert bare.headers["content-type"] == "image/jpeg"
     await session.close()
@@ -122,7 +123,7 @@ async def test_sessions_share_no_state_and_calls_do_not_overlap(site: Site, clie
 async def test_when_all_slots_are_taken(client: BrowserClient) -> None:
     sessions = [await client.open() for _ in range(2)]
     with pytest.raises(NoCapacity, match="2 slots"):
-        await client.open()
+        await client.open(SessionOptions(wait_seconds=0.1))
     waiting = asyncio.create_task(client.open())
     while not (await client.pressure()).slots.waiting:
         await asyncio.sleep(0.01)
@@ -171,9 +172,10 @@ async def test_an_old_holder_cannot_touch_its_successor(site: Site, client: Brow
 
 async def test_a_client_gone_without_goodbye_loses_its_lease(site: Site, client: BrowserClient) -> None:
     session = await client.open(SessionOptions(ttl_seconds=0.3))
-    await session.navigate(site.url())
+    with contextlib.suppress(LeaseLost):  # on a busy machine it was not renewed in time
+        await session.navigate(site.url())
     await session.abandon()  # the client is dead
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(30):
         while (await client.pressure()).slots.free < 2:
             await asyncio.sleep(0.02)
     with pytest.raises(LeaseLost):
@@ -200,9 +202,9 @@ async def test_nobody_holds_a_lease_for_longer_than_he_may(client: BrowserClient
 
 
 async def test_a_thinking_model_keeps_its_lease(site: Site, client: BrowserClient) -> None:
-    session = await client.open(SessionOptions(ttl_seconds=0.3))
+    session = await client.open(SessionOptions(ttl_seconds=1))
     await session.navigate(site.url())
-    await asyncio.sleep(1)  # the model thinks
+    await asyncio.sleep(1.5)  # the model thinks
     assert (await session.metadata()).title == "Home"
     await session.close()
 
@@ -229,6 +231,7 @@ async def test_what_a_look_waits_and_takes_is_not_its_actions(
     gate = AdmissionController(Admission(fewest=1, most=1))
     monkeypatch.setattr(server.service, "gate", gate)
     async with asyncio.timeout(60):
+        started = time.monotonic()
         step = asyncio.create_task(session.step(Navigate(site.url())))
         while not gate.permits.running:
             await asyncio.sleep(0.001)
@@ -236,6 +239,7 @@ async def test_what_a_look_waits_and_takes_is_not_its_actions(
             while (waited := (await session.heartbeat()).queued_seconds) < 0.3:
                 await asyncio.sleep(0.01)
         seen = (await step).observation
+    took = time.monotonic() - started
     assert seen.seconds("queued") < waited <= seen.seconds("queued_screenshot")
     assert seen.own_seconds == pytest.approx(seen.seconds("navigate", "settle", "metadata", "screenshot"))
     loads = {kind: queue.load for kind, queue in client.calls.items()}
@@ -243,7 +247,8 @@ async def test_what_a_look_waits_and_takes_is_not_its_actions(
     assert loads["screenshot"].waited_seconds == pytest.approx(seen.seconds("queued_screenshot"), abs=1e-5)
     assert loads["screenshot"].served_seconds == pytest.approx(seen.seconds("screenshot"), abs=1e-5)
     assert loads["metadata"].served_seconds == pytest.approx(seen.seconds("metadata"), abs=1e-5)
-    assert seen.seconds("navigate", "settle") < loads["navigate"].served_seconds < waited + seen.own_seconds
+    unqueued = took - seen.seconds("queued_screenshot")
+    assert seen.seconds("navigate", "settle") < loads["navigate"].served_seconds < unqueued
     await session.close()
     await gate.stop()
 
@@ -256,7 +261,7 @@ async def test_a_session_is_closed_while_it_works(site: Site, client: BrowserCli
     await session.close()
     with pytest.raises(LeaseLost):
         await working
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(30):
         while (await client.pressure()).slots.free < 2:
             await asyncio.sleep(0.01)
 
@@ -288,7 +293,7 @@ async def test_a_browser_that_died_in_line_is_not_handed_out(
     for slot in server.service.pool.slots:
         assert slot.process is not None
         os.killpg(slot.process.pid, signal.SIGKILL)
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(30):
         while any(slot.is_up for slot in server.service.pool.slots):
             await asyncio.sleep(0.01)
     session = await client.open()
@@ -300,7 +305,7 @@ async def test_a_browser_that_died_in_line_is_not_handed_out(
 async def test_an_impossible_viewport(client: BrowserClient, viewport: tuple[int, int]) -> None:
     with pytest.raises(ProtocolError):
         await client.open(SessionOptions(viewport=viewport))
-    async with asyncio.timeout(10):  # an earlier session's slot may still be cleaned
+    async with asyncio.timeout(30):  # an earlier session's slot may still be cleaned
         while (await client.pressure()).slots.leased:
             await asyncio.sleep(0.01)
 
@@ -321,7 +326,7 @@ async def test_a_session_does_not_live_for_ever(site: Site) -> None:
         session = await client.open()
         with contextlib.suppress(LeaseLost):  # on a busy machine its life is over here
             await session.navigate(site.url())
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(30):
             while True:
                 try:
                     await session.heartbeat()

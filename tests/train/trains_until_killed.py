@@ -12,7 +12,6 @@ import os
 import random
 import signal
 import sys
-import time
 from pathlib import Path
 
 import torch
@@ -71,40 +70,35 @@ async def train(path: Path, model: Path, *, browsers: bool) -> None:
             await run(*reached)
 
 
-def live(path: Path, model: Path, browsers: bool, seconds: float | None) -> bool:
-    """One life of so many seconds; whether it came to its end by itself."""
+def live(path: Path, model: Path, browsers: bool, seconds: float | None) -> float | None:
+    """One life of so many seconds of CPU time, which do not depend on who else is at work; those that it took
+    to come to its end by itself."""
     child = os.fork()
     if child == 0:
+        signal.setitimer(signal.ITIMER_PROF, seconds or 0.0)  # its signal ends the process, as SIGKILL does
         try:
             asyncio.run(train(path, model, browsers=browsers))
         except BaseException:
             sys.excepthook(*sys.exc_info())
             os._exit(1)
         os._exit(0)
-    if seconds is not None:
-        until = time.monotonic() + seconds
-        while time.monotonic() < until:
-            if os.waitpid(child, os.WNOHANG)[0]:
-                return True
-            time.sleep(0.005)
-        os.kill(child, signal.SIGKILL)
-    _, status = os.waitpid(child, 0)
+    _, status, used = os.wait4(child, 0)
     if os.WIFEXITED(status) and os.WEXITSTATUS(status):
         sys.exit(f"a life ended with {os.WEXITSTATUS(status)}")
-    return os.WIFEXITED(status)
+    return used.ru_utime + used.ru_stime if os.WIFEXITED(status) else None
 
 
 def main(folder: Path, model: Path, kills: int, seed: int, browsers: bool) -> None:
     """Make ``folder/whole`` and ``folder/killed``, and write to ``folder/kills`` how often it was killed."""
     torch.set_num_threads(1)
-    rng, started = random.Random(seed), time.monotonic()
-    live(folder / "whole", model, browsers, None)
-    whole = time.monotonic() - started
+    rng = random.Random(seed)
+    whole = live(folder / "whole", model, browsers, None)
+    assert whole is not None
     killed = 0
     # Lives that are long enough, on the whole, to come to the end only after the last kill.
-    while killed < kills and not live(
-        folder / "killed", model, browsers, rng.uniform(0.1, 1.3) * whole / kills
-    ):
+    while killed < kills:
+        if live(folder / "killed", model, browsers, rng.uniform(0.1, 1.3) * whole / kills) is not None:
+            break
         killed += 1
     live(folder / "killed", model, browsers, None)
     (folder / "kills").write_text(str(killed))

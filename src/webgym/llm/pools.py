@@ -17,6 +17,10 @@ import httpx
 POOL: Final = 10
 """Connections per pool."""
 
+_IDLE_SECONDS: Final = 3.0
+"""How long a connection is kept without a request. Servers such as vLLM's close it after 5 s, and a request
+that is sent at that moment fails."""
+
 _certificates = cache(httpx.create_ssl_context)
 """Those that are trusted; reading them takes 30 ms."""
 
@@ -30,7 +34,9 @@ class Pools:
     """
 
     def __init__(self, connections: int, **options: Any) -> None:
-        limits = httpx.Limits(max_connections=None, max_keepalive_connections=POOL)
+        limits = httpx.Limits(
+            max_connections=None, max_keepalive_connections=POOL, keepalive_expiry=_IDLE_SECONDS
+        )
         options |= {"limits": limits, "verify": _certificates()}
         self._clients = [httpx.AsyncClient(**options) for _ in range(-(-connections // POOL))]
         self._in_flight = [0] * len(self._clients)

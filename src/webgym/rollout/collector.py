@@ -228,7 +228,7 @@ class Collector:
         await plan.settle(planned, judged.outcome, is_final=is_final)
         progress.done = plan.done
         self._end_stragglers(plan)
-        self._watch(attempt)
+        self._watch(attempt, attempt.started + episode.seconds)
         if unjudged == self._config.give_up_after and judged.failure is not None:
             why = f"{unjudged} attempts in a row had no verdict: {judged.failure.message}"
             raise JudgeError(why, hint=_RESUMED)
@@ -261,10 +261,14 @@ class Collector:
             await self._record(episode, _unjudged(episode))
             raise
 
-    def _watch(self, attempt: Attempt) -> None:
+    def _watch(self, attempt: Attempt, ended: float) -> None:
         """Stop the run when only the machinery fails, one attempt after the other.
 
         Of the attempts that one event ends together, such as a restart of the server, one counts.
+
+        Args:
+            attempt: one that is recorded.
+            ended: when it ended, on the monotonic clock. A slow disk records it later.
         """
         failed, code, message = self._failed_in_a_row + 1, "", ""
         if attempt.failure is not None:
@@ -276,7 +280,7 @@ class Collector:
             self._failed_in_a_row = 0
             return
         if failed == 1:
-            self._failing_since = time.monotonic()
+            self._failing_since = ended
         elif attempt.started < self._failing_since:
             return
         self._failed_in_a_row = failed

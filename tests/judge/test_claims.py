@@ -10,7 +10,7 @@ import pytest
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.truth import AnswerTruth, Evidence, FactTruth, Give, Truth
 from webgym.judge.claims import spelled, swapped
-from webgym.judge.offline import _reference
+from webgym.judge.offline import _labels, _reference
 from webgym.offline.engine.spelling import count, days, minutes, quantity, times
 
 DAY = (("Thursday",),)
@@ -397,3 +397,9 @@ def test_long_lists_of_values_and_labels_are_read_once() -> None:
         swapped(answer, required, solution)
         seconds.append(time.process_time() - begun)
     assert seconds[1] < 10 * seconds[0] + 0.1
+
+
+def test_another_candidate_is_no_label() -> None:
+    """The rows of a table are evidence together: that of one is no label of the other."""
+    facts = (FactTruth(1, 0, (Evidence(("Bo Ray", "Ann Lee")),)), FactTruth(1, 1, (Evidence(("Size", "7")),)))
+    assert _labels(Truth("a.test", facts, AnswerTruth((("Ann Lee",),), ("Bo Ray",)), ())) == {"7": "Size"}

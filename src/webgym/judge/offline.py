@@ -68,7 +68,7 @@ def why_unjudgeable(task: Task) -> str:
 class OfflineJudge:
     """Judges tasks that carry a :class:`webgym.core.truth.Truth`."""
 
-    name = "offline/7"
+    name = "offline/8"
 
     async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
         """Judge one episode; see :meth:`webgym.judge.base.Judge.judge`.
@@ -233,9 +233,13 @@ def _shown(truth: Truth) -> Iterator[str]:
 
 
 def _labels(truth: Truth) -> dict[str, str]:
-    """The text beside each value on its page, by the value."""
+    """The text beside each value on its page, by the value; other candidates are no label."""
     views = [evidence.texts for fact in truth.facts for evidence in fact.evidence[:1]]
-    return {value: " ".join(beside) for *beside, value in views if len(beside) < _MOST_LEADING}
+    return {
+        value: " ".join(beside)
+        for *beside, value in views
+        if len(beside) < _MOST_LEADING and not {*beside} & {*truth.answer.forbidden}
+    }
 
 
 def _without_websites(answer: str, hosts: Iterable[str]) -> str:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import time
 from datetime import date
 
 import pytest
 
 from webgym.core.task import FactGroup, Rubric, Task
-from webgym.core.truth import AnswerTruth, Give, Truth
+from webgym.core.truth import AnswerTruth, Evidence, FactTruth, Give, Truth
 from webgym.judge.claims import spelled, swapped
-from webgym.judge.offline import _reference
+from webgym.judge.offline import _labels, _reference
 from webgym.offline.engine.spelling import count, days, minutes, quantity, times
 
 DAY = (("Thursday",),)
@@ -34,6 +35,7 @@ GATE = (("Gate 4",),)
 FAR = (quantity("530", "thousand km²"),)
 YEAR = (quantity("1", "years"),)
 CODE = (("KM-4512",),)
+HOUSE = (("87 Claydale Road",),)
 THREE = (("93 min",), ("160 °C",), ("Room 7",))
 
 WRONG = [
@@ -41,6 +43,11 @@ WRONG = [
     (DAY, "It isn't on Thursday."),
     (DAY, "Any day except Thursday."),
     (DAY, "Thursday is wrong."),
+    (COST, "It comes to about £30."),
+    (COST, "It comes to £30 or so."),
+    (COST, "~£30"),
+    (LENGTH, "It is 36 km long, with a climb of roughly 370 metres."),
+    (LENGTH, "It is 36 km long, with a climb of 370 metres or so."),
     (LENGTH, "It is less than 36 km long, with a climb of over 370 m."),
     (LENGTH, "It is 36 miles long, with a climb of 370 feet."),
     (HOURS, "It opens at 10:45 pm and closes at 7:30 pm."),
@@ -172,6 +179,7 @@ RIGHT = [
     (FULL_HOURS, "8 am, 5 pm and 1.30 pm"),
     (FULL_HOURS, "8 a.m. to 5pm, 1.30pm"),
     (ONE, "1. That is all."),
+    (TEN, "1. Number: **ten**"),
     *(
         (THREE, answer)
         for answer in (
@@ -229,6 +237,7 @@ RIGHT = [
     (FAR, "530 thousand km²"),
     (YEAR, "a difference of 1 year"),
     (YEAR, "one year"),
+    (HOUSE, "I found this about 87 Claydale Road"),
     (CODE, "Booking number: KM-4512"),
     (CODE, "**Booking number:** KM-4512"),
     (DATED, "Start: 10:45\nDay: Monday\nPlace: Hall"),
@@ -328,3 +337,69 @@ def test_what_is_claimed_in_common_spellings_is_right(
     required: tuple[tuple[str, ...], ...], answer: str
 ) -> None:
     assert judged(required, answer)
+
+
+def judged_page(task: str, solution: str, values: dict[str, str], answer: str) -> bool:
+    """As :func:`judged`, with the label of each value on its page."""
+    facts = tuple(
+        FactTruth(1, nth, (Evidence((label, value)),)) for nth, (value, label) in enumerate(values.items())
+    )
+    rubric = Rubric((FactGroup(1, "g", tuple(f"fact {nth}" for nth in range(len(facts)))),))
+    truth = Truth("a.test", facts, AnswerTruth(tuple((value,) for value in values)), (Give(solution),))
+    judgement = _reference(Task("t", task, "http://a.test/", "d", "s", rubric, "offline"), truth, answer)
+    assert judgement is not None
+    return judgement.passed is True
+
+
+COOK = "look up the years at the stove, the favourite ingredient and the number of recipes of Ann"
+COOKS = "For Ann, the years at the stove is 6, the favourite ingredient is miso, the number of recipes is 79."
+OF_COOK = {"6": "Cooking for", "miso": "Cannot cook without", "79": "Has written"}
+PAY = ("look up the yearly pay and the bonus", "The yearly pay is $67,900 and the bonus is $85.")
+OF_PAY = {"$67,900": "Half earn more than", "$85": "Extra"}
+STAFF = ("look up the adviser and the manager", "The adviser is Ann Lee and the manager is Bo Ray.")
+OF_STAFF = {"Ann Lee": "Asks for you", "Bo Ray": "Run by"}
+SENT = ("look up the number of the form and the mouth and the number of bridges",)
+SENT_SOLUTION = "The number is BR-411. For Ox, the mouth is Fjord and the number of bridges is 45."
+OF_SENT = {"BR-411": "Ticket", "Fjord": "Ends in", "45": "Bridges"}
+
+
+@pytest.mark.parametrize(
+    ("task", "solution", "values", "answer", "is_right"),
+    [
+        (COOK, COOKS, OF_COOK, "Cooking for: 6\nCannot cook without: miso\nHas written: 79", True),
+        (COOK, COOKS, OF_COOK, "Cooking for 79, cannot cook without miso, has written 6", False),
+        (*PAY, OF_PAY, "Half earn more than\n$67,900\nExtra\n$85", True),
+        (*PAY, OF_PAY, "$67,900 a year, and $85", True),
+        (*PAY, OF_PAY, "$67,900 per month, and $85", False),
+        (*STAFF, OF_STAFF, "Asks for you: Ann Lee. Run by: Bo Ray.", True),
+        (*STAFF, OF_STAFF, "Asks for you: Bo Ray. Run by: Ann Lee.", False),
+        (*STAFF, OF_STAFF, '{"the_adviser": "Ann Lee", "the_manager": "Bo Ray"}', True),
+        (*STAFF, OF_STAFF, '{"the_adviser": "Bo Ray", "the_manager": "Ann Lee"}', False),
+        (*SENT, SENT_SOLUTION, OF_SENT, "Ref: BR-411\nMouth: Fjord\nNumber of bridges: 45", True),
+        (*STAFF, OF_STAFF, "| Field | Value |\n|---|---|\n| Adviser | Ann Lee |\n| Manager | Bo Ray |", True),
+        (*STAFF, OF_STAFF, "Adviser: Ann Lee, manager: Bo Ray. High confidence.", True),
+    ],
+)
+def test_labels_of_the_page_and_of_the_solution_tell_values_apart(
+    task: str, solution: str, values: dict[str, str], answer: str, is_right: bool
+) -> None:
+    assert judged_page(task, solution, values, answer) is is_right
+
+
+def test_long_lists_of_values_and_labels_are_read_once() -> None:
+    """Each word was compared with each value, and each value's label looked for from the start."""
+    solution = spelled("The walk is 7 min and the ride is 9 min.")
+    required = (("7 min", "7"), ("9 min", "9"))
+    seconds = []
+    for times_longer in (1, 4):
+        answer = spelled("walk 7 ride 9 or " * 600 * times_longer)
+        begun = time.process_time()
+        swapped(answer, required, solution)
+        seconds.append(time.process_time() - begun)
+    assert seconds[1] < 10 * seconds[0] + 0.1
+
+
+def test_another_candidate_is_no_label() -> None:
+    """The rows of a table are evidence together: that of one is no label of the other."""
+    facts = (FactTruth(1, 0, (Evidence(("Bo Ray", "Ann Lee")),)), FactTruth(1, 1, (Evidence(("Size", "7")),)))
+    assert _labels(Truth("a.test", facts, AnswerTruth((("Ann Lee",),), ("Bo Ray",)), ())) == {"7": "Size"}

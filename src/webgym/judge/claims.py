@@ -7,10 +7,12 @@ followed by another unit than the value has ("36 miles" for 36 km, "10:45 pm" fo
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence, Set
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from datetime import date
 from functools import lru_cache
 from itertools import combinations, groupby
+from types import MappingProxyType
 from typing import Final, TypeAlias
 from unicodedata import normalize
 
@@ -39,11 +41,20 @@ _DENIED_AFTER: Final = re.compile(
     re.IGNORECASE,
 )
 _SCALE: Final = "|".join(SCALES)
-_BOUND: Final = re.compile(
-    r"(?:\b(less than|more than|fewer than|under|over|below|above|at least|at most|up to|almost|nearly) "
-    rf"|(?<![-=])[<>≤≥]=? ?|\b(?:{_SCALE}) (?:and )?)[$£€¥]?$"
+_BOUNDS: Final = "less than|more than|fewer than|under|over|below|above|at least|at most|up to|almost|nearly"
+_BOUND: Final = re.compile(rf"(?:\b({_BOUNDS}) |(?<![-=])[<>≤≥]=? ?|\b(?:{_SCALE}) (?:and )?)[$£€¥]?$")
+_ABOUT: Final = r"about|around|approximately|approx\.?|roughly|circa|ca\.?|close to"
+_HEDGED: Final = re.compile(rf"(?:\b({_ABOUT}) |[~≈] ?)[$£€¥]?$")
+_SCALED: Final = re.compile(
+    rf"\+(?!\w)| (?:{_SCALE}|and a half)\b| ?(?:[^\W\d_]+ )?or (?:more|less|fewer|so)\b"
 )
-_SCALED: Final = re.compile(rf"\+(?!\w)| (?:(?:{_SCALE})|or (?:more|less|fewer)|and a half)\b")
+_QUALIFIER: Final = re.compile(rf"\b(?:([^\W\d_]+) )?(?:{_NOT}|{_BOUNDS}|{_ABOUT})$", re.IGNORECASE)
+_RATE: Final = re.compile(
+    r" ?(?:(?:\b(?:per|an?|each|every) |/ ?)(hour|day|night|week|month|year)\b"
+    r"|\b(hour|dai|night|week|month|year)ly\b)"
+)
+"""How often an amount is due: "per week", "weekly"."""
+_CURRENCIES: Final = frozenset(CURRENCY_SIGNS.values())
 _VISITED: Final = "pages?|sites?|websites?|links?|steps?|times|attempts?|searches|clicks"
 """What an answer counts that reports the search and not its result."""
 _VISITED_AFTER: Final = re.compile(rf" ({_VISITED})\b")
@@ -58,7 +69,7 @@ _NONE: Final = re.compile(
 )
 _WORD_AFTER: Final = re.compile(r" ?([^\W\d_]+|°[cf]?|%)")
 _SIGN_BEFORE: Final = re.compile(r"((?:\b[a-z]{1,2})?[$£€¥₹₩₽]|\b[a-z]{2,3}\b) ?$")
-_WORD: Final = re.compile(r"\w+")
+_WORD: Final = re.compile(r"[^\W_]+")  # of "closing_day", too
 _NAMED: Final = re.compile(r"^ ?(?:for|in) .*, (?=the )")
 _UNLABELLING: Final = frozenset(
     "a an and are at by for from has have in is it of on the there to was with".split()
@@ -146,6 +157,7 @@ _MARKUP: Final = tuple(
 _PUNCTUATION: Final = str.maketrans({"，": ", ", "、": ", ", "；": "; ", "：": ": ", "。": ". "})
 _NUMERAL: Final = re.compile(r"(?<!\w)[²³¹⁰-₉①-⒛⓪０-９𝟎-𝟿]+")
 """Digits other than ASCII's, which are the same number."""
+_NUMBER: Final = re.compile(rf"\d|\b(?:{'|'.join(NUMBER_WORDS)})\b", re.IGNORECASE)
 _DIGIT: Final = re.compile(r"(?<![\w.,:])\d{1,2}(?![\w.,:])")
 _DIGITS: Final = {str(number): word for word, number in NUMBER_WORDS.items()}
 
@@ -161,7 +173,7 @@ def _without_list_numbers(text: str) -> str:
         if number not in (1, following):
             return match[0]
         rest = text[match.end() :].partition("\n")[0]
-        is_list |= number > 1 or bool(_NAMED_NUMBER.search(match[0])) or any(map(str.isdigit, rest))
+        is_list |= number > 1 or bool(_NAMED_NUMBER.search(match[0])) or bool(_NUMBER.search(rest))
         following = number + 1
         return ""
 
@@ -257,6 +269,15 @@ def with_units(answer: str, required: Iterable[Sequence[str]]) -> str:
     return answer
 
 
+def without_qualifiers(answer: str, labels: Iterable[str]) -> str:
+    """The answer without the denials and bounds that end labels of the page: "Cannot cook without: miso" and
+    "Half earn more than: $67,900" say what the page says."""
+    for label in labels:
+        if found := _QUALIFIER.search(label):
+            answer = re.sub(rf"\b{re.escape(found[0])}\b", found[1] or "", answer, flags=re.IGNORECASE)
+    return answer
+
+
 def without_denied(answer: str, values: Iterable[str]) -> str:
     """The answer without those of the values that it denies, and without the denials: "Rock, not Sulphur" is
     "Rock"."""
@@ -291,30 +312,33 @@ def _is_counted(word: str, known: str) -> bool:
     return f"{word.removesuffix('s')}s" in known
 
 
-def swapped(answer: str, required: Sequence[Sequence[str]], solution: str) -> str:
+def swapped(
+    answer: str,
+    required: Sequence[Sequence[str]],
+    solution: str,
+    shown: Mapping[str, str] = MappingProxyType({}),
+) -> str:
     """Two numbers or two names that an answer gives for each other: the label of one stands with the other.
 
-    Their labels are the words before them in the solution, such as the name of its item or field. They may
-    stand before or after the values in the answer; where that can be read the right way, it is no swap. Both
-    labels before both values, or after them, are in the same order. Numbers of a kind that are listed without
-    labels are in the task's order.
+    Their labels are the words before them in the solution, such as the name of its item or field, and those
+    beside them on the page. They may stand before or after the values in the answer; where that can be read
+    the right way, it is no swap. Both labels before both values, or after them, are in the same order.
+    Numbers of a kind that are listed without labels are in the task's order.
 
     Args:
         answer, solution: as :func:`spelled` writes them.
         required: the accepted spellings of each value, in the solution's order.
+        shown: the text beside a value on its page, by the value.
 
     Returns:
         Both, for a sentence; empty if there are none.
     """
-    labelled = [*_labelled(required, solution)]
-    values = [place for options, _ in labelled for option in options for place in _places(answer, option)]
-    words = [
-        word
-        for word in _WORD.finditer(answer)
-        if not any(start <= word.start() < end for start, end in values)
-    ]
-    for (one, ours), (other, theirs) in combinations(labelled, 2):
-        labels = dict.fromkeys(ours - theirs, "a") | dict.fromkeys(theirs - ours, "b")
+    labelled = [*_labelled(required, solution, shown)]
+    values = [place for options, *_ in labelled for option in options for place in _places(answer, option)]
+    within = {at for start, end in values for at in range(start, end)}
+    words = [word for word in _WORD.finditer(answer) if word.start() not in within]
+    for (one, ours, our_labels), (other, theirs, their_labels) in combinations(labelled, 2):
+        labels = dict.fromkeys(our_labels - theirs, "a") | dict.fromkeys(their_labels - ours, "b")
         starts, others = (
             dict(sorted(place for option in options for place in _places(answer, option)))
             for options in (one, other)
@@ -340,7 +364,13 @@ def swapped(answer: str, required: Sequence[Sequence[str]], solution: str) -> st
 
 def _owners(order: str, value: str) -> set[str]:
     """The labels that stand next before a value, in a sequence of labels (a, b) and values (A, B)."""
-    return {re.sub("[AB]", "", order[:at])[-1:] for at, mark in enumerate(order) if mark == value}
+    owners, label = set[str](), ""
+    for mark in order:
+        if mark == value:
+            owners.add(label)
+        elif mark.islower():
+            label = mark
+    return owners
 
 
 def _kind(value: str) -> str:
@@ -353,19 +383,32 @@ def _is_separator(text: str, shared: Set[str]) -> bool:
     return not re.search("[:=()]", text) and set(_WORD.findall(text)) <= shared | _UNLABELLING
 
 
-def _labelled(required: Sequence[Sequence[str]], solution: str) -> Iterator[tuple[list[str], set[str]]]:
-    """The required values, with the words that stand before each in the solution."""
-    at, named = 0, ""
+def _labelled(
+    required: Sequence[Sequence[str]], solution: str, shown: Mapping[str, str]
+) -> Iterator[tuple[list[str], set[str], set[str]]]:
+    """The required values, each with the words before it in the solution or beside it on its page, and with
+    those of them that are its label. Words before it are none if another has all of them ("the number is …,
+    the number of bridges is …"), and one beside it is none if another has it, too."""
+    at, named, found = 0, "", list[tuple[list[str], set[str], set[str]]]()
     for spellings in required:
         options = [spelled(option) for option in spellings]
         place = next(((start, end) for start, end in _places(solution, options[0]) if start >= at), None)
         if place is None:
-            return
+            break
         *earlier, before = re.split(r"[.;!?] ", solution[at : place[0]])
         if earlier or not at:  # "For NAME, the price is …" names it for all values of the sentence
             named = "".join(_NAMED.findall(before))
         at = place[1]
-        yield options, set(_WORD.findall(f"{named} {before}")) - _UNLABELLING
+        told, beside = (
+            set(_WORD.findall(text)) - _UNLABELLING
+            for text in (f"{named} {before}", spelled(shown.get(spellings[0], "")))
+        )
+        found.append((options, told, beside))
+    uses = Counter(word for _, told, beside in found for word in told | beside)
+    for options, told, beside in found:
+        labels = {word for word in beside if uses[word] == 1}
+        is_told_apart = sum(told <= others for _, others, _ in found) == 1
+        yield options, told | beside, labels | told if is_told_apart else labels
 
 
 def _places(text: str, phrase: str) -> Iterator[tuple[int, int]]:
@@ -387,8 +430,12 @@ def _is_claim(text: str, start: int, end: int, units: set[_Unit], known: str) ->
     is_count = value.isdigit() or value in NUMBER_WORDS
     if not is_count and not any(map(str.isdigit, value)):
         return True
-    bound = _BOUND.search(before)
+    bound = _BOUND.search(before) or (_is_amount(value) and _HEDGED.search(before))
     if (bound and (bound[1] or bound[0]) not in known) or _SCALED.match(after):
+        return False
+    is_price = any(kind in _CURRENCIES for kind, _ in units)
+    rate = _RATE.match(after) if is_price else None
+    if rate and (rates := _rates(known)) and rates.isdisjoint(_rates(rate[0])):
         return False
     visited = is_count and (_VISITED_AFTER.match(after) or _VISITED_BEFORE.search(before))
     if visited and not _is_counted(visited[1], known):
@@ -401,6 +448,16 @@ def _is_claim(text: str, start: int, end: int, units: set[_Unit], known: str) ->
     if units <= _HALVES:  # "19:30 h" is no other unit
         other &= _HALVES
     return not units or not other or bool(other & units)
+
+
+def _rates(text: str) -> set[str]:
+    return {found[1] or found[2].replace("dai", "day") for found in _RATE.finditer(text)}
+
+
+def _is_amount(value: str) -> bool:
+    """Whether the value is a number with at most a unit, and no name as "87 Claydale Road"."""
+    is_number = not value[0].isalpha() or value.split()[0] in NUMBER_WORDS
+    return is_number and len(re.findall("[a-z]{3,}", value)) < 2
 
 
 def _units(text: str) -> Iterator[_Unit]:

@@ -83,7 +83,8 @@ _REMARKS: Final = frozenset(
     "submitted thought thoughts typed typing viewed viewing visited visiting went button chart column "
     "details entry filter form list load map menu panel row screen screenshot section tab table tooltip "
     "value values anything ask count double else feel free question reference unclear "
-    "absolutely best cheers end got memory regards stop terminate".split()
+    "absolutely best cheers end got memory regards stop terminate field property attribute metric parameter "
+    "criterion item confident easy easily right high low moving".split()
 ).union(CURRENCY_WORDS)
 """Words of remarks: no name consists of them, but a number may have one of them as its label."""
 

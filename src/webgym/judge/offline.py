@@ -29,6 +29,7 @@ from webgym.judge.claims import (
     with_units,
     without_denied,
     without_markup,
+    without_qualifiers,
     without_reported,
 )
 from webgym.judge.hedging import copied, other_candidate
@@ -67,7 +68,7 @@ def why_unjudgeable(task: Task) -> str:
 class OfflineJudge:
     """Judges tasks that carry a :class:`webgym.core.truth.Truth`."""
 
-    name = "offline/7"
+    name = "offline/8"
 
     async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
         """Judge one episode; see :meth:`webgym.judge.base.Judge.judge`.
@@ -200,7 +201,8 @@ def _reference(task: Task, truth: Truth, answer: str, pages: Iterable[str] = ())
     if not required.required:
         return None
     given = [move.text for move in truth.moves if isinstance(move, Give)]
-    answer = without_markup(_without_websites(answer, truth.hosts))
+    labels = _labels(truth)
+    answer = without_qualifiers(without_markup(_without_websites(answer, truth.hosts)), labels.values())
     answer = without_denied(with_units(answer, required.required), required.forbidden)
     known = spelled(" ".join((task.instruction, *given)))
     folded = without_reported(spelled(answer), known)
@@ -210,7 +212,7 @@ def _reference(task: Task, truth: Truth, answer: str, pages: Iterable[str] = ())
     for wrong in required.forbidden:
         if says(folded, spelled(wrong)):
             return Judgement(False, f'the answer also says "{wrong}"')
-    if given and (pair := swapped(folded, required.required, spelled(given[-1]))):
+    if given and (pair := swapped(folded, required.required, spelled(given[-1]), labels)):
         return Judgement(False, f"the answer gives {pair}")
     if required.in_order and (fault := _out_of_order(required, folded)):
         return Judgement(False, fault)
@@ -228,6 +230,16 @@ def _shown(truth: Truth) -> Iterator[str]:
         for evidence in fact.evidence[:1]:
             if len(evidence.texts) <= _MOST_LEADING:
                 yield from evidence.texts
+
+
+def _labels(truth: Truth) -> dict[str, str]:
+    """The text beside each value on its page, by the value; other candidates are no label."""
+    views = [evidence.texts for fact in truth.facts for evidence in fact.evidence[:1]]
+    return {
+        value: " ".join(beside)
+        for *beside, value in views
+        if len(beside) < _MOST_LEADING and not {*beside} & {*truth.answer.forbidden}
+    }
 
 
 def _without_websites(answer: str, hosts: Iterable[str]) -> str:

@@ -125,6 +125,24 @@ async def open_training(
                 yield training
 
 
+def is_complete(config: TrainConfig, out: Path, tell: Tell) -> bool:
+    """Whether a training has no iteration left; if so, what is derived from them is written again.
+
+    Args:
+        config: the result of :func:`read_config`.
+        out: the training's folder.
+        tell: called with the failure of a tracker.
+
+    Raises:
+        StoreLocked: another process trains in the folder.
+    """
+    folder = TrainingFolder(out)
+    if folder.stage(config.loop.iterations) is not None:
+        return False
+    with folder.locked(), tracking(config.trackers, out, config.project, folder.write_metrics(), tell):
+        return True
+
+
 async def _check_replies(config: RunConfig, serving: Serving, warn: Tell | None) -> None:
     """Request a test reply of the model.
 

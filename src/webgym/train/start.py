@@ -18,7 +18,7 @@ from webgym.inference.local import LocalConfig
 from webgym.inference.model import load_renderer
 from webgym.judge.factory import check_judge, refuse_unjudgeable
 from webgym.llm.config import altering
-from webgym.rollout.files import CONFIG, TASKS
+from webgym.rollout.files import CONFIG, TASKS, refuse_special_files
 from webgym.rollout.trackers import tracking
 from webgym.run_config import RunConfig, Secrets, resolved
 from webgym.run_services import services
@@ -231,6 +231,7 @@ def read_config(out: Path) -> TrainConfig:
         raise RunFolderError(
             f"{out} is a run, not a training", hint=f"resume it with webgym rollout --resume {out}"
         )
+    refuse_special_files(out)
     try:
         data = yaml.safe_load((out / CONFIG).read_text())
     except OSError as error:

@@ -338,12 +338,10 @@ async def test_an_offline_web_that_is_away_is_waited_for_and_uses_up_no_sample(
     reach = Attempt.reach_site_state
 
     async def reach_ours(self: Attempt) -> None:
-        sites, truth = SimpleNamespace(state=state), SimpleNamespace(host="a.test")
-        planned, context = (
-            SimpleNamespace(task=SimpleNamespace(truth=truth)),
-            SimpleNamespace(site_state=sites),
-        )
-        await reach(SimpleNamespace(planned=planned, _context=context, visitor=self.visitor))  # type: ignore[arg-type]
+        planned = SimpleNamespace(task=SimpleNamespace(truth=SimpleNamespace(host="a.test")))
+        context = SimpleNamespace(site_state=SimpleNamespace(state=state))
+        ours: Any = SimpleNamespace(planned=planned, _context=context, visitor=self.visitor)
+        await reach(ours)
 
     monkeypatch.setattr(Attempt, "reach_site_state", reach_ours)
     patience = {"server_patience_seconds": 0.2, "server_retry_seconds": 0.01, "sessions": 1}

@@ -78,7 +78,7 @@ def trained(log: Path, *words: object, until: Path | None = None) -> str:
     life = process(command, ["train", *map(str, words)], log)
     life.start()
     if until is not None:
-        wait_until(until.exists)
+        wait_until(lambda: until.exists() or not life.is_alive(), 100)
         life.kill()
     life.join()
     assert life.exitcode == (0 if until is None else -signal.SIGKILL), log.read_text()

@@ -108,6 +108,8 @@ def read_yaml(path: Path, hint: str) -> dict[str, Any]:
     Raises:
         ConfigError: it cannot be read, or is not a YAML mapping.
     """
+    if path.is_char_device():  # which may never end
+        raise ConfigError(f"{path} is a device", hint="give a file")
     try:
         data = yaml.safe_load(path.read_text("utf-8")) or {}
     except OSError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import subprocess
 from collections.abc import AsyncIterator, Iterator
 from contextlib import closing
@@ -67,6 +68,40 @@ def test_an_unknown_task_file(tmp_path: Path, calls: Calls) -> None:
     assert code == 2
     assert "none.jsonl" in one_line(said)
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("rollout", "--tasks", "/dev/zero", "--out", "run"),
+        ("tasks", "build", "--source", "deepshop=/dev/zero", "--dry-run", "--out", "tasks"),
+        ("train", "/dev/zero", "--out", "training"),
+    ],
+)
+def test_a_device_has_no_end_and_is_not_read(
+    tmp_path: Path, calls: Calls, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, said = calls.run(*words)
+    assert (code, one_line(said)) == (2, "webgym: /dev/zero is a device (give a file)")
+
+
+@pytest.mark.parametrize("name", ["summary.json", "trajectories/00001.jsonl", "verdicts/one.jsonl"])
+def test_a_pipe_in_a_run_or_a_training_is_not_waited_for(tmp_path: Path, calls: Calls, name: str) -> None:
+    run, training = tmp_path / "run", tmp_path / "training"
+
+    async def make() -> None:
+        async with await RunWriter.create(run, {"seed": 7}, tasks(1)):
+            pass
+
+    asyncio.run(make())
+    for file in (run / name, training / "metrics.jsonl", training / "evaluations" / "0000.json"):
+        file.parent.mkdir(exist_ok=True, parents=True)
+        os.mkfifo(file)
+    for words in (("report", run), ("verify", run), ("report", training), ("train", "--resume", training)):
+        code, said = calls.run(*words)
+        assert code == 2
+        assert "is a pipe, a device or a socket (delete it)" in one_line(said)
 
 
 @pytest.mark.parametrize(

@@ -121,14 +121,21 @@ def test_the_pages_commands_train_and_go_on(
     monkeypatch.chdir(tmp_path)
     settings = {"learn": {"model": "m"}, "loop": {"iterations": 1, "tasks": 2}}
     Path("CONFIG").write_text(yaml.safe_dump(settings))
-    for words in (
+    started, continued = (
         documented("webgym train CONFIG --out training/first"),
         documented("webgym train --resume training/first"),
-    ):
-        code, said = calls.run(*words)
-        assert code == 0, said
+    )
+    stored = Path("training/first/config.yaml")
+    assert calls.run(*started)[0] == 0
+    code, said = calls.run(*continued)
+    assert code == 0, said
+    assert "the training is complete: all iterations (1); for more, raise loop.iterations in" in said
+    assert resumed == [False], "neither model nor browsers start for nothing"
+    stored.write_text(stored.read_text().replace("iterations: 1", "iterations: 2"))
+    code, said = calls.run(*continued)
+    assert code == 0, said
     assert resumed == [False, True]
-    assert len(Path("training/first/metrics.jsonl").read_text().splitlines()) == 1
+    assert len(Path("training/first/metrics.jsonl").read_text().splitlines()) == 2
 
 
 @pytest.mark.parametrize(

@@ -340,6 +340,7 @@ def test_tables_of_runs(run: Path, calls: Calls) -> None:
     overall = next(line for line in said.splitlines() if line.startswith("| overall"))
     assert overall.startswith("| overall | 12 | 7 | 57.1 | 25.0, 84.2 | 33.3 | 13.8, 60.9 | "), overall
     assert "1 sample is missing" in said
+    assert f"unjudged 1 attempt has no verdict; judge with: webgym eval --resume {run}\n" in said
     assert "**Success of scripted (oracle) by difficulty" in said
     code, said = calls.run("eval", "--of", run, "--of", run, "--latex")
     assert code == 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import io
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -164,3 +165,17 @@ def test_a_folder_in_use_is_refused(run: Path, tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("keep me")
     with pytest.raises(RunFolderError, match="is not empty"):
         export(run, tmp_path, "jsonl")
+
+
+@pytest.mark.parametrize("kind", ["jsonl", "parquet"])
+def test_a_damaged_picture_is_named_and_not_exported(
+    run: Path, tmp_path: Path, calls: Calls, kind: str
+) -> None:
+    """Also one whose header is whole."""
+    broken = shutil.copytree(run, tmp_path / "run")
+    for picture in broken.glob("screenshots/*/*.png"):
+        picture.write_bytes(picture.read_bytes()[:-20])
+    code, said = calls.run("export", broken, "--out", tmp_path / "out", "--split", "test", "--format", kind)
+    assert code == 1
+    assert re.search(r"webgym: \S+/run/screenshots/\w\w/\w{64}\.png is damaged \(webgym verify RUN", said)
+    assert not list((tmp_path / "out").glob("steps.*"))

@@ -31,6 +31,7 @@ from webgym.core.errors import (
     NoCapacity,
     PolicyError,
     ServerUnreachable,
+    SitesError,
     StoreFull,
     Unauthorized,
     WebGymError,
@@ -38,6 +39,7 @@ from webgym.core.errors import (
 )
 from webgym.core.outcome import Outcome
 from webgym.llm.config import Retry
+from webgym.rollout.attempt import Attempt
 from webgym.rollout.collector import Collector
 from webgym.rollout.config import CollectorConfig
 from webgym.rollout.feed import read_feed
@@ -337,6 +339,35 @@ async def test_a_browser_that_does_not_come_back_stops_the_run_and_uses_up_no_sa
     world.browsers.refuses = None
     await Run().start(None, tmp_path / "run").end()
     assert outcomes(tmp_path / "run")["success"] == 16
+
+
+async def test_an_offline_web_that_is_away_is_waited_for_and_uses_up_no_sample(
+    tmp_path: Path, world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answers = iter([False, False, *[True] * 5])
+
+    async def state(_: str, host: str) -> None:
+        assert host == "a.test"
+        if not next(answers, False):
+            raise SitesError("the offline web does not respond")
+
+    reach = Attempt.reach_site_state
+
+    async def reach_ours(self: Attempt) -> None:
+        planned = SimpleNamespace(task=SimpleNamespace(truth=SimpleNamespace(host="a.test")))
+        context = SimpleNamespace(site_state=SimpleNamespace(state=state))
+        ours: Any = SimpleNamespace(planned=planned, _context=context, visitor=self.visitor)
+        await reach(ours)
+
+    monkeypatch.setattr(Attempt, "reach_site_state", reach_ours)
+    patience = {"server_patience_seconds": 0.2, "server_retry_seconds": 0.01, "sessions": 1}
+    with pytest.raises(BaseExceptionGroup) as stopped:
+        await Run().start(world.config(tmp_path, 8, patience, retries=0), tmp_path / "run").end()
+    assert stopped.group_contains(SitesError)
+    assert outcomes(tmp_path / "run") == {"success": 5}
+    monkeypatch.undo()
+    await Run().start(None, tmp_path / "run").end()
+    assert outcomes(tmp_path / "run") == {"success": 8}
 
 
 async def test_a_run_with_more_sessions_than_slots_waits_for_its_own(tmp_path: Path, world: World) -> None:

@@ -193,7 +193,11 @@ async def test_a_folder_that_holds_something_is_left_alone(tmp_path: Path) -> No
         await RunWriter.create(tmp_path, {}, [])
     assert os.listdir(tmp_path) == ["thesis.tex"]  # noqa: PTH208
     await (await begun(tmp_path / "run")).aclose()
-    with pytest.raises(RunFolderError, match="holds a run already"):
+    with pytest.raises(RunFolderError, match="holds a run already") as refused:
+        await RunWriter.create(tmp_path / "run", {}, [])
+    assert f"webgym rollout --resume {tmp_path}/run continues it" in (refused.value.hint or "")
+    (tmp_path / "run" / "iterations").mkdir()
+    with pytest.raises(RunFolderError, match="holds a training already"):
         await RunWriter.create(tmp_path / "run", {}, [])
 
 

@@ -185,6 +185,11 @@ def test_replies_without_an_action_are_counted_and_many_are_said() -> None:
     many = summarise([acted, *(attempt("e", Outcome.FAILURE, steps=1) for _ in range(9))], TASKS)
     assert many["invalid_replies"] == 9
     assert "13.0% of 69 replies hold no valid action; the first: " in many["notes"][-1]
+    (step,) = attempt("e", Outcome.FAILURE, steps=1).episode.steps
+    backwards = msgspec.structs.replace(step, parse_error="no action in \u202e\x1b[2J")
+    episode = msgspec.structs.replace(unread.episode, steps=(backwards,))
+    note = summarise([msgspec.structs.replace(unread, episode=episode)], TASKS)["notes"][-1]
+    assert "; the first: no action in \ufffd\ufffd[2J (" in note, "a reply cannot turn our own words round"
 
 
 def test_a_sample_that_errors_took_is_lost_until_an_attempt_at_it_counts() -> None:

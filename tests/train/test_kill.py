@@ -2,22 +2,47 @@
 
 from __future__ import annotations
 
+import copy
 import json
+import signal
+import sys
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
+import yaml
 from safetensors.torch import load_file
+from tests.conftest import wait_until
 from tests.inference.tiny import write_tiny_model
 from tests.train.forking import process
 from tests.train.trains_until_killed import main
 
+from webgym.cli import main as webgym
 from webgym.offline.small.wording import small_vocabulary
 from webgym.rollout.store import RunReader
+from webgym.run_config import read_config
 from webgym.tiny.model import TinyConfig, make_model, save_model
 from webgym.train.folder import TrainingFolder
 from webgym.train.weights import read_optimizer
+
+GIVEN: dict[str, Any] = {
+    "learn": {
+        "replay": {"steps": 8, "passes": 1},
+        "update": {"precision": "fp32", "learning_rate": 1e-3, "batch": 4, "micro_batch": 4},
+    },
+    "rollout": {
+        "sites": {"collection": "small", "per_family": 4},
+        "server": {"static": True},
+        "agent": {"profile": "tiny", "prompt_format": "compact", "rounds": 0},
+        "attempt": {"budget_easy": 4},
+    },
+    "sampler": {"ratio": {"easy": 1}},
+    "loop": {"iterations": 2, "tasks": 4, "evaluate_every": 1},
+    "evaluation": {"count": 2, "budget": [2, 2, 2]},
+}
+"""Settings of a training as small as it can be."""
 
 SLOW = [pytest.mark.slow, pytest.mark.browser, pytest.mark.timeout(1800)]
 
@@ -40,6 +65,71 @@ def left(path: Path) -> dict[str, Any]:
         for row in rows
     ]
     return found
+
+
+def command(words: list[str], log: Path) -> None:
+    """``webgym`` in a process of its own, which prints to a file."""
+    with log.open("w") as sys.stdout:
+        webgym(words)
+
+
+def trained(log: Path, *words: object, until: Path | None = None) -> str:
+    """What ``webgym train`` printed until it ended, or was killed when this file was there."""
+    life = process(command, ["train", *map(str, words)], log)
+    life.start()
+    if until is not None:
+        wait_until(lambda: until.exists() or not life.is_alive(), 100)
+        life.kill()
+    life.join()
+    assert life.exitcode == (0 if until is None else -signal.SIGKILL), log.read_text()
+    return log.read_text()
+
+
+def conditions(run: Path) -> dict[str, Any]:
+    """How the attempts of a run were made, but for their seed."""
+    reader = RunReader(run)
+    steps = [step for each in reader.trajectories() for step in each.episode.steps]
+    (sampling,) = {json.dumps(step.reply.sampling, sort_keys=True) for step in steps}
+    return read_config(reader)[0].model_dump(exclude={"seed": True}) | {"sampling": sampling}
+
+
+@pytest.mark.browser
+def test_the_command_goes_on_with_the_training_that_it_began(tmp_path: Path) -> None:
+    """``webgym train`` with its own model, as its settings file has it; only pages need no browser."""
+    given, out, log = tmp_path / "train.yaml", tmp_path / "training", tmp_path / "log"
+    settings = copy.deepcopy(GIVEN)
+    settings["learn"]["model"] = str(files("webgym.tiny") / "weights")
+    settings["rollout"]["server"]["pictures"] = str(tmp_path / "pictures")
+    given.write_text(yaml.safe_dump(settings))
+    folder = TrainingFolder(out)
+
+    trained(log, given, "--out", out, until=folder.iteration(1) / "collected.json")
+
+    stored = (out / "config.yaml").read_bytes()
+    before = [RunReader(run).attempts for run in (folder.evaluation(0), folder.run(1))]
+    assert folder.stage(1) is not None
+    assert not folder.is_evaluated(1)
+
+    trained(log, "--resume", out)
+
+    assert (out / "config.yaml").read_bytes() == stored
+    assert [RunReader(run).attempts for run in (folder.evaluation(0), folder.run(1))] == before
+    collected = [conditions(folder.run(number)) for number in (1, 2)]
+    evaluated = [conditions(folder.evaluation(number)) for number in (0, 1, 2)]
+    assert collected[0] == collected[1]
+    assert evaluated[0] == evaluated[1] == evaluated[2]
+    assert evaluated[0]["sampling"] == collected[0]["sampling"]
+    tasks = [RunReader(folder.evaluation(number)).drawn for number in (0, 1, 2)]
+    assert tasks[0] == tasks[1] == tasks[2] != []
+    rows = [json.loads(line) for line in (out / "metrics.jsonl").read_bytes().splitlines()]
+    assert [(row["iteration"], row["evaluation"]["attempts"]) for row in rows] == [(1, 2), (2, 2)]
+
+    printed = trained(log, "--resume", out).splitlines()
+
+    assert printed == [
+        f"the training is complete: all iterations (2); for more, raise loop.iterations in {out}/config.yaml",
+        f"report   {out}/report.html",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -414,8 +414,11 @@ def test_a_folder_that_is_taken_is_refused_at_once(tmp_path: Path, model: Path, 
     (tmp_path / "out" / "thesis.txt").write_text("keep me")
     code, said = calls.run("train", settings_file(tmp_path, model), "--out", tmp_path / "out")
     assert code == 2
-    assert "is not empty" in one_line(said)
+    assert one_line(said).endswith("is not empty (choose another folder)")
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["thesis.txt"]
+    (tmp_path / "out" / "config.yaml").touch()
+    _, said = calls.run("train", settings_file(tmp_path, model), "--out", tmp_path / "out")
+    assert f"(webgym train --resume {tmp_path}/out continues what it holds; or" in one_line(said)
 
 
 def test_two_processes_do_not_train_in_one_folder(tmp_path: Path) -> None:

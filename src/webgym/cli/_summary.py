@@ -96,14 +96,18 @@ def print_notes(summary: Summary, console: Console) -> None:
 
 def print_retry(summary: Summary, command: str, console: Console) -> None:
     """Print how to retry samples that ended in errors, and how to judge attempts without a verdict."""
-    lines = []
     if count := summary["lost_samples"]:
         lost = "1 sample ended in an error" if count == 1 else f"{count} samples ended in errors"
-        lines.append(f"errors   {lost}; retry with: {command} --retry-errors")
-    if count := summary["outcomes"][Outcome.JUDGE_ERROR]:
+        text = f"errors   {lost}; retry with: {command} --retry-errors"
+        console.print(text, highlight=False, soft_wrap=True, markup=False)
+    print_unjudged(summary["outcomes"][Outcome.JUDGE_ERROR], command, console)
+
+
+def print_unjudged(count: int, command: str, console: Console) -> None:
+    """Print how to judge attempts without a verdict, if there are any."""
+    if count:
         unjudged = "1 attempt has" if count == 1 else f"{count} attempts have"
-        lines.append(f"unjudged {unjudged} no verdict; judge with: {command}")
-    for text in lines:
+        text = f"unjudged {unjudged} no verdict; judge with: {command}"
         console.print(text, highlight=False, soft_wrap=True, markup=False)
 
 

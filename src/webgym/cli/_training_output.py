@@ -17,12 +17,13 @@ from rich.table import Table
 from webgym.cli import _run
 from webgym.core.background import running_in_background
 from webgym.report.training import write_training_report
+from webgym.rollout.files import CONFIG
 from webgym.rollout.live import LINE_SECONDS, REFRESH_SECONDS, duration, line, panel
 from webgym.rollout.progress import Progress
 from webgym.run_config import Secrets
 from webgym.train.loop import TrainConfig
 from webgym.train.progress import TrainingProgress
-from webgym.train.start import open_training
+from webgym.train.start import is_complete, open_training
 
 _FRAME_LINES = 6
 """Lines of the terminal that the panel of the training takes."""
@@ -125,6 +126,11 @@ def run_training(
         KeyboardInterrupt: the training was cancelled; how to resume it is printed.
     """
     view = TrainingView(console)
+    if resume and is_complete(settings, folder, view.print_line):
+        more = f"for more, raise loop.iterations in {folder / CONFIG}"
+        view.print_line(f"the training is complete: all iterations ({settings.loop.iterations}); {more}")
+        view.print_line(f"report   {write_training_report(folder)}")
+        return
     view.print_line(f"training {folder}: loading the model, starting browsers")
 
     async def train() -> None:

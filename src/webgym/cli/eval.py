@@ -11,6 +11,7 @@ import typer
 from webgym.cli import _options as options
 from webgym.cli._fields import Given, takes
 from webgym.core.errors import ConfigError, UsageError
+from webgym.core.outcome import Outcome
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Sequence
@@ -67,7 +68,7 @@ def command(
     again and browsed. Without network and model: webgym eval --policy scripted --limit 50.
     """
     from webgym.cli import _run
-    from webgym.cli._summary import all_failed, print_losses, print_retry
+    from webgym.cli._summary import all_failed, print_losses, print_retry, print_unjudged
     from webgym.report.write import write_report
     from webgym.rollout.evaluation import evaluate
     from webgym.rollout.rejudge import RECORDED
@@ -81,7 +82,11 @@ def command(
         formats = ("as_json", "as_markdown", "as_latex")
         _run.refuse_unused(context, ("of", "judge", *formats), "--of prints a run's results")
         judge = settings.get("judge", {}).get("name", RECORDED)
-        _print_results([evaluate(run, judge) for run in of], console, as_json, as_markdown, as_latex)
+        results = [evaluate(run, judge) for run in of]
+        _print_results(results, console, as_json, as_markdown, as_latex)
+        for run, result in zip(of, results, strict=True):
+            unjudged = result.rows["overall"].no_reward.get(Outcome.JUDGE_ERROR, 0)
+            print_unjudged(unjudged, f"webgym eval --resume {shlex.quote(str(run))}", console)
         return
     if resume is not None:
         folder = resume

@@ -25,7 +25,7 @@ from webgym.report.curves import Curves, Line, Point, phase_bars
 from webgym.report.template import Document, Page, outcome_words
 from webgym.report.thumbnails import thumbnails
 from webgym.report.write import ReportProgress, quiet, write_parts
-from webgym.rollout.files import CONFIG, EVALUATIONS, METRICS, REPORT, disk_errors
+from webgym.rollout.files import CONFIG, EVALUATIONS, METRICS, REPORT, disk_errors, refuse_special_files
 from webgym.rollout.rates import Interval
 from webgym.rollout.records import Entry
 from webgym.rollout.store import RunReader
@@ -79,6 +79,7 @@ class Training:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        refuse_special_files(path, path / EVALUATIONS)
         try:
             with disk_errors(f"reading {path}"):
                 self.config: dict[str, Any] = yaml.safe_load((path / CONFIG).read_text())

@@ -183,7 +183,7 @@ class Collector:
             self._server_failed = time.monotonic()
 
     async def _open(self, attempt: Attempt) -> BrowserSession:
-        """A browser session; a server that is away, or starts no browser, for a moment is waited for.
+        """A browser session; a server or an offline web that is away for a moment is waited for.
 
         Nothing has begun, so that no sample is used up. If none came in time, the run stops. Waiting for a
         slot does not count while this run itself holds some.
@@ -202,7 +202,12 @@ class Collector:
                 rest = self._server_failed + longest_pause(self._config) - time.monotonic()
                 await asyncio.sleep(max(0.0, rest))
             return await open_patiently(
-                self._context.client, attempt.options(), self._config, tell=tell, held=held
+                self._context.client,
+                attempt.options(),
+                self._config,
+                tell=tell,
+                held=held,
+                ready=attempt.reach_site_state,
             )
         finally:
             progress.move("opening", None, attempt.planned.attempt_id)

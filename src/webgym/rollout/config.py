@@ -94,8 +94,9 @@ class CollectorConfig(Settings):
     recorded as cancelled by the collector, which is no failure of the agent's: it carries no reward."""
 
     server_patience_seconds: float = Field(default=60.0, ge=0)
-    """How long a server that does not answer, has no free slot or starts no browser is waited for before the
-    run stops. Waiting for a slot does not count while this run itself holds some."""
+    """How long a server that does not answer, has no free slot or starts no browser, or an offline web that
+    does not answer, is waited for before the run stops. Waiting for a slot does not count while this run
+    itself holds some."""
 
     server_retry_seconds: float = Field(default=0.5, gt=0)
     """First pause before a server is asked again; each further pause is twice as long, up to eight times. An

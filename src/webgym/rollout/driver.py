@@ -188,6 +188,16 @@ class EpisodeDriver:
             files=self.planned.task.files if traits.space == "extended" else (),
         )
 
+    async def reach_site_state(self) -> None:
+        """Ask the offline web for this episode's state, which it does not have yet, to see that it answers.
+
+        Raises:
+            SitesError: it does not, although the task is on it.
+        """
+        truth, site_state = self.planned.task.truth, self._context.site_state
+        if site_state is not None and truth is not None:
+            await site_state.state(self.visitor, truth.host)
+
     async def start(self, session: BrowserSession) -> View:
         """Open the start page.
 

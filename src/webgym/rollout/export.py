@@ -6,6 +6,7 @@ A row contains the request and the reply, with the outcome and the reward of the
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -210,7 +211,12 @@ class _Exporter:
             }
 
     def _sent(self, ref: ImageRef) -> bytes:
-        return fit(self._reader.image(ref.screenshot), (ref.width, ref.height))
+        data = self._reader.image(ref.screenshot)
+        if hashlib.sha256(data).hexdigest() != ref.screenshot:
+            raise StoreCorrupt(
+                f"{self._reader.image_path(ref.screenshot)} is damaged", hint="webgym verify RUN names all"
+            )
+        return fit(data, (ref.width, ref.height))
 
     def _picture_path(self, ref: ImageRef) -> str:
         name = _name(ref)

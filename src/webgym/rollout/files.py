@@ -79,6 +79,22 @@ def check_run(path: Path) -> None:
             f"{path} is not a run: " + (f"it has no {CONFIG}" if path.exists() else "it does not exist"),
             hint="give the folder that webgym demo or webgym rollout wrote",
         )
+    refuse_special_files(path, path / TRAJECTORIES, path / VERDICTS)
+
+
+def refuse_special_files(*folders: Path) -> None:
+    """Refuse folders with pipes, devices or sockets in place of files: reading one may never end.
+
+    Args:
+        folders: those that do not exist are ignored.
+
+    Raises:
+        RunFolderError: there is one.
+    """
+    for folder in folders:
+        for path in folder.glob("*"):
+            if path.exists() and not path.is_file() and not path.is_dir():
+                raise RunFolderError(f"{path} is a pipe, a device or a socket", hint="delete it")
 
 
 @contextmanager

@@ -1,13 +1,14 @@
-"""Opens browser sessions; a server that is away, or starts no browser, for a moment is waited for."""
+"""Opens browser sessions; a server or an offline web that is away, or a server that starts no browser, for a
+moment is waited for."""
 
 from __future__ import annotations
 
 import asyncio
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 
-from webgym.core.errors import BrowserError, NoCapacity, ServerError, Unauthorized, WebGymError
+from webgym.core.errors import BrowserError, NoCapacity, ServerError, SitesError, Unauthorized, WebGymError
 from webgym.rollout.config import CollectorConfig
 from webgym.rollout.driver import Browsers, BrowserSession
 from webgym.server.messages import SessionOptions
@@ -20,6 +21,7 @@ async def open_patiently(
     *,
     tell: Callable[[str], None],
     held: Callable[[], float] = lambda: -math.inf,
+    ready: Callable[[], Awaitable[object]] | None = None,
 ) -> BrowserSession:
     """A browser session. The client has reached the server before, so that whatever it answers may pass, but
     a token that it refuses.
@@ -31,6 +33,7 @@ async def open_patiently(
         tell: called with the reason before each pause, and with an empty string at the end of the waiting.
         held: when the caller last held a session, on the monotonic clock. Waiting for a slot counts from then
             on.
+        ready: called before each try; while the offline web does not answer it, that is waited for, too.
 
     Raises:
         WebGymError: the last failure, if no session could be opened in time.
@@ -38,9 +41,11 @@ async def open_patiently(
     since, pause, has_failed = time.monotonic(), config.server_retry_seconds, False
     while True:
         try:
+            if ready is not None:
+                await ready()
             session = await client.open(options)
         except WebGymError as error:
-            may_pass = is_of_server(error) or isinstance(error, BrowserError)
+            may_pass = is_of_server(error) or isinstance(error, BrowserError | SitesError)
             if not may_pass or isinstance(error, Unauthorized):
                 raise
             if isinstance(error, NoCapacity):

@@ -23,6 +23,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import os
+import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -53,6 +54,7 @@ from webgym.rollout.files import (
     delete_torn,
     disk_errors,
     image_path,
+    is_training,
     last_line_end,
     make_folder,
     sync_folder,
@@ -90,8 +92,10 @@ def refuse_taken(path: Path) -> None:
     except OSError as error:
         raise RunFolderError(f"cannot create the run folder {path}: {error.strerror}") from error
     if CONFIG in names:
+        kind, verb = ("training", "train") if is_training(path) else ("run", "rollout")
+        command = f"webgym {verb} --resume {shlex.quote(str(path))}"
         raise RunFolderError(
-            f"{path} holds a run already", hint="resume with --resume, or choose another folder"
+            f"{path} holds a {kind} already", hint=f"{command} continues it; or choose another folder"
         )
     if foreign := sorted(name for name in names - _LEFT_BY_A_START if not name.endswith(TORN)):
         raise RunFolderError(f"{path} is not empty ({', '.join(foreign[:3])})", hint="choose another folder")

@@ -15,6 +15,7 @@ import numpy as np
 from webgym.agent.policy import ORACLES
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Task
+from webgym.core.text import plain
 from webgym.core.trajectory import Step, Trajectory
 from webgym.judge.blocking import blocking_host
 from webgym.rollout.rates import Interval, Successes, over_tasks, pass_at
@@ -395,7 +396,7 @@ class Tally:
         steps = self._counts["all", ""].steps
         if steps and self._invalid / steps > MANY_INVALID:
             share = f"{self._invalid / steps:.1%} of {steps:,} replies hold no valid action"
-            yield f"{share}; the first: {self._first_invalid}"
+            yield plain(f"{share}; the first: {self._first_invalid}")
 
     def _pass_at(self) -> dict[str, PassAt]:
         ends = [[outcome for _, outcome in samples.values()] for samples in self._attempted.values()]

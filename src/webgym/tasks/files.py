@@ -183,6 +183,16 @@ def gc_paused() -> Iterator[None]:
             gc.enable()
 
 
+def refuse_device(path: Path) -> None:
+    """Refuse a device such as ``/dev/zero``, which may never end. A pipe is read to its end.
+
+    Raises:
+        TaskFileError: it is one.
+    """
+    if path.is_char_device():
+        raise TaskFileError(f"{path} is a device", hint="give a file")
+
+
 @contextmanager
 def opened(path: Path) -> Iterator[io.BufferedReader[Any]]:
     """Open a file for reading, decompressed if its first bytes are those of gzip or zstd.
@@ -190,6 +200,7 @@ def opened(path: Path) -> Iterator[io.BufferedReader[Any]]:
     Raises:
         TaskFileError: it cannot be opened, or not be read inside of this context.
     """
+    refuse_device(path)
     try:
         with ExitStack() as stack:
             file = stack.enter_context(io.BufferedReader(path.open("rb", buffering=0), _BUFFER))

@@ -19,6 +19,7 @@ TRAINING/
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -35,6 +36,7 @@ from webgym.rollout.files import (
     EVALUATIONS,
     ITERATIONS,
     METRICS,
+    TASKS,
     TORN,
     delete_torn,
     disk_errors,
@@ -127,9 +129,10 @@ class TrainingFolder:
         with disk_errors(f"reading {self.path}"):
             entries = list(self.path.iterdir()) if self.path.exists() else []
         if any(not entry.name.endswith((TORN, ".log")) for entry in entries):
-            raise RunFolderError(
-                f"{self.path} is not empty", hint="resume with --resume, or choose another folder"
-            )
+            is_begun = (self.path / CONFIG).is_file() and not (self.path / TASKS).is_file()
+            command = f"webgym train --resume {shlex.quote(str(self.path))}"
+            resume = f"{command} continues what it holds; or " if is_begun else ""
+            raise RunFolderError(f"{self.path} is not empty", hint=f"{resume}choose another folder")
 
     def create(self, config: Mapping[str, Any]) -> None:
         """Create the folder.

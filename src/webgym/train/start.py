@@ -18,7 +18,7 @@ from webgym.inference.local import LocalConfig
 from webgym.inference.model import load_renderer
 from webgym.judge.factory import check_judge, refuse_unjudgeable
 from webgym.llm.config import altering
-from webgym.rollout.files import CONFIG, TASKS
+from webgym.rollout.files import CONFIG, TASKS, refuse_special_files
 from webgym.rollout.trackers import tracking
 from webgym.run_config import RunConfig, Secrets, resolved
 from webgym.run_services import services
@@ -125,6 +125,24 @@ async def open_training(
                 yield training
 
 
+def is_complete(config: TrainConfig, out: Path, tell: Tell) -> bool:
+    """Whether a training has no iteration left; if so, what is derived from them is written again.
+
+    Args:
+        config: the result of :func:`read_config`.
+        out: the training's folder.
+        tell: called with the failure of a tracker.
+
+    Raises:
+        StoreLocked: another process trains in the folder.
+    """
+    folder = TrainingFolder(out)
+    if folder.stage(config.loop.iterations) is not None:
+        return False
+    with folder.locked(), tracking(config.trackers, out, config.project, folder.write_metrics(), tell):
+        return True
+
+
 async def _check_replies(config: RunConfig, serving: Serving, warn: Tell | None) -> None:
     """Request a test reply of the model.
 
@@ -213,6 +231,7 @@ def read_config(out: Path) -> TrainConfig:
         raise RunFolderError(
             f"{out} is a run, not a training", hint=f"resume it with webgym rollout --resume {out}"
         )
+    refuse_special_files(out)
     try:
         data = yaml.safe_load((out / CONFIG).read_text())
     except OSError as error:

@@ -21,6 +21,7 @@ from typing import IO, Any, NamedTuple, TypeAlias
 import msgspec
 
 from webgym.core.errors import TaskFileError
+from webgym.tasks.files import refuse_device
 from webgym.tasks.sources.base import Skipped
 from webgym.tasks.sources.csv_text import csv_rows
 from webgym.tasks.sources.fields import Fields, kind
@@ -84,6 +85,7 @@ def read_records(path: Path, is_record: IsRecord) -> Iterator[Found]:
             f"the format of {path} is not supported",
             hint="unpack it, or write it as JSON lines, CSV or Parquet",
         )
+    refuse_device(path)
     try:
         with path.open("rb") as file:
             magic = file.read(6)

@@ -7,6 +7,7 @@ import base64
 import hashlib
 import os
 import re
+import signal
 import struct
 import time
 from collections.abc import AsyncIterator, Callable
@@ -98,6 +99,17 @@ async def test_a_stopped_slot_uses_no_processor(open_tab: Open, site: Site) -> N
         assert psutil.STATUS_STOPPED not in states(tab.slot)
         await tab.step(Wait(0.3))
     assert cpu_seconds(tab.slot) > before
+
+
+async def test_a_process_that_stops_after_the_others_went_on_goes_on_too(open_tab: Open, site: Site) -> None:
+    """As one that is forked meanwhile: Linux gives it the first of the two signals alone."""
+    tab = await opened(open_tab, site.page("<p>text"))
+    with tab.slot.awake():
+        with tab.slot.asleep():
+            pass
+        assert tab.slot.process is not None
+        os.killpg(tab.slot.process.pid, signal.SIGSTOP)
+        await until(lambda: psutil.STATUS_STOPPED not in states(tab.slot))
 
 
 async def test_not_stopped_where_that_is_off(open_tab: Open, site: Site) -> None:

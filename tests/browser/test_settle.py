@@ -258,14 +258,14 @@ async def test_long_polls_and_streams_are_not_waited_for(site: Site, open_tab: O
 
         return StreamingResponse(events(), media_type="text/event-stream")
 
-    tab = await open_tab(config=BrowserConfig(long_poll_seconds=1.5))
+    tab = await open_tab(config=BrowserConfig(long_poll_seconds=0.5))
     site.on("/slow", slow)
     site.on("/stream", stream)
     await tab.goto(site.page("<p>text</p><script>fetch('/slow?seconds=30')</script>"))
     assert reason(tab) == "long_poll"
-    assert 1400 < settle_ms(tab) < 15_000
+    assert 400 < settle_ms(tab) < 3000
     await tab.step(NOWHERE)
-    assert settle_ms(tab) < 1400, "known by now"
+    assert settle_ms(tab) < 400, "known by now"
     await tab.goto(
         site.page(
             "<p id=p></p><script>new EventSource('/stream').onmessage = (e) => p.append(e.data)</script>"
@@ -334,9 +334,9 @@ async def test_the_deadline_is_hard_and_said(site: Site, open_tab: Open) -> None
     tab = await open_tab(config=BrowserConfig(settle_seconds=0.8))
     look = await tab.goto(site.on("/endless", endless))
     assert reason(tab) == "deadline"
-    assert {notice.kind for notice in look.observation.notices} == {"still_loading"}
+    assert [notice.kind for notice in look.observation.notices] == ["still_loading"]
     assert tab.text == ["first part"]
-    assert settle_ms(tab) < 1000 * BrowserConfig().settle_seconds, "it has no end"
+    assert settle_ms(tab) < 3000
 
 
 async def test_a_picture_is_of_the_page_as_it_is(site: Site, tab: Tab) -> None:

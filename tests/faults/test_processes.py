@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from webgym.browser.cdp import CommandFailed
+from webgym.browser.process import _FORK_SECONDS
 from webgym.browser.slot import Slot
 from webgym.core.action import Navigate, Wait
 from webgym.core.errors import BrowserCrashed, BrowserError, BrowserTimeout, LeaseLost
@@ -176,6 +177,7 @@ async def test_a_gpu_process_that_dies_again_and_again(fault: Around) -> None:
 async def test_a_process_that_stands_still_is_a_timeout(fault: Around, kind: str) -> None:
     async with fault() as bench:
         session, slot = await bench.open()
+        await asyncio.sleep(_FORK_SECONDS)  # or it would be continued
         working = asyncio.create_task(session.step(Wait(1)))
         await in_the_middle(bench, slot)
         for pid in members(slot, kind):

@@ -200,8 +200,9 @@ class BrowserProcess:
     def thaw(self) -> None:
         """Let the group continue.
 
-        A process that is being forked when both signals come gets the first alone: Linux ignores a SIGCONT that
-        nobody handles before it notes what a child has to get. So it is sent again until forks have ended.
+        A process that is being forked when both signals come gets the first alone: Linux ignores a SIGCONT
+        that nobody handles before it notes what a child has to get. So it is sent again until forks have
+        ended.
         """
         self.is_frozen = False
         self._continue(_FIRST_PAUSE_SECONDS)

@@ -43,12 +43,8 @@ _DENIED_AFTER: Final = re.compile(
 _SCALE: Final = "|".join(SCALES)
 _BOUNDS: Final = "less than|more than|fewer than|under|over|below|above|at least|at most|up to|almost|nearly"
 _BOUND: Final = re.compile(rf"(?:\b({_BOUNDS}) |(?<![-=])[<>≤≥]=? ?|\b(?:{_SCALE}) (?:and )?)[$£€¥]?$")
-_ABOUT: Final = r"about|around|approximately|approx\.?|roughly|circa|ca\.?|close to"
-_HEDGED: Final = re.compile(rf"(?:\b({_ABOUT}) |[~≈] ?)[$£€¥]?$")
-_SCALED: Final = re.compile(
-    rf"\+(?!\w)| (?:{_SCALE}|and a half)\b| ?(?:[^\W\d_]+ )?or (?:more|less|fewer|so)\b"
-)
-_QUALIFIER: Final = re.compile(rf"\b(?:([^\W\d_]+) )?(?:{_NOT}|{_BOUNDS}|{_ABOUT})$", re.IGNORECASE)
+_SCALED: Final = re.compile(rf"\+(?!\w)| (?:{_SCALE}|and a half)\b| ?(?:[^\W\d_]+ )?or (?:more|less|fewer)\b")
+_QUALIFIER: Final = re.compile(rf"\b(?:([^\W\d_]+) )?(?:{_NOT}|{_BOUNDS})$", re.IGNORECASE)
 _RATE: Final = re.compile(
     r" ?(?:(?:\b(?:per|an?|each|every) |/ ?)(hour|day|night|week|month|year)\b"
     r"|\b(hour|dai|night|week|month|year)ly\b)"
@@ -430,7 +426,7 @@ def _is_claim(text: str, start: int, end: int, units: set[_Unit], known: str) ->
     is_count = value.isdigit() or value in NUMBER_WORDS
     if not is_count and not any(map(str.isdigit, value)):
         return True
-    bound = _BOUND.search(before) or (_is_amount(value) and _HEDGED.search(before))
+    bound = _BOUND.search(before)
     if (bound and (bound[1] or bound[0]) not in known) or _SCALED.match(after):
         return False
     is_price = any(kind in _CURRENCIES for kind, _ in units)
@@ -452,12 +448,6 @@ def _is_claim(text: str, start: int, end: int, units: set[_Unit], known: str) ->
 
 def _rates(text: str) -> set[str]:
     return {found[1] or found[2].replace("dai", "day") for found in _RATE.finditer(text)}
-
-
-def _is_amount(value: str) -> bool:
-    """Whether the value is a number with at most a unit, and no name as "87 Claydale Road"."""
-    is_number = not value[0].isalpha() or value.split()[0] in NUMBER_WORDS
-    return is_number and len(re.findall("[a-z]{3,}", value)) < 2
 
 
 def _units(text: str) -> Iterator[_Unit]:

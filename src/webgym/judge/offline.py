@@ -234,7 +234,7 @@ def _shown(truth: Truth) -> Iterator[str]:
 
 def _labels(truth: Truth) -> dict[str, str]:
     """The text beside each value on its page, by the value; other candidates are no label."""
-    views = [evidence.texts for fact in truth.facts for evidence in fact.evidence[:1]]
+    views = [each.texts for fact in truth.facts for each in fact.evidence[:1] if each.texts]
     return {
         value: " ".join(beside)
         for *beside, value in views

@@ -8,6 +8,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from webgym.core.timeouts import correct_timeouts
+
 if TYPE_CHECKING:
     from webgym.agent.agent import Agent
     from webgym.agent.config import AgentConfig
@@ -49,6 +51,8 @@ if TYPE_CHECKING:
     from webgym.token_rollout import Sampled, TokenRequest, TokenRollout, TokenRow, roll_out
 
 __version__ = "0.1.0"
+
+correct_timeouts()
 
 _HOMES = {
     "webgym.agent.agent": ("Agent",),

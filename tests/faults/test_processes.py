@@ -177,7 +177,11 @@ async def test_a_gpu_process_that_dies_again_and_again(fault: Around) -> None:
 async def test_a_process_that_stands_still_is_a_timeout(fault: Around, kind: str) -> None:
     async with fault() as bench:
         session, slot = await bench.open()
-        await asyncio.sleep(_FORK_SECONDS)  # or it would be continued
+        process, clock = slot.process, asyncio.get_running_loop().time
+        assert process is not None
+        await bench.until(
+            lambda: slot.is_frozen and clock() - process._stopped > _FORK_SECONDS
+        )  # or it goes on
         working = asyncio.create_task(session.step(Wait(1)))
         await in_the_middle(bench, slot)
         for pid in members(slot, kind):

@@ -112,6 +112,24 @@ async def test_a_process_that_stops_after_the_others_went_on_goes_on_too(open_ta
         await until(lambda: psutil.STATUS_STOPPED not in states(tab.slot))
 
 
+async def test_each_stop_ends_what_the_last_one_left_to_do(
+    open_tab: Open, site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The continue signals of earlier stops were sent on and on, up to seconds later."""
+    tab = await opened(open_tab, site.page("<p>text"))
+    process = tab.slot.process
+    assert process is not None
+    sent: list[signal.Signals] = []
+    monkeypatch.setattr(process, "_signal", sent.append)
+    stops = 20
+    for _ in range(stops):
+        process.freeze()
+        process.thaw()
+    await asyncio.sleep(1.5)
+    assert sent.count(signal.SIGSTOP) == stops
+    assert sent.count(signal.SIGCONT) < stops + 10, "those of the last stop: at 0.01 s, 0.03 s, 0.07 s ..."
+
+
 async def test_not_stopped_where_that_is_off(open_tab: Open, site: Site) -> None:
     tab = await opened(open_tab, site.page(BUSY), BrowserConfig(freeze=False))
     assert not tab.slot.is_frozen

@@ -139,6 +139,7 @@ class BrowserProcess:
         self.started = asyncio.get_running_loop().time()
         self.is_frozen = False
         self._stopped = -_FORK_SECONDS
+        self._again: asyncio.TimerHandle | None = None
         self.standing_bytes = 0
         """Memory use without renderers at the last check, bytes."""
         self.relieved = ""
@@ -195,6 +196,8 @@ class BrowserProcess:
         """Stop the whole group: it uses no CPU until :meth:`thaw`. It can still be killed."""
         self.is_frozen = True
         self._stopped = asyncio.get_running_loop().time()
+        if self._again is not None:
+            self._again.cancel()
         self._signal(signal.SIGSTOP)
 
     def thaw(self) -> None:
@@ -208,12 +211,10 @@ class BrowserProcess:
         self._continue(_FIRST_PAUSE_SECONDS)
 
     def _continue(self, pause: float) -> None:
-        if self.is_frozen:
-            return
         self._signal(signal.SIGCONT)
         loop = asyncio.get_running_loop()
         if loop.time() - self._stopped < _FORK_SECONDS:
-            loop.call_later(pause, self._continue, 2 * pause)
+            self._again = loop.call_later(pause, self._continue, 2 * pause)
 
     def relieve(self, renderer: int | None, why: str) -> None:
         """End this renderer, or the whole browser, because of its memory use."""

@@ -177,6 +177,13 @@ def test_unknown_verbs_and_options(calls: Calls) -> None:
         assert "(see `webgym --help`)" in err
 
 
+def test_a_file_of_settings_without_its_option_names_the_option(calls: Calls) -> None:
+    code, said = calls.run("rollout", "mine.yaml")
+    assert code == 2
+    assert "--config" in said
+    assert "--config" not in calls.run("verify", "run", "mine.yaml")[1], "it has no such option"
+
+
 def test_the_version(calls: Calls) -> None:
     code, out, _ = calls.apart("--version")
     assert code == 0

@@ -7,6 +7,9 @@ import io
 import json
 import re
 import shutil
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import msgspec
@@ -19,7 +22,7 @@ from tests.report.conftest import build_run
 from webgym.core.errors import RunFolderError, UsageError
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import ImageRef, Message, TextPart
-from webgym.rollout.export import export
+from webgym.rollout.export import Format, export
 from webgym.rollout.store import RunReader, RunWriter
 
 
@@ -165,6 +168,43 @@ def test_a_folder_in_use_is_refused(run: Path, tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("keep me")
     with pytest.raises(RunFolderError, match="is not empty"):
         export(run, tmp_path, "jsonl")
+
+
+@pytest.mark.parametrize("kind", ["jsonl", "parquet", "sharegpt"])
+def test_an_export_that_was_killed_can_be_made_again(
+    run: Path, tmp_path: Path, calls: Calls, kind: Format
+) -> None:
+    killed = tmp_path / "killed"
+    export_slowly = (
+        "import os, sys; from pathlib import Path; from webgym.rollout.export import export; export("
+    )
+    export_slowly += "Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3], split='all', "
+    export_slowly += "progress=lambda done: done < 3 or os.kill(os.getpid(), 9))"
+    ended = subprocess.run([sys.executable, "-c", export_slowly, run, killed, kind], check=False)
+    assert ended.returncode == -signal.SIGKILL
+    assert [path.name for path in killed.iterdir()] == [".unfinished.tmp"]
+    code, said = calls.run("export", run, "--out", killed, "--format", kind, "--split", "all")
+    assert code == 0, said
+    export(run, tmp_path / "whole", kind, split="all")
+    names = [
+        sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
+        for folder in (killed, tmp_path / "whole")
+    ]
+    assert names[0] == names[1]
+
+
+@pytest.mark.parametrize("exists", [False, True])
+def test_an_export_that_fails_leaves_nothing(run: Path, tmp_path: Path, exists: bool) -> None:
+    out = tmp_path / "out"
+    if exists:
+        out.mkdir()
+
+    def fail(_: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        export(run, out, "jsonl", split="all", progress=fail)
+    assert list(tmp_path.rglob("*")) == ([out] if exists else [])
 
 
 @pytest.mark.parametrize("kind", ["jsonl", "parquet"])

@@ -24,6 +24,7 @@ from tests.rollout.test_verify import Judge as Passing
 from webgym.core.errors import ConfigError, RunFolderError, StoreError
 from webgym.core.outcome import Outcome
 from webgym.report.overview import Overview
+from webgym.rollout.files import check_run
 from webgym.rollout.merging import merge_runs, runs_in
 from webgym.rollout.plan import Plan
 from webgym.rollout.rejudge import judge_run, recorded
@@ -184,8 +185,10 @@ async def test_a_merge_that_is_cut_short_leaves_no_run_that_could_be_resumed(
         await merge_runs([tmp_path / "a"], tmp_path / "all", progress=stop)
     assert not (tmp_path / "all").exists()
     assert not list(tmp_path.glob(".*"))
-    half = tmp_path / ".all.tmp"  # as kill -9 leaves it
+    half = tmp_path / "all/.unfinished.tmp"  # as kill -9 leaves it
     shutil.copytree(tmp_path / "a", half)
+    with pytest.raises(RunFolderError, match="is not a run"):
+        check_run(tmp_path / "all")
     assert (await merge_runs([tmp_path / "a"], tmp_path / "all")).attempts == 4
     assert not half.exists()
     assert len(books(tmp_path / "all")) == 4

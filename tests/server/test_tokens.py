@@ -70,6 +70,15 @@ def test_no_file_is_said(tmp_path: Path) -> None:
         Tokens(TOKEN, tmp_path / "none")
 
 
+@pytest.mark.parametrize("mode", [0o644, 0o600])
+def test_a_file_that_every_user_can_read_is_said(
+    file: Path, caplog: pytest.LogCaptureFixture, mode: int
+) -> None:
+    file.chmod(mode)
+    Tokens(TOKEN, file)
+    assert ("chmod 600" in caplog.text) == (mode == 0o644)
+
+
 async def test_tokens_are_added_and_withdrawn_while_it_runs(
     file: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

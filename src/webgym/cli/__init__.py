@@ -179,6 +179,12 @@ def _usage_problem(error: BaseException, verb: str) -> str:
     context = getattr(error, "ctx", None)
     path = context.command_path if context else f"webgym {verb}".rstrip()
     message = error.format_message().rstrip(".") or "a command is missing"  # the help was printed already
+    if (
+        context
+        and message.endswith((".yaml)", ".yml)"))
+        and any(p.name == "config" for p in context.command.params)
+    ):
+        message += "; settings are given with --config"  # as `webgym train` takes them without
     return f"{message} (see `{path} --help`)"
 
 

@@ -12,11 +12,11 @@ from rich.console import Console
 from rich.progress import Progress, TextColumn
 
 from webgym.cli.tasks._files import read_all
-from webgym.core.errors import RunFolderError, UsageError
+from webgym.core.errors import UsageError
 from webgym.core.outcome import Outcome
 from webgym.offline.config import TASK_SETS
 from webgym.rollout.export import export
-from webgym.rollout.files import make_folder
+from webgym.rollout.files import make_folder, refuse_used
 from webgym.rollout.summary import oracle_notes
 from webgym.tasks.formats import write_tasks
 from webgym.tasks.split import leaking
@@ -122,8 +122,7 @@ def _export_tasks(source: Path, out: Path, kind: Format, split: Split) -> None:
             hint="choose with --split train, test or all",
         )
     make_folder(out)
-    if any(out.iterdir()):
-        raise RunFolderError(f"{out} is not empty", hint="choose another folder")
+    refuse_used(out)
     file = out / f"tasks.{kind.value}"
     typer.echo(f"{write_tasks(file, tasks):,} tasks: {file}")
     left_out = {

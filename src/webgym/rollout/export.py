@@ -17,11 +17,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from webgym.agent.image_codec import fit
-from webgym.core.errors import RunFolderError, StoreCorrupt, UsageError
+from webgym.core.errors import StoreCorrupt, UsageError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.trajectory import ImageRef, Message, Step, TextPart, Trajectory
-from webgym.rollout.files import TORN, disk_errors, make_folder, write_lines
+from webgym.rollout.files import disk_errors, whole_folder, write_lines
 from webgym.rollout.store import RunReader
 from webgym.tasks.split import leaking
 
@@ -94,9 +94,9 @@ def export(
 
     Args:
         run: the run folder.
-        out: a folder that does not exist yet or is empty. It gets ``steps.jsonl``, ``steps.parquet``, or
-            ``sharegpt.json`` with ``dataset_info.json``; the first and the last with ``pictures/``, in the
-            sizes in which they were sent.
+        out: a folder that does not exist yet or is empty. Once it is all written, it gets ``steps.jsonl``,
+            ``steps.parquet``, or ``sharegpt.json`` with ``dataset_info.json``; the first and the last with
+            ``pictures/``, in the sizes in which they were sent.
         kind: the format.
         split: split of the tasks to export. A task without one belongs to the split that the run's tasks were
             taken from; if that is not known either, it is only exported with ``all``, because it may not be
@@ -120,19 +120,16 @@ def export(
         if entry.task_id not in reader.tasks:
             why = f"{entry.attempt_id}: the run does not hold its task {entry.task_id}"
             raise StoreCorrupt(why, hint="webgym verify RUN counts such attempts")
-    make_folder(out)
-    if any(out.iterdir()):
-        raise RunFolderError(f"{out} is not empty", hint="choose another folder")
-    exporter = _Exporter(reader, out, split, outcomes, progress)
-    with disk_errors(f"writing to {out}"):
+    with whole_folder(out) as folder, disk_errors(f"writing to {out}", "export again"):
+        exporter = _Exporter(reader, folder, split, outcomes, progress)
         if kind == "parquet":
-            exporter.write_parquet(out / "steps.parquet")
+            exporter.write_parquet(folder / "steps.parquet")
         elif kind == "jsonl":
-            write_lines(out / "steps.jsonl", map(_line, exporter.rows()))
+            write_lines(folder / "steps.jsonl", map(_line, exporter.rows()))
         else:
-            write_lines(out / "sharegpt.json", _array(exporter.conversations()))
-            write_lines(out / "dataset_info.json", [json.dumps(_SHAREGPT, indent=2).encode()])
-    return exporter.done
+            write_lines(folder / "sharegpt.json", _array(exporter.conversations()))
+            write_lines(folder / "dataset_info.json", [json.dumps(_SHAREGPT, indent=2).encode()])
+        return exporter.done
 
 
 class _Exporter:
@@ -179,8 +176,7 @@ class _Exporter:
 
     def write_parquet(self, path: Path) -> None:
         """Write rows with the pictures themselves, in the form of the library ``datasets``."""
-        torn = path.with_name(f".{path.name}{TORN}")  # renamed once it is complete
-        with pq.ParquetWriter(torn, _SCHEMA, compression="zstd") as writer:
+        with pq.ParquetWriter(path, _SCHEMA, compression="zstd") as writer:
             rows: list[dict[str, Any]] = []
             for task, trajectory, step in self._steps():
                 self.done.steps += 1
@@ -191,7 +187,6 @@ class _Exporter:
                     writer.write_table(pa.Table.from_pylist(rows, _SCHEMA))
                     rows = []
             writer.write_table(pa.Table.from_pylist(rows, _SCHEMA))
-        torn.replace(path)
 
     def conversations(self) -> Iterator[dict[str, Any]]:
         """A conversation for every step with an action, whose last message is the reply."""

@@ -128,6 +128,46 @@ def make_folder(path: Path) -> None:
         raise RunFolderError(f"cannot create the folder {path}: {error.strerror}") from error
 
 
+def refuse_used(path: Path) -> None:
+    """Refuse an output folder that holds more than temporary files of a process that was killed.
+
+    Raises:
+        RunFolderError: it is not empty.
+    """
+    if any(not entry.name.endswith(TORN) for entry in path.iterdir()):
+        raise RunFolderError(f"{path} is not empty", hint="choose another folder")
+
+
+@contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """Write a folder whose content appears when it is complete, and not at all if that fails.
+
+    Args:
+        path: it must not exist, or be empty.
+
+    Yields:
+        the folder to write to, inside of ``path``.
+
+    Raises:
+        RunFolderError: it is not empty, or cannot be created.
+    """
+    is_new = not path.exists()
+    make_folder(path)
+    refuse_used(path)
+    unfinished = path / f".unfinished{TORN}"
+    shutil.rmtree(unfinished, ignore_errors=True)  # of a process that was killed
+    try:
+        make_folder(unfinished)
+        yield unfinished
+        with disk_errors(f"creating {path}"):
+            for entry in sorted(unfinished.iterdir(), key=lambda entry: entry.name == CONFIG):
+                entry.rename(path / entry.name)  # a folder with a config.yaml is a run: it comes last
+            unfinished.rmdir()
+    except BaseException:
+        shutil.rmtree(path if is_new else unfinished, ignore_errors=True)
+        raise
+
+
 def sync_folder(path: Path) -> None:
     """Sync a folder, so that new names of files in it are durable."""
     fd = os.open(path, os.O_RDONLY | os.O_DIRECTORY)

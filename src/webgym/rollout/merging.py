@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-import shutil
 import uuid
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
@@ -13,7 +11,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from webgym.core.errors import ConfigError, RunFolderError
-from webgym.rollout.files import TORN, disk_errors
+from webgym.rollout.files import whole_folder
 from webgym.rollout.records import Entry, pictures
 from webgym.rollout.sharing import COLLECTORS, difference, shared_settings
 from webgym.rollout.store import RunReader, RunWriter, refuse_taken
@@ -81,16 +79,8 @@ async def merge_runs(
     first = readers[0]
     for other in readers[1:]:
         _refuse_different(first, other)
-    unfinished = out.with_name(f".{out.name}{TORN}")
-    await asyncio.to_thread(shutil.rmtree, unfinished, ignore_errors=True)  # of a merge that was killed
-    try:
-        result = await _write(readers, unfinished, progress)
-        with disk_errors(f"creating {out}"):
-            unfinished.replace(out)
-    except BaseException:
-        shutil.rmtree(unfinished, ignore_errors=True)
-        raise
-    return result
+    with whole_folder(out) as unfinished:
+        return await _write(readers, unfinished, progress)
 
 
 async def _write(readers: Sequence[RunReader], out: Path, progress: Callable[[int, int], object]) -> Merged:

@@ -14,6 +14,7 @@ import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
+from stat import S_IROTH
 
 from webgym.core.errors import ConfigError
 
@@ -112,6 +113,8 @@ class Tokens:
             self._stamp = _UNREADABLE
             raise ConfigError(f"the file of tokens {self._file} cannot be read: {why}") from None
         self._named = tuple(_read(text, self._file))
+        if status.st_mode & S_IROTH:
+            log.warning("every user can read the tokens in %s; `chmod 600` prevents it", self._file)
 
 
 _UNREADABLE = (-1,)

@@ -15,7 +15,7 @@ from pydantic import SecretStr, ValidationError
 
 from webgym.core.errors import ConfigError
 from webgym.offline import latency
-from webgym.offline.app import VISITOR_COOKIE, RunningSites, serving
+from webgym.offline.app import VISITOR_COOKIE, RunningSites, SitesApp, serving
 from webgym.offline.config import CollectionName, SitesConfig
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Behaviour, Visit
@@ -203,16 +203,16 @@ async def test_a_website_that_nags_says_so_in_its_pages(web: OfflineWeb) -> None
 
 
 async def test_a_slow_website_takes_its_time_and_no_other_does(web: OfflineWeb) -> None:
-    async with served(web, slow_seconds=0.4) as (_, client):
+    async with served(web, slow_seconds=1.5) as (_, client):
 
         async def took(behaviour: Behaviour, path: str) -> float:
             began = time.monotonic()
             await client.get(path, headers={"host": host_of(web, behaviour)})
             return time.monotonic() - began
 
-        assert await took("slow", "/") >= 0.4
-        assert min([await took("slow", "/picture/thing/x.svg") for _ in range(3)]) < 0.4
-        assert min([await took("good", "/") for _ in range(3)]) < 0.4
+        assert await took("slow", "/") >= 1.5
+        assert min([await took("slow", "/picture/thing/x.svg") for _ in range(3)]) < 1.5
+        assert min([await took("good", "/") for _ in range(3)]) < 1.5
 
 
 async def test_simulated_latency_is_waited_for(web: OfflineWeb) -> None:
@@ -228,13 +228,20 @@ async def test_simulated_latency_is_waited_for(web: OfflineWeb) -> None:
 
 
 async def test_latency_ends_when_the_websites_are_closed(
-    web: OfflineWeb, capfd: pytest.CaptureFixture[str]
+    web: OfflineWeb, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    arrived, simulate = asyncio.Event(), SitesApp._simulate_latency
+
+    async def noticed(*request: Any) -> None:
+        arrived.set()
+        await simulate(*request)
+
+    monkeypatch.setattr(SitesApp, "_simulate_latency", noticed)
     async with httpx.AsyncClient(trust_env=False, timeout=20) as client:
         async with serving(SitesConfig(slow_seconds=1000), web) as sites:
             headers = {"host": host_of(web, "slow")}
             page = asyncio.create_task(client.get(sites.url, headers=headers))
-            await asyncio.sleep(0.2)  # the request arrives
+            await arrived.wait()
             assert not page.done()
         assert (await page).status_code == 200
     assert "Exception in ASGI application" not in capfd.readouterr().err

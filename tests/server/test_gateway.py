@@ -438,7 +438,7 @@ async def test_a_killed_worker_costs_its_own_sessions_alone(
 async def test_a_worker_that_hangs_is_replaced(tmp_path: Path) -> None:
     browser = LOCAL.model_copy(update={"temporary_root": tmp_path})
     config = ServerConfig(slots=1, token=TOKEN, beat_seconds=0.2, browser=browser)
-    fleet = GatewayConfig(workers=1, silent_seconds=2, answer_seconds=2, stop_seconds=1)
+    fleet = GatewayConfig(workers=1, silent_seconds=2, answer_seconds=4, stop_seconds=1)
     async with (
         running_gateway(config, fleet) as gateway,
         BrowserClient(gateway.url, token=TOKEN, limits=quick(direct=False)) as client,

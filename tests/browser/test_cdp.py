@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 
 import msgspec
@@ -9,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from webgym.browser.cdp import _decode
+from webgym.browser.cdp import TargetGone, _decode
 from webgym.core.action import Wait
 from webgym.core.observation import Observation
 
@@ -74,3 +75,24 @@ async def test_a_page_with_half_characters_everywhere(open_tab: Open, site: Site
     assert "cut off �" in (seen[-1].text or "")
     assert [one.name for one in seen[-1].elements or ()] == ["cut off �"]
     assert any("cut off �" in notice.text for one in seen for notice in one.notices)
+
+
+@pytest.mark.browser
+@pytest.mark.asyncio(loop_scope="package")
+async def test_what_needed_a_crashed_renderer_is_told_so(open_tab: Open, site: Site) -> None:
+    """Chromium holds such commands, and refuses them when the page is loaded again."""
+    tab = await open_tab()
+    await tab.goto(site.page("<p>text"))
+    page = tab.slot._page
+    assert page is not None
+    page.session.send("Page.crash")
+    async with asyncio.timeout(60):
+        while not page.is_crashed:
+            await asyncio.sleep(0.01)
+    page.session.crashed = None
+    asked = asyncio.create_task(page.worlds.run("content", reply=msgspec.Raw, seconds=60))
+    await asyncio.sleep(0)
+    await page.session.call("Page.navigate", {"url": page.url}, reply=msgspec.Raw, seconds=60)
+    with pytest.raises(TargetGone):
+        await asked
+    assert (await tab.step(Wait(0.1))).observation.text == "text"

@@ -9,6 +9,7 @@ import subprocess
 from collections import Counter
 from pathlib import Path
 
+import psutil
 import pytest
 import yaml
 from tests.conftest import Calls, Commands, wait_until
@@ -124,4 +125,16 @@ def test_a_killed_server_costs_attempts_and_no_trajectory(
     outcomes = check_books(run)
     assert set(outcomes) <= {Outcome.SUCCESS, Outcome.ENVIRONMENT_ERROR}
     commands.end()
+    wait_until(lambda: not commands.left_over())
+
+
+def test_a_killed_server_takes_a_stopped_worker_with_it(commands: Commands) -> None:
+    """The worker cannot see that the server is gone until it is continued."""
+    server = commands.start("serve", "--port", 0, "--slots", 1, "--workers", 1)
+    wait_until(lambda: "slots " in commands.output(server))
+    [worker] = psutil.Process(server.pid).children()
+    worker.suspend()
+    wait_until(lambda: worker.status() == psutil.STATUS_STOPPED)
+    os.kill(server.pid, signal.SIGKILL)
+    server.wait()
     wait_until(lambda: not commands.left_over())

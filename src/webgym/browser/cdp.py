@@ -40,6 +40,10 @@ class TargetGone(BrowserError):
     code = "browser_target_gone"
 
 
+_CRASHED = "Target crashed"
+"""Chromium's error for a command that needs a renderer that has crashed."""
+
+
 class _CommandError(msgspec.Struct, frozen=True):
     code: int
     message: str
@@ -167,9 +171,8 @@ class Connection(asyncio.Protocol):
                 pending.reply.set_result(incoming.result)
             else:
                 detail = f" {incoming.error.data}" if incoming.error.data else ""
-                pending.reply.set_exception(
-                    CommandFailed(f"{pending.method}: {incoming.error.message}{detail}")
-                )
+                kind = TargetGone if incoming.error.message == _CRASHED else CommandFailed
+                pending.reply.set_exception(kind(f"{pending.method}: {incoming.error.message}{detail}"))
         elif incoming.method is not None:
             for handler in tuple(self._handlers.get((incoming.session_id, incoming.method), ())):
                 handler(incoming.params)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import ctypes
 import logging
 import os
 import select
@@ -31,6 +32,9 @@ from webgym.server.messages import ErrorBody
 from webgym.server.run_worker import running_server
 
 log = logging.getLogger(__name__)
+
+_PR_SET_PDEATHSIG = 1
+"""The option of prctl(2): the signal that the kernel sends a process when its parent ends."""
 
 
 class _Settings(msgspec.Struct, frozen=True):
@@ -194,6 +198,8 @@ class DetachedChild:
 def main() -> None:
     """Run a worker in this process."""
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
+    # A worker that is stopped (SIGSTOP) when its parent is killed would never see the pipe close.
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGCONT, 0, 0, 0)
     settings = msgspec.json.decode(sys.stdin.buffer.readline(), type=_Settings)
     if settings.is_detached and os.fork():
         os._exit(0)

@@ -2,8 +2,9 @@
 
 Every test task is from a different website, and no training task is on any of these websites, neither at its
 start nor later: a task of several websites is on all that its truth names. Websites are compared by brand
-(:mod:`webgym.tasks.brands`): a policy that has trained on ``amazon.de`` has seen ``amazon.com``. Families stay together: a task derived from a test task, or from a task on a test website, is
-not a training task, whatever its own website. :func:`refuse_leaks` enforces this before training.
+(:mod:`webgym.tasks.brands`): a policy that has trained on ``amazon.de`` has seen ``amazon.com``. Families stay
+together: a task derived from a test task, or from a task on a test website, is not a training task, whatever
+its own website. :func:`refuse_leaks` enforces this before training.
 
 Test tasks are chosen by hashes of their ids and websites, so adding tasks changes as few of them as possible.
 """
@@ -121,7 +122,8 @@ def split(
         if task.id in held and (site := sites[task.id]) is not None
     }
     chosen = {*kept.values(), *_test_tasks(tasks, sites, config, len(kept), held_sites)}
-    test_sites = {site for task in tasks if task.id in chosen | held for site in _all_sites(task)} | held_sites
+    tests = [task for task in tasks if task.id in chosen | held]
+    test_sites = held_sites.union(*map(_all_sites, tests))
     test_families = {roots.get(id, id) for id in chosen | held}
     on_test_site = inherited(tasks, {task.id: task.id for task in tasks if test_sites & _all_sites(task)})
     remaining: list[Task] = []

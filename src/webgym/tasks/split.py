@@ -2,9 +2,9 @@
 
 Every test task is from a different website, and no training task is on any of these websites, neither at its
 start nor later: a task of several websites is on all that its truth names. Websites are compared by brand
-(:mod:`webgym.tasks.brands`): a policy that has trained on ``amazon.de`` has seen ``amazon.com``. Families stay
-together: a task derived from a test task, or from a task on a test website, is not a training task, whatever
-its own website. :func:`refuse_leaks` enforces this before training.
+(:mod:`webgym.tasks.brands`): a policy that has trained on ``amazon.de`` has seen ``amazon.com``. Families
+stay together: a task derived from a test task, or from a task on a test website, is not a training task,
+whatever its own website. :func:`refuse_leaks` enforces this before training.
 
 Test tasks are chosen by hashes of their ids and websites, so adding tasks changes as few of them as possible.
 """

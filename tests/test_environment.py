@@ -280,6 +280,35 @@ async def test_a_step_of_an_old_episode_does_not_end_the_next_one() -> None:
         assert info["step"] == 1
 
 
+async def test_an_episode_that_another_call_abandoned_does_not_go_on_as_the_next_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    step, entered, may_end = conformance._Session.step, asyncio.Event(), asyncio.Event()
+
+    async def waits(*given: Any) -> Any:
+        if not entered.is_set():
+            entered.set()
+            await may_end.wait()
+        return await step(*given)
+
+    async with stand_in_environment() as env:
+        browsers: Any = env._opened.client
+        for first in (env.reset, lambda: env.step(Scroll("down"))):
+            entered.clear()
+            may_end.clear()
+            with monkeypatch.context() as patch:
+                patch.setattr(conformance._Session, "step", waits)
+                old = asyncio.create_task(first())
+                await entered.wait()
+                await env.reset()
+                may_end.set()
+                with pytest.raises(UsageError, match="another call abandoned the episode"):
+                    await old
+            assert len(browsers.open_now) == 1
+            *_, info = await env.step(Scroll("down"))
+            assert info["step"] == 1
+
+
 async def test_an_opening_that_was_interrupted_closes_nothing_of_the_next(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

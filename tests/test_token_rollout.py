@@ -97,6 +97,18 @@ async def test_a_reply_that_writes_the_placeholder_of_pictures_costs_one_episode
         assert not env._opened.client.open_now  # type: ignore[attr-defined]
 
 
+async def test_a_reply_of_no_token_is_the_engines_fault() -> None:
+    engine = Engine(renderer(), RIGHT[:1] * 9)
+    engine.change = lambda sampled: (
+        dataclasses.replace(sampled, reply_ids=[], logprobs=[], finish_reason="length")
+        if len(engine.requests) > 1
+        else sampled
+    )
+    async with stand_in_environment() as env:
+        rollout = await webgym.roll_out(env, engine, renderer())
+    assert (rollout.reward, rollout.outcome, len(engine.requests)) == (None, Outcome.POLICY_ERROR, 2)
+
+
 async def test_an_environment_that_raises_for_faults_is_refused() -> None:
     async with stand_in_environment(on_fault="raise") as env:
         with pytest.raises(UsageError, match="on_fault"):

@@ -261,6 +261,7 @@ class Environment:
 
         Raises:
             ConfigError: there is no such task or option, or the seed is no integer.
+            UsageError: another call, such as a second reset, abandoned the episode before it had started.
             WebGymError: the browser or the website failed, and no episode started; reset again. A server
                 without a browser is waited for (``config.collector.server_patience_seconds``), and no task is
                 skipped for it.
@@ -277,6 +278,7 @@ class Environment:
         self._episode = episode
         try:
             view = await episode.begin()
+            self._refuse_abandoned(episode)
         except BaseException as error:
             if episode.has_no_browser and not isinstance(error, _OF_TASKS):
                 attempts[task.id] -= 1
@@ -303,8 +305,8 @@ class Environment:
             info: :data:`Info`.
 
         Raises:
-            UsageError: there is no episode, or it is over; or another step is running, or this is no action,
-                and the episode continues.
+            UsageError: there is no episode, or it is over, or another call abandoned it meanwhile; or another
+                step is running, or this is no action, and the episode continues.
             EpisodeLost: there is no reward, and ``on_fault`` is ``raise``.
         """
         return await self._advance(self._as_reply(action))
@@ -328,6 +330,8 @@ class Environment:
         try:
             is_over = await episode.step(reply)
             episode.is_stepping = False
+            if not is_over:
+                self._refuse_abandoned(episode)
         except BaseException:  # cancelled: the episode cannot continue
             await self._abandon(episode)
             raise
@@ -369,6 +373,14 @@ class Environment:
             episode.give_back_later()
         else:
             await asyncio.shield(episode.give_back())
+
+    def _refuse_abandoned(self, episode: _Episode) -> None:
+        """Refuse to continue an episode that another call has ended: steps would be those of a later one."""
+        if self._episode is not episode:
+            raise UsageError(
+                "another call abandoned the episode while this one was running",
+                hint="await a call before the next reset, or make an environment for each caller",
+            )
 
     def _restart_order(self, seed: SupportsIndex) -> None:
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator, Mapping, Sequence, Set
 from contextlib import (
     AsyncExitStack,
@@ -10,12 +11,14 @@ from contextlib import (
 from typing import Any
 
 import httpx
+import msgspec
 from pydantic import SecretStr
 
 from webgym.browser.config import Cookie
 from webgym.core.calls import CallQueue
 from webgym.core.errors import ConfigError, Unauthorized
 from webgym.core.task import Task
+from webgym.core.websites import host_or_text
 from webgym.offline.app import serving
 from webgym.offline.client import SitesClient
 from webgym.offline.web import OfflineWeb
@@ -34,6 +37,8 @@ async def open_services(
     tasks: Sequence[Task],
     tell: Tell | None,
     calls: dict[str, CallQueue],
+    *,
+    are_recorded: bool = False,
 ) -> AsyncIterator[tuple[SiteState | None, Browsers]]:
     """The websites and browsers of a run, or :class:`StaticBrowsers` for both, open until the block ends.
 
@@ -43,10 +48,12 @@ async def open_services(
         tasks: the run's, attempted ``config.samples`` times each.
         tell: called with each line that the user should read, such as a warning.
         calls: queues that limit concurrent calls, by kind of call.
+        are_recorded: the tasks are those of a run that is resumed.
 
     Raises:
         WebGymError: they cannot be started or reached, or do not serve these tasks.
     """
+    are_recorded = are_recorded or config.tasks.file is not None
     if config.server.static:
         if config.sites.collection != "small" or config.tasks.file is not None:
             raise ConfigError(
@@ -54,11 +61,13 @@ async def open_services(
                 hint="set sites.collection to small, or server.static to false",
             )
         web = OfflineWeb(config.sites.seed, per_family=config.sites.per_family, collection="small")
+        if are_recorded:
+            await asyncio.to_thread(_check_truths, web, tasks)
         async with StaticBrowsers(web, config.server.pictures) as browsers:
             yield browsers, browsers
         return
     async with (
-        _sites(config, secrets, tasks) as (site_state, allowed),
+        _sites(config, secrets, tasks, are_recorded=are_recorded) as (site_state, allowed),
         _browsers(config, secrets, allowed, tell, len(tasks) * config.samples, calls) as client,
     ):
         yield site_state, client
@@ -117,7 +126,7 @@ class ServedState:
 
 @asynccontextmanager
 async def _sites(
-    config: RunConfig, secrets: Secrets, tasks: Sequence[Task]
+    config: RunConfig, secrets: Secrets, tasks: Sequence[Task], *, are_recorded: bool
 ) -> AsyncIterator[tuple[SiteState | None, tuple[str, ...]]]:
     """The offline web, here or elsewhere, and the egress rules that let browsers reach it."""
     if not any(task.truth for task in tasks):
@@ -134,6 +143,10 @@ async def _sites(
             served = {site["host"]: site.get("digest") for site in await client.websites()}
             _check_served(tasks, served.keys())
             _check_digests(config, tasks, served)
+            if are_recorded:
+                web = _web(config)
+                known = [task for task in tasks if task.truth and _are_ours(web, task.truth.hosts, served)]
+                await asyncio.to_thread(_check_truths, web, known)
             yield ServedState(client), _rules_for_sites_elsewhere(config)
     elif config.server.url is not None:
         raise ConfigError(
@@ -143,6 +156,8 @@ async def _sites(
     else:
         async with serving(config.sites) as sites, SitesClient(sites.url, sites.token) as client:
             _check_served(tasks, sites.web.specs.keys())
+            if are_recorded:
+                await asyncio.to_thread(_check_truths, sites.web, tasks)
             yield ServedState(client), tuple(sites.allowed_hosts)
 
 
@@ -150,8 +165,7 @@ def _rules_for_sites_elsewhere(config: RunConfig) -> tuple[str, ...]:
     """The egress rules that let browsers that are started here reach an offline web that is not."""
     if config.server.url is not None or config.server.sites_url is None:
         return ()
-    url, sites = httpx.URL(config.server.sites_url), config.sites
-    web = OfflineWeb(sites.seed, per_family=sites.per_family, collection=sites.collection)
+    url, web = httpx.URL(config.server.sites_url), _web(config)
     return tuple(web.allowed_hosts(f"{url.host}:{url.port or 80}"))
 
 
@@ -171,13 +185,39 @@ def _check_digests(config: RunConfig, tasks: Sequence[Task], served: Mapping[str
     attempt would fail."""
     if config.tasks.file is not None:
         return  # it does not say what its tasks were made for
-    sites = config.sites
-    web = OfflineWeb(sites.seed, per_family=sites.per_family, collection=sites.collection)
+    web = _web(config)
     for host in sorted({host for task in tasks if task.truth is not None for host in task.truth.hosts}):
         if host in web.specs and web.specs[host].digest != served[host]:
             raise ConfigError(
                 f"{host} is another website on the offline web at {config.server.sites_url} than here",
                 hint="start webgym sites serve with sites.seed, and in the same version of WebGym",
+            )
+
+
+def _web(config: RunConfig) -> OfflineWeb:
+    """The offline web of the config's settings, as this version of WebGym makes it."""
+    sites = config.sites
+    return OfflineWeb(sites.seed, per_family=sites.per_family, collection=sites.collection)
+
+
+def _are_ours(web: OfflineWeb, hosts: Set[str], served: Mapping[str, str | None]) -> bool:
+    """Whether the websites that are served under these names are those of a web."""
+    return all(host in web.specs and web.specs[host].digest == served[host] for host in hosts)
+
+
+def _check_truths(web: OfflineWeb, tasks: Sequence[Task]) -> None:
+    """Refuse tasks that say otherwise than their websites, as those of another version of WebGym or another
+    seed: right answers would be failures."""
+    hosts = {host_or_text(task.website) for task in tasks if task.truth is not None}
+    made = {task.id: task for host in sorted(hosts & web.specs.keys()) for task in web.tasks_of(host)}
+    for task in tasks:
+        if task.truth is None or task.id not in made:  # a task of the user's own
+            continue
+        if msgspec.json.encode(task.truth) != msgspec.json.encode(made[task.id].truth):
+            raise ConfigError(
+                f"the task {task.id} was made for another {host_or_text(task.website)} than is served",
+                hint="take the version of WebGym and the sites.seed that it was made with, or make the tasks "
+                "and the run anew",
             )
 
 

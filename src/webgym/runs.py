@@ -201,7 +201,8 @@ async def resume(
             async with open_judge(config.judge) as judge:
                 return await _summarised(store, tasks, config, judge)
         model = await asyncio.to_thread(_model_of, reader.path)
-        async with _run_services(config, secrets or Secrets(), tasks, policy, tell, model) as run_services:
+        recorded = (tasks, policy, tell, model)
+        async with _run_services(config, secrets or Secrets(), *recorded, is_resumed=True) as run_services:
             return await _carry_out(
                 config,
                 run_id,
@@ -252,6 +253,8 @@ async def _run_services(
     policy: Policy | None,
     tell: Tell | None,
     recorded_model: str = "",
+    *,
+    is_resumed: bool = False,
 ) -> AsyncIterator[_RunServices]:
     choice, profile, is_ours = config.policy, profile_for(config, policy), policy is None
     policy = policy or create_policy(
@@ -271,7 +274,7 @@ async def _run_services(
         limits = {"policy": config.collector.policy_calls, "judge": config.collector.judges}
         calls = call_queues(config.limits.calls | limits)
         site_state, client = await stack.enter_async_context(
-            open_services(config, secrets, tasks, tell, calls)
+            open_services(config, secrets, tasks, tell, calls, are_recorded=is_resumed)
         )
         software = await _software(client, is_ours=config.server.url is None)
 

@@ -60,7 +60,8 @@ class Sampled:
     """A reply that the engine sampled.
 
     Attributes:
-        reply_ids: token ids, the end token included if it was sampled.
+        reply_ids: token ids, the end token included if it was sampled. If there is none, nothing was sampled:
+            the engine failed, as with ``abort``.
         logprobs: of ``reply_ids``, under the distribution that they were drawn from.
         finish_reason: ``stop``: the model ended the reply; ``length``: it was cut off; ``abort``: the engine
             broke it off, and the episode ends without a reward.
@@ -232,7 +233,7 @@ def _reply(request: TokenRequest, sampled: Sampled, renderer: Renderer, policy: 
     return Reply(
         renderer.decode(sampled.reply_ids),
         policy=policy,
-        finish_reason=sampled.finish_reason,
+        finish_reason=sampled.finish_reason if len(sampled.reply_ids) else "abort",
         sampling=sampled.sampling,
         prompt_tokens=len(request.prompt_ids),
         completion_tokens=len(sampled.reply_ids),

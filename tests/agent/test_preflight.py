@@ -40,7 +40,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Notes that browsers or websites were to be started, and goes no further."""
     found: list[str] = []
 
-    def refuse(*_: Any) -> Any:
+    def refuse(*_: Any, **__: Any) -> Any:
         found.append("services")
         raise WebGymError("far enough")
 

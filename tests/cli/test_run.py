@@ -104,7 +104,8 @@ async def test_a_resumed_run_keeps_the_servers_that_are_not_replaced(
         pass
     chosen = []
 
-    def start(config: RunConfig, *_: object) -> None:
+    def start(config: RunConfig, *_: object, **named: object) -> None:
+        assert named == {"is_resumed": True}
         chosen.append(config.server)
         raise StoreFull("that will do")
 

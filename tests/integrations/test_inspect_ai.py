@@ -54,6 +54,10 @@ def run(folder: Path, answers: list[str], **more: Any) -> tuple[EvalLog, list[li
         action = Scroll("down") if seen == 1 else Answer(left.pop(0))
         if isinstance(action, Answer) and action.text == "filtered":
             return said("", "content_filter")
+        if isinstance(action, Answer) and action.text == "nothing":
+            output = said("")
+            output.usage = ModelUsage(input_tokens=1, output_tokens=0, total_tokens=1)
+            return output
         return said(reply_text(action))
 
     browsers = given.pop("browsers_")
@@ -153,8 +157,9 @@ def test_what_has_no_reward_is_unscored(tmp_path: Path, fault: dict[str, Any]) -
     assert not browsers.open_now
 
 
-def test_a_reply_that_a_filter_withheld_is_unscored(tmp_path: Path) -> None:
-    log, _, _ = run(tmp_path, ["filtered"])
+@pytest.mark.parametrize("said", ["filtered", "nothing"])
+def test_a_reply_that_the_endpoint_withheld_is_unscored(tmp_path: Path, said: str) -> None:
+    log, _, _ = run(tmp_path, [said])
     assert log.status == "success", log.error
     assert log.samples is not None
     assert [math.isnan(each.scores["web_judge"].as_float()) for each in log.samples if each.scores] == [True]

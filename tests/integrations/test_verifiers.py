@@ -40,19 +40,25 @@ EXAMPLES = Path(__file__).parents[2] / "examples" / "integrations"
 SCROLL = reply_text(Scroll("down"))
 
 
-def said(text: str) -> dict[str, Any]:
-    ended = "stop" if text else "content_filter"
+def said(text: str, ended: str = "") -> dict[str, Any]:
+    ended = ended or ("stop" if text else "content_filter")
     return {"message": {"role": "assistant", "content": text}, "finish_reason": ended}
 
 
 async def run(
-    folder: Path, replies: list[str], count: int, behaviour: str = "scripted", **more: Any
+    folder: Path,
+    replies: list[str],
+    count: int,
+    behaviour: str = "scripted",
+    usage: dict[str, int] | None = None,
+    **more: Any,
 ) -> tuple[list[Episode], list[dict[str, Any]], Any]:
     """The example, one episode after another; its episodes, and what the endpoint was asked."""
     given = stand_in_pool(folder, 1, **more)
     with the_example(given) as example:
         async with endpoint.serve() as served:
-            served.replies = [said(text) for text in replies]
+            served.replies = [said(text, "stop" if usage else "") for text in replies]
+            served.usage = usage or served.usage
             episodes = await example.main(
                 served.url(behaviour),
                 "tiny-1",
@@ -180,8 +186,13 @@ async def test_replies_without_actions_are_an_error(tmp_path: Path) -> None:
     assert len(requests) == 4
 
 
-async def test_a_reply_that_a_filter_withheld_is_an_error(tmp_path: Path) -> None:
-    episodes, requests, _ = await run(tmp_path, [SCROLL, ""], 1)
+@pytest.mark.parametrize(
+    "usage", [None, {"prompt_tokens": 12, "completion_tokens": 0, "total_tokens": 12}], ids=["filter", "void"]
+)
+async def test_a_reply_that_the_endpoint_withheld_is_an_error(
+    tmp_path: Path, usage: dict[str, int] | None
+) -> None:
+    episodes, requests, _ = await run(tmp_path, [SCROLL, ""], 1, usage=usage)
     assert_no_reward(episodes[0], "NoReward")
     assert len(requests) == 2
 

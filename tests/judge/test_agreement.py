@@ -30,7 +30,7 @@ from webgym.judge.agreement import (
     rates,
 )
 from webgym.judge.config import JudgeChoice
-from webgym.judge.factory import open_judge
+from webgym.judge.factory import name_of, open_judge
 from webgym.judge.figures import draw_agreement
 from webgym.judge.without_rubric import PREFIX
 
@@ -317,6 +317,7 @@ def passes(task: Task, episode: Episode) -> bool:
 async def test_a_judge_of_any_kind_can_be_asked_without_rubric() -> None:
     choice = JudgeChoice(name="tests.judge.test_agreement:passes", without_rubric=True)
     async with open_judge(choice) as judge:
+        assert judge.name == name_of(choice)
         found = await judge.judge(TASK, episode(), pictures)
     assert found.judge == judge.name
     assert judge.name.startswith(PREFIX)

@@ -17,7 +17,7 @@ from webgym.core.verdict import Cost, FactJudgement, Judgement, Verdict
 from webgym.judge.base import Pictures
 from webgym.judge.config import JudgeChoice, PanelConfig
 from webgym.judge.custom import FunctionJudge, load_judge
-from webgym.judge.factory import open_judge
+from webgym.judge.factory import name_of, open_judge
 from webgym.judge.offline import OfflineJudge
 from webgym.judge.panel import Panel
 from webgym.judge.soft import score_of
@@ -98,6 +98,7 @@ async def test_samples_of_the_rubric_judge_draw_replies_of_their_own() -> None:
             name="rubric", rubric=model.config(), panel=PanelConfig(samples=3, temperature=0.9)
         )
         async with open_judge(choice) as judge:
+            assert judge.name == name_of(choice)
             verdict = await judge.judge(TASK, episode(), pictures)
     assert judge.name.startswith("panel of 3 at 0.9: rubric/3 judge-1@")
     assert verdict.judge == judge.name

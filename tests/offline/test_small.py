@@ -35,9 +35,10 @@ from webgym.offline.static_browser import StaticBrowser, read_page
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Split, Visit, Website
 from webgym.rollout.config import AttemptConfig
+from webgym.rollout.store import RunWriter
 from webgym.run_config import RunConfig, Secrets, ServerChoice, TaskChoice, resolved
 from webgym.run_services import services
-from webgym.runs import collect
+from webgym.runs import collect, resume
 from webgym.server.config import ServerConfig
 from webgym.tasks.formats import write_tasks
 from webgym.testing import check_family, check_tasks, play
@@ -496,6 +497,32 @@ async def test_an_offline_web_elsewhere_must_not_serve_others_of_the_same_names(
     tasks = list(web.tasks_of(host))[:1]
     await _refused_there(served, own, tasks, f"{host} is another website .* than here", tmp_path)
     await _refused_there(own, own, tasks, "browser server", tmp_path)
+
+
+async def test_tasks_that_say_otherwise_than_their_websites_are_refused(
+    tasks: list[Task], tmp_path: Path
+) -> None:
+    own, token = SitesConfig(collection="small", seed=5), SecretStr("the-token-of-the-sites")
+    truth, secrets = tasks[0].truth, Secrets(sites_token=token)
+    assert truth is not None
+    older = msgspec.structs.replace(
+        tasks[0], truth=msgspec.structs.replace(truth, answer=AnswerTruth((("another",),)))
+    )
+    named, another = tmp_path / "tasks.jsonl", "was made for another .* than is served"
+    async with serving(own.model_copy(update={"token": token})) as sites:
+        where = ServerChoice(url="http://127.0.0.1:9", sites_url=sites.url)
+        config = RunConfig(sites=own, server=where)
+        from_file = config.model_copy(update={"tasks": TaskChoice(file=named, split="all")})
+        for task, told in ((older, another), (msgspec.structs.replace(older, id="mine/1"), "browser server")):
+            write_tasks(named, [task])
+            with pytest.raises(WebGymError, match=told):
+                await collect(from_file, tmp_path / "run", secrets=secrets)
+        for task, told in ((older, another), (tasks[0], "browser server")):
+            run = tmp_path / told[:3]
+            async with await RunWriter.create(run, config.model_dump(mode="json"), [task]):
+                pass
+            with pytest.raises(WebGymError, match=told):
+                await resume(run, secrets=secrets)
 
 
 def test_websites_of_other_code_are_other_websites(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -130,6 +130,8 @@ def test_collectors_of_different_lists_or_settings_do_not_share(tmp_path: Path) 
     other = Claims(SharingConfig(folder=tmp_path / "shared"), "two")
     with pytest.raises(ConfigError, match="another list"):
         other.join(TASKS[:3], SETTINGS, tmp_path / "two")
+    with pytest.raises(ConfigError, match="another list"):  # which gives other rewards
+        other.join([*TASKS[:3], task(TASKS[3].id, 2)], SETTINGS, tmp_path / "two")
     elsewhere = {"policy": {"chat": {"base_url": "http://other/", "model": "m"}}}
     other.join(TASKS, SETTINGS | elsewhere, tmp_path / "two")
     random = {"policy": {"name": "random"}}
@@ -254,6 +256,11 @@ async def test_runs_that_did_not_share_a_list_are_not_merged(tmp_path: Path, wor
         await merge_runs([tmp_path / "a", tmp_path / "b"], tmp_path / "all")
     with pytest.raises(ConfigError, match="different tasks"):
         await merge_runs([tmp_path / "a", tmp_path / "c"], tmp_path / "all")
+    shutil.copytree(tmp_path / "a", tmp_path / "d")
+    listed = tmp_path / "d/tasks.jsonl"
+    listed.write_text(listed.read_text().replace('"facts":["', '"facts":["not ', 1))
+    with pytest.raises(ConfigError, match="different tasks"):
+        await merge_runs([tmp_path / "a", tmp_path / "d"], tmp_path / "all")
     assert not (tmp_path / "all").exists()
     other = (tmp_path / "b/config.yaml").read_text().replace("samples: 1", "samples: 2", 1)
     (tmp_path / "b/config.yaml").write_text(other)

@@ -253,3 +253,12 @@ def test_quantiles_lie_within(values: list[float]) -> None:
 def test_known_quantiles_and_interval() -> None:
     assert quantiles([4, 1, 2, 3]) == {"count": 4, "p50": 2.5, "p95": pytest.approx(3.85)}
     assert wilson(8, 10) == pytest.approx((0.4902, 0.9433), abs=1e-4)
+
+
+def test_verdicts_of_several_judges_are_told() -> None:
+    won, lost = attempt("e", Outcome.SUCCESS), attempt("m", Outcome.FAILURE)
+    verdict = msgspec.structs.replace(VERDICT, judge="offline-2", reward=0)
+    summary = summarise([won, msgspec.structs.replace(lost, verdict=verdict)], TASKS, judge="offline-2")
+    assert summary["judge"] == "offline-1, offline-2"
+    assert "attempts were judged by different judges: offline-1, offline-2" in summary["notes"]
+    assert summarise([], TASKS, judge="offline-2")["judge"] == "offline-2"

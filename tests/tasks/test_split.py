@@ -14,10 +14,11 @@ from tests.tasks.making import rubric, task
 
 from webgym.core.errors import TooFewWebsites
 from webgym.core.task import LEVELS, Task
+from webgym.core.truth import AnswerTruth, Evidence, FactTruth, Truth
 from webgym.core.websites import site_of
 from webgym.tasks.balance import balanced
 from webgym.tasks.decompose import decompose
-from webgym.tasks.split import SplitConfig, split
+from webgym.tasks.split import SplitConfig, leaking, split
 from webgym.tasks.taxonomy import DOMAIN_OF
 from webgym.tasks.validate import validate
 
@@ -187,6 +188,24 @@ def test_children_go_where_their_parents_are() -> None:
     trained = {each.id for each in found.tasks if each.split == "train"}
     (left,) = {each.id for each in parents} - tests
     assert trained == {left, f"{left}+1", f"{left}+2"} | ({"p0+9"} if left == "p0" else set())
+
+
+def test_a_task_of_several_websites_is_on_all_of_them() -> None:
+    def across(name: str, first: str, second: str) -> Task:
+        there = FactTruth(1, 1, evidence=(Evidence(("7",), ".*", second),))
+        return task(name, first, truth=Truth(first, (there,), AnswerTruth(), ()))
+
+    shops = [task("a", "alder.example"), across("b", "birch.example", "cedar.example")]
+    others = [
+        across("into", "elm.example", "www.alder.example"),
+        across("out", "fir.example", "cedar.example"),
+        task("there", "cedar.example"),
+        across("apart", "elm.example", "fir.example"),
+    ]
+    found = split([*shops, *others], SplitConfig(test_tasks=2), shops)
+    assert {each.id: each.split for each in found.tasks} == {"a": "test", "b": "test", "apart": "train"}
+    marked = [msgspec.structs.replace(each, split="train") for each in others]
+    assert leaking([*found.tasks, *marked]) - {"a", "b"} == {"into", "out", "there"}
 
 
 @pytest.mark.parametrize("size", [0, 1, 4])

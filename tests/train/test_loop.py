@@ -21,8 +21,10 @@ from webgym.core.errors import ConfigError, PublishError, TrainingError, WebGymE
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply, Trajectory
+from webgym.core.verdict import Judgement, Verdict
 from webgym.inference.local import LocalConfig
 from webgym.judge.config import JudgeChoice, JudgeConfig
+from webgym.judge.offline import OfflineJudge
 from webgym.llm.config import ChatConfig, Sampling
 from webgym.offline.config import SitesConfig
 from webgym.rollout.config import AttemptConfig
@@ -52,8 +54,10 @@ class World(MadeUp):
         outcome: Outcome | None = None,
         refuses: str = "",
         sampling: dict[str, Any] = SAMPLING,
+        judge: str = "",
     ) -> None:
         super().__init__()
+        self._verdict = Verdict(judge, 1, (), Judgement(False, "no")) if judge else None
         self._sampling = sampling
         self.pictures = PICTURES
         self._refuses = refuses
@@ -75,7 +79,8 @@ class World(MadeUp):
         self.do(f"attempt {name} {task.id} by {self.served}")
         outcome = self._outcome or (Outcome.SUCCESS, Outcome.FAILURE, Outcome.BLOCKED)[number % 3]
         reply = Reply("click", "p", sampling=self._sampling)
-        return trajectory(0, of=task.id.removeprefix("t/"), outcome=outcome, reply=reply)
+        found = trajectory(0, of=task.id.removeprefix("t/"), outcome=outcome, reply=reply)
+        return msgspec.structs.replace(found, verdict=self._verdict)
 
     def learn(self, number: int, draw: ReplaySample, folder: TrainingFolder) -> Mapping[str, Any]:
         self.do(f"learn {number} from {len(draw.steps)}")
@@ -204,6 +209,14 @@ def test_test_tasks_that_were_rewritten_are_others(tmp_path: Path) -> None:
     rewritten = [msgspec.structs.replace(each, instruction="find it!") for each in TASKS]
     with pytest.raises(ConfigError, match="evaluations/0001 had other values: test tasks "):
         run(tmp_path, World(), config(iterations=2), rewritten)
+
+
+def test_another_version_of_a_judge_is_another_judge(tmp_path: Path) -> None:
+    run(tmp_path / "same", World(judge=OfflineJudge.name), config(iterations=1))
+    run(tmp_path / "same", World(), config(iterations=2))
+    run(tmp_path / "other", World(judge="offline/1"), config(iterations=1))
+    with pytest.raises(ConfigError, match=r"evaluations/0001 had other values: rollout\.judge "):
+        run(tmp_path / "other", World(), config(iterations=2))
 
 
 @pytest.fixture(scope="module")

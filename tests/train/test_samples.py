@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
+import msgspec
 import pytest
 from tests.inference.tiny import INSTRUCT, THINKING, tiny_renderer
 from tests.train.making import PICTURES, request, step, stored
 
+from webgym.core.tokens import ReplyTokens
 from webgym.core.trajectory import Message, Reply, TextPart
 from webgym.inference.rendering import Renderer
 from webgym.train.samples import DropReason, Sample, SampleMaker, UntrainableStep, rebuild_reply
@@ -255,6 +259,11 @@ def test_a_step_longer_than_the_cutoff_is_dropped_and_never_cut(instruct: Render
 def test_importance_weights_need_logprobs_of_the_full_distribution(instruct: Renderer) -> None:
     assert dropped(instruct, Reply("click", "p"), off_policy=True) == "no_logprobs"
     assert dropped(instruct, stored(instruct, "click", logprobs=None), off_policy=True) == "no_logprobs"
+    tokens = stored(instruct, "click").tokens
+    assert tokens is not None
+    unknown = ReplyTokens.of(tokens.prompt_ids, tokens.reply_ids, [math.nan] * len(tokens.reply_ids))
+    overflowed = msgspec.structs.replace(stored(instruct, "click"), tokens=unknown)
+    assert dropped(instruct, overflowed, off_policy=True) == "no_logprobs"
     for sampling in (
         {"top_k": 2},
         {"top_p": 0.99},

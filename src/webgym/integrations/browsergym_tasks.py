@@ -225,6 +225,8 @@ class WebGymTask(AbstractBrowserTask):
             self._fault = f"the offline web does not respond: {type(error).__name__}"
             route.abort()
             return
+        if response.is_server_error:  # the offline web has none by itself
+            self._fault = f"{request.url}: HTTP status {response.status_code}"
         if request.is_navigation_request() and _is_of_main_frame(request):
             self._statuses[request.url] = response.status_code
             if self._opening:

@@ -26,6 +26,7 @@ from inspect_ai.model import (
     ChatMessageUser,
     ContentImage,
     ContentText,
+    ModelOutput,
     get_model,
 )
 from inspect_ai.scorer import Metric, SampleScore, Score, Scorer, Target, metric, scorer
@@ -96,7 +97,7 @@ def web_agent(pool: str) -> Solver:
                 messages = _messages(info)
                 state.output = await get_model().generate(messages)
                 state.messages = [*messages, state.output.message]
-                reply = Reply(state.output.completion, "external", finish_reason=state.output.stop_reason)
+                reply = Reply(state.output.completion, "external", finish_reason=_finish_reason(state.output))
                 _, reward, _, _, info = await env.step(reply)
         failure = info["failure"]
         result = {
@@ -109,6 +110,13 @@ def web_agent(pool: str) -> Solver:
         return state
 
     return solve
+
+
+def _finish_reason(output: ModelOutput) -> str:
+    """What ended a reply. One without a token is not a model's own, whose end is a token."""
+    usage = output.usage
+    is_void = not output.completion and usage is not None and usage.output_tokens == 0
+    return "abort" if is_void else output.stop_reason
 
 
 def _messages(info: dict[str, Any]) -> list[ChatMessage]:

@@ -196,8 +196,7 @@ class WebGymEnv(vf.Env[WebGymEnvConfig]):
                     error = interaction.trace.last_error
                     why = error.message if error else interaction.trace.stop_condition
                     raise NoReward(f"verifiers ended the episode after {info['step']} steps: {why}")
-                # verifiers has no word for a reply that neither the model nor its token limit ended.
-                ended = interaction.trace.calls[-1].finish_reason or "unknown"
+                ended = _finish_reason(segment.last_reply, interaction.trace.calls[-1])
                 _, reward, _, _, info = await env.step(
                     Reply(segment.last_reply, "external", finish_reason=ended)
                 )
@@ -210,6 +209,13 @@ class WebGymEnv(vf.Env[WebGymEnvConfig]):
         trace.info[REWARD] = {"outcome": str(info["outcome"]), "answer": answer}
         trace.record_metric("steps", info["step"])
         trace.record_reward(REWARD, reward)
+
+
+def _finish_reason(text: str, call: Any) -> str:
+    """What ended a reply. One without a token is not a model's own, whose end is a token; and verifiers has
+    no word for one that neither the model nor its token limit ended."""
+    is_void = not text and call.usage is not None and call.usage.completion_tokens == 0
+    return "abort" if is_void else call.finish_reason or "unknown"
 
 
 def _messages(info: dict[str, Any]) -> vf.Messages:

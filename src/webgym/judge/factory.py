@@ -14,7 +14,7 @@ from webgym.judge.custom import load_judge
 from webgym.judge.offline import OfflineJudge, why_unjudgeable
 from webgym.judge.panel import Panel
 from webgym.judge.rubric import RubricJudge
-from webgym.judge.without_rubric import WithoutRubric
+from webgym.judge.without_rubric import PREFIX, WithoutRubric
 from webgym.llm.cache import ReplyCache
 from webgym.llm.client import ChatClient
 from webgym.llm.completion import Completes
@@ -68,6 +68,24 @@ def _check(choice: JudgeChoice) -> None:
         raise ConfigError(
             f"there is no judge {choice.name!r}", hint=f"choose one of {', '.join(JUDGE_NAMES)}"
         )
+
+
+def name_of(choice: JudgeChoice) -> str:
+    """The name of the judge that :func:`open_judge` opens: it covers what can change its verdicts.
+
+    Raises:
+        ConfigError: there is no such judge, or a setting that it needs is missing.
+    """
+    _check(choice)
+    if choice.name == "rubric" and choice.rubric is not None:
+        name = _panel_name(choice.panel, RubricJudge(choice.rubric, {}).name)
+    else:
+        name = OfflineJudge.name if choice.name == "offline" else load_judge(choice.name).name
+    return f"{PREFIX}{name}" if choice.without_rubric else name
+
+
+def _panel_name(panel: PanelConfig, judge: str) -> str:
+    return judge if panel.samples == 1 else f"panel of {panel.samples} at {panel.temperature:g}: {judge}"
 
 
 async def check_judge(choice: JudgeChoice) -> None:
@@ -146,7 +164,7 @@ async def _rubric_judge(
         return judge
     samples = [member_config(config, panel, seed) for seed in range(panel.samples)]
     members = [RubricJudge(sample, models, ledger.prices) for sample in samples]
-    return Panel(members, f"panel of {panel.samples} at {panel.temperature:g}: {judge.name}")
+    return Panel(members, _panel_name(panel, judge.name))
 
 
 def member_config(config: JudgeConfig, panel: PanelConfig, seed: int) -> JudgeConfig:

@@ -126,7 +126,7 @@ def _refuse_different(first: RunReader, other: RunReader) -> None:
     Raises:
         ConfigError: their tasks differ, or settings that influence rewards.
     """
-    if [task.id for task in first.drawn] != [task.id for task in other.drawn]:
+    if first.drawn != other.drawn:  # in any field: another truth or rubric gives other rewards
         raise ConfigError(f"{first.path} and {other.path} have different tasks")
     if name := difference(shared_settings(first.config), shared_settings(other.config)):
         raise ConfigError(f"{first.path} and {other.path} differ in their settings of {name!r}")

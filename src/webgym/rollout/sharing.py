@@ -6,7 +6,7 @@ are taken over. The disk must refuse a hard link to an existing name and show al
 modification times. The collectors' clocks do not matter.
 
     DIR/
-      tasks                digest of the list: collectors of another list are refused
+      tasks                digest of the list and its tasks' content: collectors of another list are refused
       settings.json        settings that influence attempts and rewards; with others, too
       collectors/ID        the run folder of a collector; its modification time is the last heartbeat
       claims/ab/KEY.N      the collector that claimed a sample; the highest N counts
@@ -30,6 +30,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any, Final
 
+import msgspec
 from pydantic import AfterValidator, Field
 
 from webgym.core.errors import ConfigError, RunFolderError, StoreError
@@ -122,7 +123,7 @@ class Claims:
                 resumed run.
             StoreError: the folder cannot be written to.
         """
-        listing = "\n".join([str(config["samples"]), *(task.id for task in tasks)]).encode()
+        listing = b"\n".join([str(config["samples"]).encode(), *map(msgspec.json.encode, tasks)])
         digest = hashlib.sha256(listing).hexdigest().encode()
         with disk_errors(f"sharing tasks in {self._folder}"):
             if is_resumed and not (self._folder / "tasks").exists():

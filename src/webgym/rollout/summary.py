@@ -133,7 +133,8 @@ class Summary(TypedDict):
         lost_samples: samples whose last attempt ended in an error of the environment or the policy.
         invalid_replies: number of steps whose replies hold no valid action.
         invalid_reply_rate: their share of all steps; ``None`` if there are no steps.
-        notes: caveats about all figures, a sentence each: an oracle as the policy, many invalid replies.
+        notes: caveats about all figures, a sentence each: an oracle as the policy, several judges, many
+            invalid replies.
         blocked_hosts: number of blocked attempts by host, most first.
         losses: attempts without a reward by error code, or by outcome if there was no error (a website that
             blocks); most frequent first.
@@ -393,6 +394,8 @@ class Tally:
 
     def _notes(self, policies: Iterable[str]) -> Iterator[str]:
         yield from oracle_notes(policies)
+        if len(self._judges) > 1:
+            yield f"attempts were judged by different judges: {', '.join(self._judges)}"
         steps = self._counts["all", ""].steps
         if steps and self._invalid / steps > MANY_INVALID:
             share = f"{self._invalid / steps:.1%} of {steps:,} replies hold no valid action"
@@ -472,7 +475,7 @@ class Tally:
             "wall_seconds": wall,
             "steps_per_second": overall["steps"] / wall if wall > 0 else 0.0,
             "policy": ", ".join(self._policies) if policy is None else policy,
-            "judge": ", ".join(self._judges) if judge is None else judge,
+            "judge": ", ".join(self._judges) or judge or "",
             "seed": seed,
             "tasks": len(self._attempted),
             "split": splits_in(self._tasks[id] for id in self._attempted if id in self._tasks),
@@ -515,7 +518,8 @@ def summarise(
         tasks: as drawn; one that was drawn twice is listed twice.
         samples: number of samples per listed task.
         seed: of the run.
-        policy, judge: names; by default those in the trajectories.
+        policy: its name; by default those in the trajectories.
+        judge: name of the configured one, for a run without a verdict.
         wall_seconds: by default computed from the attempts, without pauses between them.
         elsewhere: number of samples that other collectors of a shared list have taken, by task.
     """

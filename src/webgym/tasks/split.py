@@ -1,9 +1,10 @@
 """Training and test tasks that share no website (paper §3; SYSTEM.md 1.5).
 
-Every test task is from a different website, and no training task is on any of these websites. Websites are
-compared by brand (:mod:`webgym.tasks.brands`): a policy that has trained on ``amazon.de`` has seen
-``amazon.com``. Families stay together: a task derived from a test task, or from a task on a test website, is
-not a training task, whatever its own website. :func:`refuse_leaks` enforces this before training.
+Every test task is from a different website, and no training task is on any of these websites, neither at its
+start nor later: a task of several websites is on all that its truth names. Websites are compared by brand
+(:mod:`webgym.tasks.brands`): a policy that has trained on ``amazon.de`` has seen ``amazon.com``. Families
+stay together: a task derived from a test task, or from a task on a test website, is not a training task,
+whatever its own website. :func:`refuse_leaks` enforces this before training.
 
 Test tasks are chosen by hashes of their ids and websites, so adding tasks changes as few of them as possible.
 """
@@ -121,9 +122,10 @@ def split(
         if task.id in held and (site := sites[task.id]) is not None
     }
     chosen = {*kept.values(), *_test_tasks(tasks, sites, config, len(kept), held_sites)}
-    test_sites = {sites[id] for id in chosen} | held_sites
+    tests = [task for task in tasks if task.id in chosen | held]
+    test_sites = held_sites.union(*map(_all_sites, tests))
     test_families = {roots.get(id, id) for id in chosen | held}
-    on_test_site = inherited(tasks, {id: id for id, site in sites.items() if site in test_sites})
+    on_test_site = inherited(tasks, {task.id: task.id for task in tasks if test_sites & _all_sites(task)})
     remaining: list[Task] = []
     left_out: list[LeftOut] = []
     for task in tasks:
@@ -182,9 +184,9 @@ def leaks(tasks: Sequence[Task], test: Sequence[Task]) -> list[Leak]:
         test: the test tasks.
     """
     test_ids = {task.id for task in test}
-    test_on = {site: task.id for task in reversed(test) if (site := _site(task)) is not None}
+    test_on = {site: task.id for task in reversed(test) for site in _all_sites(task)}
     roots = roots_of([*tasks, *test])
-    own = {task.id: id for task in tasks if (id := test_on.get(_site(task) or "")) is not None}
+    own = {task.id: test_on[site] for task in tasks for site in _all_sites(task) & test_on.keys()}
     on_test_site = inherited(tasks, own)
     test_of = {roots.get(task.id, task.id): task.id for task in reversed(test)}
     leaks_found = []
@@ -228,6 +230,12 @@ def _site(task: Task) -> str | None:
         return brand_of(task.website)
     except ValueError:
         return None
+
+
+def _all_sites(task: Task) -> set[str]:
+    """The brands of all websites that a task is about."""
+    others = () if task.truth is None else map(brand_or_text, task.truth.hosts)
+    return {site for site in (_site(task), *others) if site is not None}
 
 
 def _test_tasks(

@@ -32,7 +32,7 @@ from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.inference.local import LocalConfig
 from webgym.inference.vllm import EXPLICIT, VllmConfig
-from webgym.judge.rubric import RubricJudge
+from webgym.judge.factory import name_of
 from webgym.llm.config import Sampling
 from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.files import CONFIG, EVALUATIONS
@@ -508,11 +508,14 @@ class Training:
         if not paths or not self.config.loop.evaluate_every or not self._test:
             return
         newest = RunReader(paths[-1].parent, skip_corrupt=True)
-        now = _conditions(*self._planned_evaluation(), self.config.sampling.body())
+        run, tasks = self._planned_evaluation()
+        now = _conditions(run, tasks, self.config.sampling.body(), name_of(run.judge))
         replies = (step.reply for each in newest.trajectories() for step in each.episode.steps)
         known = now["sampling"]
         recorded = next((reply.sampling for reply in replies if known.keys() & reply.sampling), known)
-        before = _conditions(read_config(newest)[0], newest.drawn, recorded)
+        config = read_config(newest)[0]
+        judges = (each.verdict.judge for each in newest.trajectories() if each.verdict is not None)
+        before = _conditions(config, newest.drawn, recorded, next(judges, None) or name_of(config.judge))
         if differing := [name for name, value in now.items() if value != before[name]]:
             raise ConfigError(
                 f"{newest.path.relative_to(self.folder.path)} had other values: {', '.join(differing)} "
@@ -555,10 +558,10 @@ class Training:
             self._advanced.notify_all()
 
 
-def _conditions(config: RunConfig, tasks: Sequence[Task], sampling: Mapping[str, Any]) -> dict[str, Any]:
+def _conditions(
+    config: RunConfig, tasks: Sequence[Task], sampling: Mapping[str, Any], judge: str
+) -> dict[str, Any]:
     """What must be the same for the results of evaluations to be compared, by name."""
-    judge = config.judge
-    rubric = RubricJudge(judge.rubric, {}).name if judge.rubric is not None else None  # not where it runs
     return {
         "test tasks": sorted(map(msgspec.json.encode, tasks)),
         "evaluation.seed": config.seed,
@@ -569,5 +572,5 @@ def _conditions(config: RunConfig, tasks: Sequence[Task], sampling: Mapping[str,
         "rollout.attempt.viewport": config.attempt.viewport,
         "rollout.browser": config.browser.model_dump(exclude=_OF_THE_MACHINE),
         "rollout.sites": config.sites.model_dump(include=_OF_THE_PAGES),
-        "rollout.judge": (judge.name, rubric, judge.panel, judge.without_rubric),
+        "rollout.judge": judge,
     }

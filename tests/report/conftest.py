@@ -24,6 +24,7 @@ from webgym.core.outcome import Ending, Outcome
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.trajectory import Episode, Failure, ImageRef, Message, Reply, Step, TextPart, Trajectory
 from webgym.core.verdict import FactJudgement, Judgement, Verdict
+from webgym.judge.offline import OfflineJudge
 from webgym.rollout.store import RunReader, RunWriter
 from webgym.rollout.summary import summarise
 
@@ -304,7 +305,7 @@ class Maker:
             )
         said = Judgement(success, "every number in the answer was visible", (2,))
         return Verdict(
-            judge="offline-1",
+            judge=OfflineJudge.name,
             reward=None if blocked else int(success),
             facts=tuple(facts),
             blocked=Judgement(blocked, "a challenge page that stays" if blocked else "no challenge page"),

@@ -24,6 +24,7 @@ from webgym.core.errors import RunFolderError
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Level
 from webgym.core.verdict import Judgement, Verdict
+from webgym.judge.offline import OfflineJudge
 from webgym.rollout.comparison import compare
 from webgym.rollout.evaluation import GROUPS, EvaluationConfig, Sample, evaluate, rows_of
 from webgym.rollout.rates import wilson
@@ -161,7 +162,7 @@ def test_a_run_as_its_summary_has_it(run: Path) -> None:
         "judge_error": 1,
     }
     assert overall.missing == 1  # the one that was cancelled has not been made
-    assert (found.policy, found.judge, found.seed) == ("scripted", "offline-1", 7)
+    assert (found.policy, found.judge, found.seed) == ("scripted", OfflineJudge.name, 7)
 
 
 async def test_a_task_that_was_drawn_twice_is_one_piece_of_evidence(tmp_path: Path) -> None:

@@ -515,7 +515,10 @@ class Training:
         recorded = next((reply.sampling for reply in replies if known.keys() & reply.sampling), known)
         config = read_config(newest)[0]
         judges = (each.verdict.judge for each in newest.trajectories() if each.verdict is not None)
-        before = _conditions(config, newest.drawn, recorded, next(judges, None) or name_of(config.judge))
+        judge = name_of(config.judge)
+        if ":" not in config.judge.name:  # one of our own, which puts its name into its verdicts
+            judge = next(judges, judge)
+        before = _conditions(config, newest.drawn, recorded, judge)
         if differing := [name for name, value in now.items() if value != before[name]]:
             raise ConfigError(
                 f"{newest.path.relative_to(self.folder.path)} had other values: {', '.join(differing)} "

@@ -169,6 +169,15 @@ def test_without_arguments_the_help_is_shown(calls: Calls) -> None:
     assert "Usage: webgym" in out
 
 
+def test_help_in_80_columns_is_whole(calls: Calls) -> None:
+    code, said = calls.run("rollout", "--help", COLUMNS="80")
+    assert code == 0
+    assert "WEBGYM_JUDGE_API_KEY" in said
+    assert "…" not in said
+    listed = calls.run("bench", "--help", COLUMNS="80")[1]
+    assert "one queue for all operations" in " ".join(listed.split())
+
+
 def test_unknown_verbs_and_options(calls: Calls) -> None:
     for argument in ("rolout", "--verbose"):
         code, out, err = calls.apart(argument)

@@ -185,7 +185,11 @@ def _usage_problem(error: BaseException, verb: str) -> str:
         return ""
     context = getattr(error, "ctx", None)
     path = context.command_path if context else f"webgym {verb}".rstrip()
-    message = error.format_message().rstrip(".") or "a command is missing"  # the help was printed already
+    message = error.format_message().rstrip(".")
+    if message.startswith("Usage: "):  # the help, which is printed already where it is in boxes
+        print(message)
+        message = ""
+    message = message or "a command is missing"
     if (
         context
         and message.endswith((".yaml)", ".yml)"))

@@ -196,6 +196,8 @@ def test_merging_changes_neither_side() -> None:
         ({"tasks": {"zzz": 1}}, "tasks.zzz: there is no such setting; tasks has count, domains, file, "),
         ({"policy": {"chat": {"base_url": "http://127.0.0.1:1", "modle": "m"}}}, "mean policy.chat.model?"),
         ({"samples": 0}, "samples: Input should be greater than or equal to 1"),
+        ({"split": "test"}, "did you mean tasks.split?"),
+        ({"agent": 3}, "agent: Input should be a section of settings"),
     ],
 )
 def test_a_misspelt_key_is_told_with_the_nearest_right_one(

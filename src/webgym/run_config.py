@@ -114,7 +114,7 @@ class ServerChoice(Settings):
 
     sites_url: str | None = None
     """URL of a running offline web, whose token is in WEBGYM_SITES_TOKEN; without one it is served here if
-    needed."""
+    needed. A running browser server needs the rules (``--allow-host``) that ``webgym sites serve`` prints."""
 
     static: bool = False
     """Use no browsers (:mod:`webgym.static_browsers`); for studies on the small websites only."""

@@ -151,7 +151,8 @@ async def _sites(
     elif config.server.url is not None:
         raise ConfigError(
             "these tasks are on the offline web, and the browser server runs elsewhere",
-            hint="start webgym sites serve where its browsers run, and set server.sites_url",
+            hint="start webgym sites serve where its browsers run, the server with the rules it prints, "
+            "and give its URL with --sites, or as server.sites_url",
         )
     else:
         async with serving(config.sites) as sites, SitesClient(sites.url, sites.token) as client:

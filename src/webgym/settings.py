@@ -173,6 +173,13 @@ def validated(
         raise failure(f"{source}: {first_problem(error, model)}".removeprefix(": "), hint=hint) from error
 
 
+_PLAIN = {
+    "model_type": "Input should be a section of settings (KEY: VALUE)",
+    "tuple_type": "Input should be a list",
+    "list_type": "Input should be a list",
+}
+"""What is said in place of pydantic's words for types of Python."""
+
 _LISTED = 12
 """Most keys of a section that a message lists."""
 
@@ -192,7 +199,7 @@ def first_problem(error: ValidationError, model: type[BaseModel]) -> str:
     )
     where = ".".join(map(str, problem["loc"]))
     if problem["type"] != "extra_forbidden":
-        message = problem["msg"].removeprefix("Value error, ")
+        message = _PLAIN.get(problem["type"], problem["msg"]).removeprefix("Value error, ")
         return f"{where}: {message}" if where else message
     keys = sorted(set(_keys(model)))
     nearest, section = _nearest(where, keys), where.rpartition(".")[0]
@@ -205,8 +212,10 @@ def first_problem(error: ValidationError, model: type[BaseModel]) -> str:
 
 
 def _nearest(key: str, keys: list[str]) -> str | None:
-    """A similarly spelt key of the same section, else one of another section; ``None`` if there is none."""
+    """The key in another section, else a similar one of the same section, else of another; or ``None``."""
     section, _, name = key.rpartition(".")
+    if same := [known for known in keys if known.rpartition(".")[2] == name]:
+        return min(same, key=len)
     siblings = [known for known in keys if known.rpartition(".")[0] == section]
     close = get_close_matches(name, [known.rpartition(".")[2] for known in siblings], n=1)
     if close:

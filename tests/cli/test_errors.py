@@ -169,6 +169,25 @@ def test_without_arguments_the_help_is_shown(calls: Calls) -> None:
     assert "Usage: webgym" in out
 
 
+def test_help_in_80_columns_is_whole(calls: Calls) -> None:
+    code, said = calls.run("rollout", "--help", COLUMNS="80")
+    assert code == 0
+    assert "WEBGYM_JUDGE_API_KEY" in said
+    assert "…" not in said
+    listed = calls.run("bench", "--help", COLUMNS="80")[1]
+    assert "one queue for all operations" in " ".join(listed.split())
+
+
+@pytest.mark.parametrize("columns", ["80", "120"])
+def test_a_verb_without_its_sub_verb_shows_its_help_and_an_error_of_one_line(
+    calls: Calls, columns: str
+) -> None:
+    code, out, err = calls.apart("llm", COLUMNS=columns)
+    assert code == 2
+    assert "Print calls, tokens and cost" in out
+    assert err == "webgym: a command is missing (see `webgym llm --help`)\n"
+
+
 def test_unknown_verbs_and_options(calls: Calls) -> None:
     for argument in ("rolout", "--verbose"):
         code, out, err = calls.apart(argument)

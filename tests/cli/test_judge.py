@@ -106,6 +106,20 @@ def test_a_function_of_ones_own(run: Path, tmp_path: Path, monkeypatch: pytest.M
     assert len(held) == 3
 
 
+def test_a_judge_that_now_always_fails_is_no_success_for_its_earlier_verdicts(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "away_judges.py").write_text(
+        "import os\ndef away(task, episode):\n    return os.stat('up').st_size == 0, 'why not'\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "up").touch()
+    assert webgym("judge", run, "--judge", "away_judges:away", "--limit", "2") == 0
+    (tmp_path / "up").unlink()
+    assert webgym("judge", run, "--judge", "away_judges:away") == 1
+
+
 def test_records_that_cannot_be_judged_are_named_and_the_others_are_judged(
     run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -217,3 +217,18 @@ async def test_a_model_that_is_not_there_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="cannot load the model"):
         async with LocalPolicy(LocalConfig(path=str(tmp_path / "none"))):
             pass
+
+
+@pytest.mark.parametrize("path", ["no/such/folder", "no such folder"])
+async def test_a_path_is_not_told_the_rules_of_hub_ids(path: str) -> None:
+    with pytest.raises(ConfigError, match="there is no such folder"):
+        async with LocalPolicy(LocalConfig(path=path)):
+            pass
+
+
+@pytest.mark.parametrize("device", ["gpu", "cuda:99"])
+async def test_a_device_that_is_not_there_is_one_line(device: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="torch cannot use the device") as error:
+        async with LocalPolicy(LocalConfig(path=str(tmp_path), device=device)):
+            pass
+    assert "\n" not in str(error.value)

@@ -80,6 +80,7 @@ def test_an_instruction_and_an_address_make_a_task(tmp_path: Path) -> None:
             own(instruction="x" * 160_000, website="x" * 9_000),
             "160,000 characters.*website: it",
         ),
+        (own(id="", instruction=" "), "id: it is empty; instruction: it is empty"),
         (own(rubric={"groups": []}), "rubric: a rubric needs"),
         (own(refrence_answer="7"), "'refrence_answer'; did you mean reference_answer"),
         (b"not json", "malformed"),

@@ -174,3 +174,7 @@ def test_what_the_command_prints_and_writes_is_right(
         assert code == 1
         assert "is writing to" in said
     os.close(lock)
+    (tmp_path / "config.yaml").touch()
+    code, said = calls.run("pretrain", "--out", tmp_path)
+    assert code == 2
+    assert "holds a run or a training already" in said

@@ -14,11 +14,13 @@ from __future__ import annotations
 import errno
 import importlib
 import importlib.util
+import inspect
 import io
 import sys
 import traceback
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from shutil import get_terminal_size
 
 import typer
 
@@ -28,6 +30,8 @@ from webgym.core.text import plain
 EXIT_FAILED = 1
 EXIT_USAGE = 2
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells expect
+_BOXES = 100
+"""Columns from which help is in boxes; in fewer, their narrow columns would cut long words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +93,7 @@ def build(loaded: str | None) -> typer.Typer:
         name="webgym",
         add_completion=False,
         pretty_exceptions_enable=False,
-        rich_markup_mode="rich",
+        rich_markup_mode="rich" if get_terminal_size().columns >= _BOXES else None,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.callback()(_globals)
@@ -97,10 +101,13 @@ def build(loaded: str | None) -> typer.Typer:
         if not verb.is_installed:
             continue
         if verb.name != loaded:
-            app.command(verb.name, help=verb.help)(_unloaded)
+            app.command(verb.name, help=verb.help, short_help=verb.help)(_unloaded)
             continue
         target = getattr(importlib.import_module(verb.module), verb.attribute)
         if isinstance(target, typer.Typer):
+            for command in target.registered_commands:  # lists without boxes would cut their texts
+                told = command.help or inspect.getdoc(command.callback) or ""
+                command.short_help = " ".join(told.partition("\n\n")[0].split())
             app.add_typer(target, name=verb.name, help=verb.help)
         else:
             app.command(verb.name)(target)
@@ -178,7 +185,11 @@ def _usage_problem(error: BaseException, verb: str) -> str:
         return ""
     context = getattr(error, "ctx", None)
     path = context.command_path if context else f"webgym {verb}".rstrip()
-    message = error.format_message().rstrip(".") or "a command is missing"  # the help was printed already
+    message = error.format_message().rstrip(".")
+    if message.startswith("Usage: "):  # the help, which is printed already where it is in boxes
+        print(message)
+        message = ""
+    message = message or "a command is missing"
     if (
         context
         and message.endswith((".yaml)", ".yml)"))

@@ -61,7 +61,7 @@ def _conclusions(result: Comparison) -> list[str]:
     exact = "" if overall.p_value is None else f" (exact permutation test: p = {overall.p_value:.2g})"
     lines = [f"overall: {conclusion}{exact}"]
     if left_out := [
-        f"{count:,} tasks with a reward in {name} only"
+        f"{count:,} task{'' if count == 1 else 's'} with a reward in {name} only"
         for count, name in ((result.only_first, result.first), (result.only_second, result.second))
         if count
     ]:

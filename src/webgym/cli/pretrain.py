@@ -26,8 +26,8 @@ def command(
     import msgspec
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from webgym.core.errors import ConfigError
-    from webgym.rollout.files import locked, make_folder
+    from webgym.core.errors import ConfigError, RunFolderError
+    from webgym.rollout.files import CONFIG, locked, make_folder
     from webgym.settings import load_settings
 
     try:
@@ -39,6 +39,8 @@ def command(
     from webgym.train.figures import success_line
 
     settings = load_settings(RecipeConfig, config or [], hint="see configs/tiny/recipe.yaml")
+    if (out / CONFIG).exists():
+        raise RunFolderError(f"{out} holds a run or a training already", hint="choose another folder")
     make_folder(out)
     console = lasting_console()
     columns = (

@@ -18,7 +18,7 @@ from typing import Any, Final, Literal, TypeAlias
 import httpx
 import torch
 from huggingface_hub import constants, snapshot_download
-from huggingface_hub.errors import LocalEntryNotFoundError
+from huggingface_hub.errors import HFValidationError, LocalEntryNotFoundError
 from torch.nn.attention import SDPBackend, sdpa_kernel
 
 from webgym.core.errors import ConfigError
@@ -65,10 +65,18 @@ def load_model(path: str | Path, *, dtype: Dtype = "float32", device: str = "cpu
         device: device, as torch names it.
 
     Raises:
-        ConfigError: there is no such model, or it is incomplete.
+        ConfigError: there is no such model, it is incomplete, or there is no such device.
     """
     from webgym.inference.vision import speed_up_vision
 
+    try:
+        torch.empty(0, device=device)
+    except (AssertionError, RuntimeError) as error:  # the first from a torch that was built without it
+        reason = str(error).strip().split("\n", 1)[0][:200]
+        raise ConfigError(
+            f"torch cannot use the device {device!r} here: {reason}",
+            hint="cpu always works; webgym doctor says which GPU there is",
+        ) from error
     if torch.device(device).type == "cpu":
         keep_freed_memory()
     renderer = load_renderer(path)
@@ -158,7 +166,7 @@ def loading(path: str | Path) -> Iterator[str]:
         reason = str(error).strip().split("\n", 1)[0][:200]
         if isinstance(error, LocalEntryNotFoundError):
             reason = f"it is not a folder, was never downloaded, and {constants.ENDPOINT} cannot be reached"
-        elif Path(path).is_absolute() and not Path(path).exists():  # the hub's rules for ids are no help
+        elif not Path(path).exists() and (Path(path).is_absolute() or isinstance(error, HFValidationError)):
             reason = "there is no such folder"
         raise ConfigError(
             f"cannot load the model {path}: {reason}",

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import codecs
 import inspect
+import re
 import sys
 from importlib import resources
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -53,5 +54,29 @@ def load_beside(module: str, file: str, shape: type[T]) -> T:
 def _decoded(raw: bytes, name: str, shape: type[T]) -> T:
     try:
         return msgspec.toml.decode(raw.removeprefix(codecs.BOM_UTF8), type=shape)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:  # the first tells the key, as "$.key"
+    except msgspec.ValidationError as error:
+        told = _with_keys(str(error), msgspec.toml.decode(raw.removeprefix(codecs.BOM_UTF8)), shape)
+        raise SitesError(f"{name}: {told}", hint="correct the file") from error
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise SitesError(f"{name}: {error}", hint="correct the file") from error
+
+
+def _with_keys(message: str, data: Any, shape: Any) -> str:
+    """An error's message with keys of tables in its path (``$.key``), where msgspec has ``[...]``."""
+    said, at, path = message.rpartition("`$")
+    table = data
+    for part in re.findall(r"\w+|\[\.\.\.\]", path) if at else ():
+        if part != "[...]":
+            table = table[int(part) if isinstance(table, list) else part]
+            continue
+        entries = dict(table)
+        table.clear()
+        for key, value in entries.items():  # the first one with which the error occurs
+            table[key] = value
+            try:
+                msgspec.convert(data, shape)
+            except msgspec.ValidationError as error:
+                if str(error) == message:
+                    break
+        path, table = path.replace(part, f".{key}", 1), value
+    return said + at + path

@@ -113,6 +113,9 @@ def disk_errors(doing: str, then: str = "resume with --resume") -> Iterator[None
                 f"no space left while {doing}",
                 hint=f"no record is lost: free some space, then {then}",
             ) from error
+        if isinstance(error, FileNotFoundError):
+            hint = "is it a folder that webgym demo or webgym rollout wrote?"
+            raise StoreError(f"cannot continue {doing}: {error.filename} is missing", hint=hint) from error
         raise StoreError(f"cannot continue {doing}: {error}") from error
 
 

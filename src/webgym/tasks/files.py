@@ -311,7 +311,7 @@ _LONGEST_ID: Final = 1_000
 
 def unfit(task: Task) -> str:
     """Why a task cannot be attempted, in one line; empty if it can."""
-    problems = []
+    problems = [f"{name}: it is empty" for name in ("id", "instruction") if not getattr(task, name).strip()]
     if (length := len(task.id)) > _LONGEST_ID:
         problems.append(f"id: it has {length:,} characters, and at most {_LONGEST_ID:,} are taken")
     if (length := len(task.instruction)) > _LONGEST_INSTRUCTION:

@@ -66,6 +66,7 @@ class FieldSpec(Table, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         wrong = [
             (self.kind == "choice") != bool(self.options) and "options belong to a choice, which needs them",
+            len(set(self.options)) < len(self.options) and "an option stands there twice",
             self.kind != "choice" and self.low >= self.high and "low must be less than high",
             self.kind == "day" and self.high > LAST_DAY and f"high must be at most {LAST_DAY} days",
             bool(self.having)
@@ -106,6 +107,8 @@ class InputSpec(Table, frozen=True, kw_only=True):
             raise ValueError(f'"{self.said}" must have the placeholder {{value}} and no other')
         if (self.kind in ("choice", "phrase")) != bool(self.options):
             raise ValueError(f"{self.labels[0]}: options belong to a choice or phrase, which needs them")
+        if len(set(self.options)) < len(self.options):
+            raise ValueError(f"{self.labels[0]}: an option stands there twice")
         if self.kind in ("number", "day", "time") and self.low >= self.high:
             raise ValueError(f"{self.labels[0]}: low must be less than high")
         if self.kind == "day" and self.high > LAST_DAY:

@@ -58,7 +58,6 @@ class AttachedToTarget(CdpMessage, frozen=True):
 
     session_id: str
     target_info: TargetInfo
-    waiting_for_debugger: bool = False
 
 
 class DetachedFromTarget(CdpMessage, frozen=True):

@@ -34,6 +34,7 @@ from webgym.agent.policy import PolicyInput
 from webgym.agent.profiles import choose_profile
 from webgym.agent.prompts import render_reply
 from webgym.core.action import GRID, Action, Answer, GoBack, LeftClick, Scroll, Target, Wait
+from webgym.core.background import BackgroundTasks
 from webgym.core.calls import call_queues
 from webgym.core.errors import (
     BrowserCrashed,
@@ -543,15 +544,10 @@ def _log_waiting(problem: str) -> None:
 
 def _close_later(loop: asyncio.AbstractEventLoop, session: BrowserSession) -> None:
     with contextlib.suppress(RuntimeError):  # the loop is closed, and so is the client with all its sessions
-        loop.call_soon_threadsafe(lambda: _keep(loop.create_task(session.close())))
+        loop.call_soon_threadsafe(lambda: _CLOSING.start(session.close()))
 
 
-_CLOSING: set[asyncio.Task[None]] = set()
-
-
-def _keep(task: asyncio.Task[None]) -> None:
-    _CLOSING.add(task)
-    task.add_done_callback(_CLOSING.discard)
+_CLOSING = BackgroundTasks()
 
 
 def random_action(seed: int) -> Action:

@@ -21,6 +21,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
+from webgym.core.background import BackgroundTasks
 from webgym.core.errors import LeaseLost, ServerError, ServerUnreachable, WorkerLost
 from webgym.server.aggregate import GatewayMetrics, merge_expositions, total
 from webgym.server.audit import Audit, audit_to
@@ -90,7 +91,7 @@ class Gateway:
         self._quota = Quota(config.sessions_per_client)
         self._asked = 0
         self._granted = 0
-        self._endings: set[asyncio.Task[None]] = set()
+        self._endings = BackgroundTasks()
         self.observed = GatewayMetrics(self.fleet, self.queue)
 
     def _on_change(self, ended: Collection[str]) -> None:
@@ -130,7 +131,7 @@ class Gateway:
                 return worker, await asyncio.shield(opening)
             except asyncio.CancelledError:
                 # The call itself is not cancelled: its session must be closed, and its slot counted.
-                self._in_background(self._undo_when_open(worker, opening))
+                self._endings.start(self._undo_when_open(worker, opening))
                 raise
             except (NotSent, Interrupted) as error:
                 await self.fleet.check(worker)
@@ -166,11 +167,6 @@ class Gateway:
             await worker.release(grant)
         except (NotSent, Interrupted, TimeoutError) as error:
             log.warning("session %s was not released, it will expire: %s", grant.session_id, error)
-
-    def _in_background(self, work: Any) -> None:
-        task = asyncio.get_running_loop().create_task(work)
-        self._endings.add(task)
-        task.add_done_callback(self._endings.discard)
 
     async def stop(self) -> None:
         """Wait for background tasks."""

@@ -15,17 +15,7 @@ if TYPE_CHECKING:
     from webgym.agent.config import AgentConfig
     from webgym.agent.policy import BasePolicy, Policy, PolicyInput, PolicySession
     from webgym.agent.prompts import render_reply
-    from webgym.core.action import (
-        Action,
-        Answer,
-        GoBack,
-        LeftClick,
-        Navigate,
-        Scroll,
-        Target,
-        Type,
-        Wait,
-    )
+    from webgym.core.action import Action, Answer, GoBack, LeftClick, Navigate, Scroll, Target, Type, Wait
     from webgym.core.errors import UsageError, WebGymError
     from webgym.core.observation import Observation
     from webgym.core.outcome import Outcome

@@ -417,10 +417,7 @@ class _Episode:
         self._collector = config.collector
         self._pictures = _Pictures()
         context = EpisodeContext(
-            store=self._pictures,
-            config=config.attempt,
-            site_state=services.site_state,
-            seed=env._seed,
+            store=self._pictures, config=config.attempt, site_state=services.site_state, seed=env._seed
         )
         mode = env.profile.mode
         traits = AgentTraits("external", mode, config.agent.actions, elements=mode == "marks")
@@ -571,11 +568,7 @@ def random_action(seed: int) -> Action:
 
 
 def make(
-    name: str = "offline-v1",
-    *,
-    split: SplitName = "train",
-    config: RunConfig | None = None,
-    **given: Any,
+    name: str = "offline-v1", *, split: SplitName = "train", config: RunConfig | None = None, **given: Any
 ) -> Environment:
     """An environment by the name of its tasks.
 

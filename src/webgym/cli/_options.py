@@ -36,8 +36,7 @@ TokenFile: TypeAlias = Annotated[
     ),
 ]
 SkipCorrupt: TypeAlias = Annotated[
-    bool,
-    typer.Option("--skip-corrupt", help="With --resume: ignore records that are damaged."),
+    bool, typer.Option("--skip-corrupt", help="With --resume: ignore records that are damaged.")
 ]
 RetryErrors: TypeAlias = Annotated[
     bool,

@@ -44,14 +44,7 @@ from webgym.server.messages import (
     WorkerInfo,
     error_of,
 )
-from webgym.server.operations import (
-    ALLOCATE,
-    METRICS,
-    OPERATIONS,
-    PRESSURE,
-    Operation,
-    openapi,
-)
+from webgym.server.operations import ALLOCATE, METRICS, OPERATIONS, PRESSURE, Operation, openapi
 from webgym.server.queue import SlotQueue
 from webgym.server.quota import Quota, caller_of, client_of
 from webgym.server.ray_hosts import ray_hosts
@@ -346,9 +339,7 @@ class RunningGateway:
 
 @asynccontextmanager
 async def running_gateway(
-    config: ServerConfig | None = None,
-    fleet: GatewayConfig | None = None,
-    cluster: RayConfig | None = None,
+    config: ServerConfig | None = None, fleet: GatewayConfig | None = None, cluster: RayConfig | None = None
 ) -> AsyncIterator[RunningGateway]:
     """Serve during the block; afterwards no worker and no browser is left.
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Mapping, Sequence, Set
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import (
+    AsyncExitStack,
+    asynccontextmanager,
+)
 from typing import Any
 
 import httpx
@@ -26,7 +29,11 @@ from webgym.static_browsers import StaticBrowsers
 
 @asynccontextmanager
 async def open_services(
-    config: RunConfig, secrets: Secrets, tasks: Sequence[Task], tell: Tell | None, calls: dict[str, CallQueue]
+    config: RunConfig,
+    secrets: Secrets,
+    tasks: Sequence[Task],
+    tell: Tell | None,
+    calls: dict[str, CallQueue],
 ) -> AsyncIterator[tuple[SiteState | None, Browsers]]:
     """The websites and browsers of a run, or :class:`StaticBrowsers` for both, open until the block ends.
 

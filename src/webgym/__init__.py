@@ -15,17 +15,7 @@ if TYPE_CHECKING:
     from webgym.agent.config import AgentConfig
     from webgym.agent.policy import BasePolicy, Policy, PolicyInput, PolicySession
     from webgym.agent.prompts import render_reply
-    from webgym.core.action import (
-        Action,
-        Answer,
-        GoBack,
-        LeftClick,
-        Navigate,
-        Scroll,
-        Target,
-        Type,
-        Wait,
-    )
+    from webgym.core.action import Action, Answer, GoBack, LeftClick, Navigate, Scroll, Target, Type, Wait
     from webgym.core.errors import UsageError, WebGymError
     from webgym.core.observation import Observation
     from webgym.core.outcome import Outcome
@@ -55,46 +45,36 @@ __version__ = "0.1.0"
 correct_timeouts()
 
 _HOMES = {
-    "webgym.agent.agent": ("Agent",),
-    "webgym.agent.config": ("AgentConfig",),
-    "webgym.agent.policy": ("BasePolicy", "PolicySession", "Policy", "PolicyInput"),
-    "webgym.agent.prompts": ("render_reply",),
-    "webgym.run_config": ("RunConfig", "TaskChoice"),
-    "webgym.runs": ("collect", "resume"),
-    "webgym.core.action": (
-        "Action",
-        "Answer",
-        "GoBack",
-        "LeftClick",
-        "Navigate",
-        "Scroll",
-        "Target",
-        "Type",
-        "Wait",
-    ),
-    "webgym.core.errors": ("UsageError", "WebGymError"),
-    "webgym.core.observation": ("Observation",),
-    "webgym.core.outcome": ("Outcome",),
-    "webgym.core.task": ("FactGroup", "Rubric", "Task"),
-    "webgym.core.trajectory": ("Episode", "Reply", "Step", "Trajectory"),
-    "webgym.core.verdict": ("Verdict",),
-    "webgym.environment": ("Environment", "make", "make_many", "random_action"),
-    "webgym.environment_pool": ("EnvironmentPool", "task_rows"),
-    "webgym.inference.rendering": ("Renderer",),
-    "webgym.judge.base": ("Judge",),
-    "webgym.judge.offline": ("OfflineJudge",),
-    "webgym.offline.web": ("OfflineWeb",),
-    "webgym.report.write": ("write_report",),
-    "webgym.rollout.store": ("RunReader",),
-    "webgym.server.client": ("BrowserClient",),
-    "webgym.server.config": ("ServerConfig",),
-    "webgym.server.messages": ("View",),
-    "webgym.server.run_worker": ("running_server",),
-    "webgym.sync": ("LoopThread", "SyncEnvironment"),
-    "webgym.tasks.formats": ("read_tasks", "write_tasks"),
-    "webgym.token_rollout": ("Sampled", "TokenRequest", "TokenRollout", "TokenRow", "roll_out"),
+    "webgym.agent.agent": "Agent",
+    "webgym.agent.config": "AgentConfig",
+    "webgym.agent.policy": "BasePolicy PolicySession Policy PolicyInput",
+    "webgym.agent.prompts": "render_reply",
+    "webgym.run_config": "RunConfig TaskChoice",
+    "webgym.runs": "collect resume",
+    "webgym.core.action": "Action Answer GoBack LeftClick Navigate Scroll Target Type Wait",
+    "webgym.core.errors": "UsageError WebGymError",
+    "webgym.core.observation": "Observation",
+    "webgym.core.outcome": "Outcome",
+    "webgym.core.task": "FactGroup Rubric Task",
+    "webgym.core.trajectory": "Episode Reply Step Trajectory",
+    "webgym.core.verdict": "Verdict",
+    "webgym.environment": "Environment make make_many random_action",
+    "webgym.environment_pool": "EnvironmentPool task_rows",
+    "webgym.inference.rendering": "Renderer",
+    "webgym.judge.base": "Judge",
+    "webgym.judge.offline": "OfflineJudge",
+    "webgym.offline.web": "OfflineWeb",
+    "webgym.report.write": "write_report",
+    "webgym.rollout.store": "RunReader",
+    "webgym.server.client": "BrowserClient",
+    "webgym.server.config": "ServerConfig",
+    "webgym.server.messages": "View",
+    "webgym.server.run_worker": "running_server",
+    "webgym.sync": "LoopThread SyncEnvironment",
+    "webgym.tasks.formats": "read_tasks write_tasks",
+    "webgym.token_rollout": "Sampled TokenRequest TokenRollout TokenRow roll_out",
 }
-_MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
+_MODULE_OF = {name: module for module, names in _HOMES.items() for name in names.split()}
 
 __all__ = [
     "Action",

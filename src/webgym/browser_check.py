@@ -44,7 +44,7 @@ from webgym.offline.config import SitesConfig
 from webgym.offline.proofs import repeating_pages, typed_proofs
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.config import AttemptConfig
-from webgym.rollout.driver import EpisodeContext, EpisodeDriver
+from webgym.rollout.driver import EpisodeContext, EpisodeDriver, NoStore
 from webgym.rollout.files import disk_errors
 from webgym.rollout.plan import Planned
 from webgym.rollout.progress import Progress
@@ -262,7 +262,7 @@ async def _playing(
         executable = await asyncio.to_thread(find_browser)
         pool = Pool(ServerConfig(slots=sessions, browser=browser), executable.path)
         context = EpisodeContext(
-            store=_NoStore(),
+            store=NoStore(),
             config=AttemptConfig(viewport=web.collection.viewport),
             site_state=ServedState(client),
             seed=0,
@@ -272,11 +272,6 @@ async def _playing(
             yield _Player(web, pool, sessions, context, mode, results, progress, on_episode)
         finally:
             await pool.stop()
-
-
-class _NoStore:
-    async def put_image(self, name: str, data: bytes) -> None:
-        pass
 
 
 class _Tab:

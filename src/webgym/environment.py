@@ -34,6 +34,7 @@ from webgym.agent.policy import PolicyInput
 from webgym.agent.profiles import choose_profile
 from webgym.agent.prompts import render_reply
 from webgym.core.action import GRID, Action, Answer, GoBack, LeftClick, Scroll, Target, Wait
+from webgym.core.background import BackgroundTasks
 from webgym.core.calls import call_queues
 from webgym.core.errors import (
     BrowserCrashed,
@@ -428,10 +429,7 @@ class _Episode:
         self._collector = config.collector
         self._pictures = _Pictures()
         context = EpisodeContext(
-            store=self._pictures,
-            config=config.attempt,
-            site_state=services.site_state,
-            seed=env._seed,
+            store=self._pictures, config=config.attempt, site_state=services.site_state, seed=env._seed
         )
         mode = env.profile.mode
         traits = AgentTraits("external", mode, config.agent.actions, elements=mode == "marks")
@@ -555,15 +553,10 @@ def _log_waiting(problem: str) -> None:
 
 def _close_later(loop: asyncio.AbstractEventLoop, session: BrowserSession) -> None:
     with contextlib.suppress(RuntimeError):  # the loop is closed, and so is the client with all its sessions
-        loop.call_soon_threadsafe(lambda: _keep(loop.create_task(session.close())))
+        loop.call_soon_threadsafe(lambda: _CLOSING.start(session.close()))
 
 
-_CLOSING: set[asyncio.Task[None]] = set()
-
-
-def _keep(task: asyncio.Task[None]) -> None:
-    _CLOSING.add(task)
-    task.add_done_callback(_CLOSING.discard)
+_CLOSING = BackgroundTasks()
 
 
 def random_action(seed: int) -> Action:
@@ -587,11 +580,7 @@ def random_action(seed: int) -> Action:
 
 
 def make(
-    name: str = "offline-v1",
-    *,
-    split: SplitName = "train",
-    config: RunConfig | None = None,
-    **given: Any,
+    name: str = "offline-v1", *, split: SplitName = "train", config: RunConfig | None = None, **given: Any
 ) -> Environment:
     """An environment by the name of its tasks.
 

@@ -364,6 +364,9 @@ async def _collected(
         lockstep=Lockstep() if config.collector.schedule == "step_barrier" else None,
     )
 
+    async def pictures(name: str) -> bytes:
+        return await asyncio.to_thread(RunReader(store.path).image, name)
+
     async def summarised() -> Summary:
         elsewhere = Counter(task_id for task_id, _ in plan.elsewhere)
         return await _summarised(store, tasks, config, judge, elsewhere)
@@ -376,7 +379,6 @@ async def _collected(
                 show(progress) if show else nullcontext(),
             ):
                 blocklist = Blocklist(config.blocklist)
-                pictures = _pictures(store.path)
                 await Collector(context, judge, pictures, config.collector, blocklist).run(plan, finishing)
                 again = (context, tasks, judge, pictures, config.collector, blocklist, plan, finishing)
                 await judge_again(*again)
@@ -412,13 +414,6 @@ async def _tracked(
         await asyncio.to_thread(stack.close)
         if progress.tracker_error:
             say(tell, progress.tracker_error)
-
-
-def _pictures(run: Path) -> Callable[[str], Any]:
-    async def read(name: str) -> bytes:
-        return await asyncio.to_thread(RunReader(run).image, name)
-
-    return read
 
 
 async def _summarised(

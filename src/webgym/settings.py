@@ -148,12 +148,7 @@ def load_settings(
 
 
 def validated(
-    model: type[S],
-    data: Any,
-    source: str = "",
-    *,
-    failure: type[WebGymError] = ConfigError,
-    hint: str = "",
+    model: type[S], data: Any, source: str = "", *, failure: type[WebGymError] = ConfigError, hint: str = ""
 ) -> S:
     """Plain data as settings.
 

@@ -29,6 +29,7 @@ from webgym.offline.static_browser import StaticBrowser, read_page
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.attempt import Attempt, AttemptContext
 from webgym.rollout.config import AttemptConfig
+from webgym.rollout.driver import NoStore
 from webgym.rollout.files import write_whole
 from webgym.rollout.judging import JUDGED
 from webgym.rollout.plan import Planned
@@ -218,7 +219,7 @@ class StaticCollector:
         self._context = AttemptContext(
             client=browsers,
             agent=agent,
-            store=_NoStore(),
+            store=NoStore(),
             config=config,
             progress=Progress(total=0),
             site_state=browsers,
@@ -244,8 +245,3 @@ class StaticCollector:
         if episode.ending not in JUDGED and not has_no_action:
             raise PolicyError(f"{planned.attempt_id}: {failure.message if failure else episode.ending}")
         return episode
-
-
-class _NoStore:
-    async def put_image(self, name: str, data: bytes) -> None:
-        pass

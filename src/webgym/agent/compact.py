@@ -33,12 +33,7 @@ _PLAIN = re.compile(r"[\w.:'#/ ]*\w", re.DOTALL)
 _CALL = re.compile(r"\s*([a-z_]+)(?:\s+(.*))?", re.DOTALL)
 _POINT = re.compile(r"(\S+)\s+(\S+)(?:\s+(.*))?", re.DOTALL)
 _ELEMENT = re.compile(r"(\S+)(?:\s+(.*))?", re.DOTALL)
-_TEXT_ARGUMENT: Final = {
-    "scroll": "direction",
-    "wait": "time",
-    "navigate": "url",
-    "answer": "text",
-}
+_TEXT_ARGUMENT: Final = {"scroll": "direction", "wait": "time", "navigate": "url", "answer": "text"}
 
 
 def render_compact(

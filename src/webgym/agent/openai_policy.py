@@ -8,7 +8,7 @@ from typing import Self
 import msgspec
 from pydantic import SecretStr
 
-from webgym.agent.policy import PolicyInput
+from webgym.agent.policy import BasePolicy, PolicyInput
 from webgym.agent.profile import Profile
 from webgym.agent.profiles import choose_profile
 from webgym.agent.request import to_openai
@@ -21,14 +21,13 @@ from webgym.core.errors import (
     PolicyTimeout,
     PolicyUnreachable,
 )
-from webgym.core.task import Task
 from webgym.core.tokens import ReplyTokens
 from webgym.core.trajectory import Message, Reply
 from webgym.llm.client import ChatClient
 from webgym.llm.config import ChatConfig, Sampling, altering
 
 
-class OpenAIPolicy:
+class OpenAIPolicy(BasePolicy):
     """A model behind an endpoint. It has no state between turns: the request contains everything.
 
     Args:
@@ -39,8 +38,6 @@ class OpenAIPolicy:
             sampled from (vLLM: ``--logprobs-mode processed_logprobs``). Otherwise they are kept only if the
             sampling parameters do not alter the model's distribution.
     """
-
-    wants_elements = False
 
     def __init__(
         self,
@@ -73,10 +70,6 @@ class OpenAIPolicy:
     def expect(self, model: str) -> None:
         """Expect replies of this model, as if the endpoint had named it in an earlier one."""
         self._client.served = model
-
-    def begin(self, task: Task, seed: int) -> OpenAIPolicy:  # noqa: ARG002
-        """The policy itself: it has no state between turns, and the endpoint draws its own random numbers."""
-        return self
 
     async def reply(self, turn: PolicyInput) -> Reply:
         """The model's reply.

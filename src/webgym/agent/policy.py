@@ -101,7 +101,7 @@ class Policy(Protocol):
 
 
 class BasePolicy:
-    """Base of policies that need no resource to be opened and closed.
+    """Base of policies, which by default have no resource to be opened and closed.
 
     A policy of your own is a name and two methods::
 

@@ -187,10 +187,7 @@ async def measured_server(config: ServerConfig) -> AsyncIterator[tuple[ServerAdd
         Its address and a client, when all slots are ready.
     """
     limits = ClientLimits(
-        allocate=config.slots,
-        release=config.slots,
-        reply_seconds=_READY_SECONDS,
-        wait_seconds=_READY_SECONDS,
+        allocate=config.slots, release=config.slots, reply_seconds=_READY_SECONDS, wait_seconds=_READY_SECONDS
     )
     async with (
         server_process(config) as address,

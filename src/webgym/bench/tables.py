@@ -114,15 +114,7 @@ def _thinking(result: Thinking) -> Table:
     return Table(
         f"{result.sessions} sessions on busy pages, {result.think_seconds:g} s of thinking per step "
         f"(at most {result.allowed:.1f} steps/s)",
-        (
-            "slots",
-            "idle CPU use, cores",
-            "step p50, ms",
-            "p95, ms",
-            "steps/s",
-            "of the maximum",
-            "failed",
-        ),
+        ("slots", "idle CPU use, cores", "step p50, ms", "p95, ms", "steps/s", "of the maximum", "failed"),
         rows,
     )
 

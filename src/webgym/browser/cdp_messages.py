@@ -37,18 +37,11 @@ class Attached(CdpMessage, frozen=True):
     session_id: str
 
 
-class TargetCrashed(CdpMessage, frozen=True):
-    """``Target.targetCrashed``."""
-
-    target_id: str
-
-
 class TargetInfo(CdpMessage, frozen=True):
     """A page, worker or frame that can be attached to."""
 
     target_id: str
     type: str
-    url: str = ""
     browser_context_id: str = ""
     opener_id: str = ""
 
@@ -58,7 +51,6 @@ class AttachedToTarget(CdpMessage, frozen=True):
 
     session_id: str
     target_info: TargetInfo
-    waiting_for_debugger: bool = False
 
 
 class DetachedFromTarget(CdpMessage, frozen=True):
@@ -74,7 +66,6 @@ class Frame(CdpMessage, frozen=True):
     id: str
     loader_id: str
     url: str
-    parent_id: str | None = None
     url_fragment: str = ""
     unreachable_url: str = ""
 
@@ -143,7 +134,6 @@ class WindowOpen(CdpMessage, frozen=True):
 class Navigated(CdpMessage, frozen=True):
     """``Page.navigate``."""
 
-    frame_id: str
     loader_id: str = ""
     error_text: str = ""
     is_download: bool = False
@@ -174,7 +164,6 @@ class DialogOpening(CdpMessage, frozen=True):
 class DownloadWillBegin(CdpMessage, frozen=True):
     """``Browser.downloadWillBegin``."""
 
-    frame_id: str
     url: str
     suggested_filename: str = ""
 
@@ -270,7 +259,6 @@ class World(CdpMessage, frozen=True):
 class RemoteObject(CdpMessage, frozen=True):
     """A script's result, by value or as a handle."""
 
-    type: str = ""
     value: msgspec.Raw = msgspec.Raw(b"null")
     description: str = ""
     object_id: str = ""

@@ -241,12 +241,7 @@ def content_options(page: Page) -> dict[str, bool]:
     """The content of the page's observations, by its options (see :func:`read_content`)."""
     marks = page.options.mode == "marks"
     options = page.options
-    return {
-        "text": options.text,
-        "cuts": options.cuts,
-        "elements": options.elements or marks,
-        "marks": marks,
-    }
+    return {"text": options.text, "cuts": options.cuts, "elements": options.elements or marks, "marks": marks}
 
 
 def _middle(box: tuple[float, float, float, float]) -> tuple[float, float]:

@@ -120,12 +120,7 @@ class Page:
     """
 
     def __init__(
-        self,
-        session: Session,
-        target_id: str,
-        config: BrowserConfig,
-        listener: ProxyListener,
-        timers: Timers,
+        self, session: Session, target_id: str, config: BrowserConfig, listener: ProxyListener, timers: Timers
     ) -> None:
         self.session = session
         self.target_id = target_id

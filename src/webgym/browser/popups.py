@@ -17,6 +17,7 @@ from webgym.browser.cdp import Session
 from webgym.browser.cdp_messages import AttachedToTarget, Request, RequestPaused, WindowOpen
 from webgym.browser.config import BrowserConfig
 from webgym.browser.traffic import Traffic
+from webgym.core.background import BackgroundTasks
 from webgym.core.errors import BrowserError, NavigationFailed
 from webgym.core.observation import NoticeKind
 
@@ -53,7 +54,7 @@ class Popups:
         self._unrequested: list[str] = []
         """URLs of this action's windows that will never send a request, such as ``mailto:``."""
         self._has_followed = False
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks = BackgroundTasks()
         page.session.on("Page.windowOpen", WindowOpen, self._on_window_open)
 
     def begin_action(self) -> None:
@@ -125,9 +126,7 @@ class Popups:
             return
         self._has_followed = True
         self._page.note("popup", f"a new window was opened in this tab: {url[:_QUOTED_LENGTH]}")
-        task = asyncio.get_running_loop().create_task(self._navigate(target_id, paused))
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        self._tasks.start(self._navigate(target_id, paused))
 
     async def _navigate(self, target_id: str, paused: RequestPaused) -> None:
         request = paused.request

@@ -16,7 +16,7 @@ from pathlib import Path
 import msgspec
 
 from webgym.browser.cdp import Connection
-from webgym.browser.cdp_messages import Attached, BrowserContext, CreatedTarget, EmptyReply, TargetCrashed
+from webgym.browser.cdp_messages import Attached, BrowserContext, CreatedTarget, EmptyReply
 from webgym.browser.config import BrowserConfig
 from webgym.core.errors import BrowserCrashed, BrowserLaunchFailed
 
@@ -78,10 +78,10 @@ async def examine_sandbox(
         BrowserTimeout: no page opened in time.
     """
 
-    def on_crash(_: TargetCrashed) -> None:
+    def on_crash(_: EmptyReply) -> None:
         connection.abandon(BrowserCrashed("its pages crash"))
 
-    unsubscribe = connection.on("Target.targetCrashed", TargetCrashed, on_crash)
+    unsubscribe = connection.on("Target.targetCrashed", EmptyReply, on_crash)
     connection.send("Target.setDiscoverTargets", {"discover": True})
     context = await connection.call(
         "Target.createBrowserContext", {"disposeOnDetach": True}, reply=BrowserContext, seconds=seconds

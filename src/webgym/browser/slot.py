@@ -29,14 +29,7 @@ from webgym.browser.early_screenshot import EarlyScreenshot
 from webgym.browser.effect import EffectCheck
 from webgym.browser.egress.proxy import Egress, ProxyListener
 from webgym.browser.gestures import AnyAction, attempt
-from webgym.browser.observe import (
-    Look,
-    Metadata,
-    capture,
-    look,
-    look_without_picture,
-    read_content,
-)
+from webgym.browser.observe import Look, Metadata, capture, look, look_without_picture, read_content
 from webgym.browser.page import Page
 from webgym.browser.process import BrowserProcess, launch_sandboxed
 from webgym.browser.profiles import ProfileRoot
@@ -45,12 +38,7 @@ from webgym.browser.settle import settle_timed
 from webgym.browser.timers import Timers
 from webgym.browser.upload import write_files
 from webgym.core.action import GoBack, Navigate
-from webgym.core.errors import (
-    BrowserCrashed,
-    BrowserError,
-    BrowserOutOfMemory,
-    BrowserTimeout,
-)
+from webgym.core.errors import BrowserCrashed, BrowserError, BrowserOutOfMemory, BrowserTimeout
 from webgym.core.observation import Observation
 
 T = TypeVar("T")

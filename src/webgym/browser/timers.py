@@ -78,7 +78,6 @@ class _Data(CdpMessage, frozen=True):
     timeout: float = 0.0
     single_shot: bool = True
     frame: str = ""
-    is_main_frame: bool = False
     is_outermost_main_frame: bool = False
     stack_trace: tuple[_Call, ...] = ()
 
@@ -89,7 +88,6 @@ class _Args(msgspec.Struct, frozen=True):
 
 class _Event(msgspec.Struct, frozen=True):
     name: str
-    ph: str = ""
     ts: float = 0.0
     dur: float = 0.0
     pid: int = 0

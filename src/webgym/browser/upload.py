@@ -46,10 +46,7 @@ async def upload(page: Page, point: Point, names: Sequence[str]) -> None:
     chooser = choosers[0]
     if len(names) > 1 and chooser.mode != "selectMultiple":
         raise ActionFailed("only one file can be chosen here")
-    chosen = {
-        "files": [str(page.files[name]) for name in names],
-        "backendNodeId": chooser.backend_node_id,
-    }
+    chosen = {"files": [str(page.files[name]) for name in names], "backendNodeId": chooser.backend_node_id}
     await page.session.do("DOM.setFileInputFiles", chosen, seconds=page.config.execute_seconds)
 
 

@@ -1,4 +1,4 @@
-"""Options that ``rollout`` and ``eval`` share, and the settings of a run from their values."""
+"""Options that several commands share, and the settings of a run from the values of options."""
 
 from __future__ import annotations
 
@@ -36,8 +36,7 @@ TokenFile: TypeAlias = Annotated[
     ),
 ]
 SkipCorrupt: TypeAlias = Annotated[
-    bool,
-    typer.Option("--skip-corrupt", help="With --resume: ignore records that are damaged."),
+    bool, typer.Option("--skip-corrupt", help="With --resume: ignore records that are damaged.")
 ]
 RetryErrors: TypeAlias = Annotated[
     bool,
@@ -48,6 +47,12 @@ RetryErrors: TypeAlias = Annotated[
 ]
 WriteReport: TypeAlias = Annotated[
     bool, typer.Option("--report/--no-report", help="Write report.html when the run ends.")
+]
+Collection: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        "--collection", help="large or small websites, or cross: tasks that need two of the large ones."
+    ),
 ]
 
 

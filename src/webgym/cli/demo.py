@@ -89,11 +89,7 @@ def command(
         folder,
         {
             "seed": seed,
-            "policy": {
-                "name": policy,
-                "mistakes": mistakes,
-                "chat": {"base_url": base_url, "model": model},
-            },
+            "policy": {"name": policy, "mistakes": mistakes, "chat": {"base_url": base_url, "model": model}},
             "tasks": {"split": "test", "count": tasks, "spread": True},
             "agent": {"profile": profile, "mode": mode_of(marks)},
             "collector": {"sessions": sessions},

@@ -37,11 +37,7 @@ from webgym.settings import Settings
 Status: TypeAlias = Literal["ok", "note", "missing"]
 
 DISTRIBUTION = "webgym-rl"
-FONT_PACKAGES = {
-    "Latin": "fonts-liberation",
-    "CJK": "fonts-wqy-zenhei",
-    "emoji": "fonts-noto-color-emoji",
-}
+FONT_PACKAGES = {"Latin": "fonts-liberation", "CJK": "fonts-wqy-zenhei", "emoji": "fonts-noto-color-emoji"}
 """By writing system of the test page: the package of Debian and Ubuntu that contains its fonts."""
 
 _SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - only its size is read

@@ -24,8 +24,7 @@ if TYPE_CHECKING:
 
 
 RUN = options.run_options(
-    split="test; all tasks if none has a split",
-    limit="all tasks of a file, 20 of the offline web",
+    split="test; all tasks if none has a split", limit="all tasks of a file, 20 of the offline web"
 )
 
 

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from webgym.cli._options import Collection
 from webgym.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Sequence
 
     from rich.console import Console
 
@@ -23,11 +24,7 @@ def serve(
     host: str = typer.Option("127.0.0.1", "--host", help="Address to listen on."),
     port: int = typer.Option(8123, "--port", min=0, max=65535, help="Port to listen on; 0 for a free one."),
     seed: int | None = typer.Option(None, "--seed", help="Seed of all websites.", show_default="7"),
-    collection: str = typer.Option(
-        "large",
-        "--collection",
-        help="large or small websites, or cross: tasks that need two of the large ones.",
-    ),
+    collection: Collection = "large",
     per_family: int | None = typer.Option(
         None, "--per-family", min=1, help="Number of websites per family.", show_default="50 large, 72 small"
     ),
@@ -84,11 +81,7 @@ def list_sites(
         None, "--family", help="Only websites of this family.", show_default=False
     ),
     seed: int | None = typer.Option(None, "--seed", help="Seed of all websites.", show_default="7"),
-    collection: str = typer.Option(
-        "large",
-        "--collection",
-        help="large or small websites, or cross: tasks that need two of the large ones.",
-    ),
+    collection: Collection = "large",
 ) -> None:
     """List the websites: address, family, split and behaviour."""
     from webgym.offline.config import DEFAULT_SEED
@@ -108,7 +101,7 @@ def _unknown_family(family: str | None, collection: str) -> ConfigError:
     )
 
 
-def _report(console: Console, failures: list[str], tasks: Collection[str]) -> None:
+def _report(console: Console, failures: list[str], tasks: Sequence[str]) -> None:
     """Print the failures and the number of tasks that passed; exit with 1 if there are failures."""
     for failure in failures:
         console.print(failure, highlight=False, markup=False, soft_wrap=True)
@@ -142,11 +135,7 @@ def check(
     marks: bool = typer.Option(False, "--marks", help="Use Set-of-Marks instead of coordinates."),
     quick: bool = typer.Option(False, "--quick", help="Only checks that need no browser."),
     seed: int = typer.Option(0, "--seed", help="Seed of the sample, and of the order."),
-    collection: str = typer.Option(
-        "large",
-        "--collection",
-        help="large or small websites, or cross: tasks that need two of the large ones.",
-    ),
+    collection: Collection = "large",
 ) -> None:
     """Check in real browsers that every task can be solved, and that only a solution passes the judge.
 

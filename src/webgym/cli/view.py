@@ -22,8 +22,7 @@ from webgym.tasks.formats import task_files
 
 def command(
     what: Annotated[
-        Path,
-        typer.Argument(help="A run folder, a task file of any format, or a folder with task files."),
+        Path, typer.Argument(help="A run folder, a task file of any format, or a folder with task files.")
     ],
     port: Annotated[int, typer.Option(help="Port to listen on; 0 for a free one.", min=0, max=65535)] = 0,
     is_opened: Annotated[bool, typer.Option("--open/--no-open", help="Open the page in a browser.")] = True,

@@ -1,4 +1,4 @@
-"""A background task for the duration of a block; whose cancellation it is."""
+"""Background tasks: for the duration of a block, or until they end; whose cancellation it is."""
 
 from __future__ import annotations
 
@@ -32,3 +32,14 @@ def is_cancelled(error: BaseException) -> bool:
         return False
     task = asyncio.current_task()
     return task is None or task.cancelling() > 0
+
+
+class BackgroundTasks(set[asyncio.Task[None]]):
+    """Tasks that are in progress; the event loop itself may lose tasks that nothing else refers to."""
+
+    def start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+        """Start a task, which is kept until it ends."""
+        task = asyncio.get_running_loop().create_task(work)
+        self.add(task)
+        task.add_done_callback(self.discard)
+        return task

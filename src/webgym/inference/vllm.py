@@ -21,7 +21,6 @@ from pydantic import Field, SecretStr, field_validator
 from webgym.agent.openai_policy import OpenAIPolicy, as_policy_error
 from webgym.agent.policy import BasePolicy, PolicyInput
 from webgym.core.errors import LLMBadReply, LLMError, LLMUnreachable, PolicyBadReply, PolicyError
-from webgym.core.task import Task
 from webgym.core.trajectory import Reply
 from webgym.llm.client import is_loopback
 from webgym.llm.completion import error_message, first_line, quote
@@ -393,8 +392,6 @@ class VllmPolicy(BasePolicy):
         why: the message of the last such reply.
     """
 
-    wants_elements = False
-
     def __init__(self, name: str) -> None:
         self.name = name
         self.served: Served | None = None
@@ -430,10 +427,6 @@ class VllmPolicy(BasePolicy):
 
     async def __aenter__(self) -> Self:
         register_client(self)  # for each run; its client stays open for longer
-        return self
-
-    def begin(self, task: Task, seed: int) -> VllmPolicy:  # noqa: ARG002
-        """The policy itself, which has no state between turns."""
         return self
 
     async def reply(self, turn: PolicyInput) -> Reply:

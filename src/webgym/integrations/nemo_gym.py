@@ -130,11 +130,7 @@ class WebGymAgent(SimpleResponsesAPIAgent):
 
 
 def _response(
-    body: WebGymRunRequest,
-    replies: list[NeMoGymResponse],
-    reward: float,
-    why: str,
-    fields: dict[str, Any],
+    body: WebGymRunRequest, replies: list[NeMoGymResponse], reward: float, why: str, fields: dict[str, Any]
 ) -> WebGymRunResponse:
     if math.isnan(reward):  # NeMo Gym requires a number; the mask excludes it
         fields |= {"mask_sample": True, "failure_kind": f"webgym:{fields['outcome']}", "failure_reason": why}

@@ -77,10 +77,7 @@ class WebGymEnv(BaseTextEnv):
     """
 
     def __init__(
-        self,
-        env_config: Any = None,
-        extras: dict[str, Any] | None = None,
-        browsers: Browsers | None = None,
+        self, env_config: Any = None, extras: dict[str, Any] | None = None, browsers: Browsers | None = None
     ) -> None:
         super().__init__()
         self._task_id = (extras or {}).get("task_id")

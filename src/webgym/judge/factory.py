@@ -145,11 +145,7 @@ async def _open_unwrapped(
 
 
 async def _rubric_judge(
-    config: JudgeConfig,
-    panel: PanelConfig,
-    stack: AsyncExitStack,
-    cache: ReplyCache | None,
-    ledger: Ledger,
+    config: JudgeConfig, panel: PanelConfig, stack: AsyncExitStack, cache: ReplyCache | None, ledger: Ledger
 ) -> Judge:
     clients: dict[str, ChatClient] = {}
     models: dict[Stage, Completes] = {}

@@ -93,10 +93,7 @@ _DENIALS: Final = frozenset("not never except excluding than instead unlike neit
 
 
 def other_candidate(
-    answer: str,
-    required: Sequence[Sequence[str]],
-    known_texts: Sequence[str],
-    wrong: Sequence[str] = (),
+    answer: str, required: Sequence[Sequence[str]], known_texts: Sequence[str], wrong: Sequence[str] = ()
 ) -> str:
     """The first piece of an answer that names a candidate other than the right one; empty if none does.
 

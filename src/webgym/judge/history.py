@@ -1,4 +1,4 @@
-"""An agent's actions as text for a judge model: a line per step, with or without the answer's text."""
+"""An agent's actions as text for a judge model: a line per step, without the answer's text."""
 
 from __future__ import annotations
 
@@ -23,16 +23,15 @@ from webgym.core.observation import Observation
 from webgym.core.trajectory import Episode, Step
 
 
-def action_history(episode: Episode, *, line_chars: int, limit: int, with_answer: bool = False) -> str:
+def action_history(episode: Episode, *, line_chars: int, limit: int) -> str:
     """The steps of an episode as lines, oldest first; the oldest are left out beyond ``limit`` characters.
 
     Args:
         episode: the recorded steps.
         line_chars: longest line, characters.
         limit: most characters of all lines together.
-        with_answer: whether the text of the answer is included.
     """
-    lines = [_line(step, line_chars, with_answer) for step in episode.steps]
+    lines = [_line(step, line_chars) for step in episode.steps]
     recent: list[str] = []
     for line in reversed(lines):
         if recent and sum(map(len, recent)) + len(recent) + len(line) > limit:
@@ -42,17 +41,15 @@ def action_history(episode: Episode, *, line_chars: int, limit: int, with_answer
     return "\n".join([*left_out, *reversed(recent)]) or "no step was taken"
 
 
-def _line(step: Step, chars: int, with_answer: bool) -> str:
+def _line(step: Step, chars: int) -> str:
     place = f"step {step.index + 1}, on {step.observation.url}: "
-    action = (
-        _describe(step.action, step.observation, with_answer) if step.action else "nothing (unreadable reply)"
-    )
+    action = _describe(step.action, step.observation) if step.action else "nothing (unreadable reply)"
     effect = " (the page did not change)" if step.changed is False else ""
     line = " ".join((place + action + effect).split())
     return line if len(line) <= chars else line[: chars - 1] + "…"
 
 
-def _describe(action: Action, seen: Observation, with_answer: bool) -> str:
+def _describe(action: Action, seen: Observation) -> str:
     match action:
         case LeftClick(target, modifiers):
             modifiers_text = f" with {'+'.join(modifiers)} held" if modifiers else ""
@@ -80,8 +77,8 @@ def _describe(action: Action, seen: Observation, with_answer: bool) -> str:
             return "went back"
         case Navigate(url):
             return f"opened {url}"
-        case Answer(text):
-            return f'answered "{text}"' if with_answer else "gave its answer"
+        case Answer():
+            return "gave its answer"
 
 
 def _target(target: Target, seen: Observation) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any, Final, TypeAlias, TypeVar
 
 import msgspec
@@ -90,14 +91,7 @@ class JudgeModelClient:
         Raises:
             JudgeError: the model cannot be asked, or none of its replies had a clear verdict.
         """
-        code, bare = self._signature(question)
-
-        def read(reply: Completion) -> Finding | NoVerdict:
-            return read_verdict(
-                reply.text, question.words, code, bare=bare, finish_reason=reply.finish_reason
-            )
-
-        return await self._until_clear(question, code, read)
+        return await self._until_clear(question, partial(read_verdict, words=question.words))
 
     async def ask_per_image(self, question: Question) -> tuple[bool, ...]:
         """One finding for each of the question's screenshots.
@@ -105,13 +99,7 @@ class JudgeModelClient:
         Raises:
             JudgeError: as for :meth:`ask`.
         """
-        code, bare = self._signature(question)
-        count = len(question.shots)
-
-        def read(reply: Completion) -> tuple[bool, ...] | NoVerdict:
-            return read_per_image(reply.text, count, code, bare=bare, finish_reason=reply.finish_reason)
-
-        return await self._until_clear(question, code, read)
+        return await self._until_clear(question, partial(read_per_image, count=len(question.shots)))
 
     def _signature(self, question: Question) -> tuple[str, bool]:
         """The request's code, and whether a verdict without it counts."""
@@ -121,9 +109,8 @@ class JudgeModelClient:
         bare = not self._config.signed_verdicts and not may_be_echoed(question.untrusted, question.words)
         return code, bare
 
-    async def _until_clear(
-        self, question: Question, code: str, read: Callable[[Completion], T | NoVerdict]
-    ) -> T:
+    async def _until_clear(self, question: Question, read: Callable[..., T | NoVerdict]) -> T:
+        code, bare = self._signature(question)
         system, text = question.write(code)
         async with self._slots:
             content = [{"type": "text", "text": text}, *await self._images(question.shots)]
@@ -136,7 +123,7 @@ class JudgeModelClient:
             # once got no verdict could never get one.
             while tries < self._config.tries and unusable < _MAX_UNUSABLE * self._config.tries:
                 reply = await self._reply(question.stage, messages, is_repeat=unusable > 0)
-                verdict = read(reply)
+                verdict = read(reply.text, code=code, bare=bare, finish_reason=reply.finish_reason)
                 if not isinstance(verdict, NoVerdict):
                     return verdict
                 problem, unusable, tries = verdict.why, unusable + 1, tries + (not reply.cached)

@@ -139,20 +139,8 @@ SHORT_SCALES: Final[dict[str, Decimal]] = {"k": Decimal("1E3"), "m": Decimal("1E
 MONTHS: Final[dict[str, int]] = {
     name: number
     for number, names in enumerate(
-        (
-            "january jan",
-            "february feb",
-            "march mar",
-            "april apr",
-            "may",
-            "june jun",
-            "july jul",
-            "august aug",
-            "september sept sep",
-            "october oct",
-            "november nov",
-            "december dec",
-        ),
+        "january jan|february feb|march mar|april apr|may|june jun|july jul|august aug|september sept sep"
+        "|october oct|november nov|december dec".split("|"),
         1,
     )
     for name in names.split()

@@ -117,21 +117,7 @@ _MINUS: Final = re.compile(
 _NAMED_NUMBER: Final = re.compile(r"\b(?:version|ver|release|v)\.?\s?$", re.IGNORECASE)
 _TAIL: Final = re.compile(r"[a-z]+\d[a-z\d]*", re.IGNORECASE)
 _BULLET: Final = re.compile(r"^[ \t]*(?:[-*•‣◦]|(\d{1,2})[.)])[ \t]+", re.MULTILINE)
-_TYPOGRAPHY: Final = str.maketrans(
-    {
-        "’": "'",
-        "‘": "'",
-        "“": '"',
-        "”": '"',
-        "–": "-",
-        "—": "-",
-        "−": "-",
-        "‐": "-",
-        "‑": "-",
-        "′": "'",
-        "″": '"',
-    }
-)
+_TYPOGRAPHY: Final = str.maketrans("’‘′“”″–—−‐‑", "'''\"\"\"-----")
 
 _N = r"\d(?:[\d.,']*\d)?"
 _MONTH = "|".join(sorted(MONTHS, key=len, reverse=True))

@@ -245,11 +245,6 @@ class Imported(msgspec.Struct):
     known: int = 0
     unanswered: list[FailedLine] = []
 
-    @property
-    def lines(self) -> int:
-        """Number of lines without blank ones."""
-        return self.stored + self.known + len(self.unanswered)
-
 
 class _Response(msgspec.Struct):
     status_code: int

@@ -72,19 +72,13 @@ class Ledger:
         return self.budget.dollars is not None or self.budget.tokens is not None
 
     def cost(
-        self,
-        model: str,
-        prompt_tokens: int,
-        completion_tokens: int,
-        *,
-        cached: int = 0,
-        in_batch: bool = False,
+        self, model: str, prompt_tokens: int, completion_tokens: int, *, cached: int = 0
     ) -> float | None:
         """Cost of a call in dollars; ``None`` if the model's price is not known."""
         price = self.prices.of(model)
         if price is None:
             return None
-        return price.dollars(prompt_tokens, completion_tokens, cached_tokens=cached, in_batch=in_batch)
+        return price.dollars(prompt_tokens, completion_tokens, cached_tokens=cached)
 
     def paid(self, call: Call) -> None:
         """Count a paid call, if the cache does not."""

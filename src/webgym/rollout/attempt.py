@@ -13,13 +13,7 @@ from webgym.core.calls import CallQueue, call_queues
 from webgym.core.errors import PolicyTimeout, StoreError
 from webgym.core.outcome import Ending
 from webgym.core.trajectory import Failure, Step
-from webgym.rollout.driver import (
-    Browsers,
-    BrowserSession,
-    EpisodeContext,
-    EpisodeDriver,
-    ImageStore,
-)
+from webgym.rollout.driver import Browsers, BrowserSession, EpisodeContext, EpisodeDriver, ImageStore
 from webgym.rollout.lockstep import Lockstep
 from webgym.rollout.plan import Planned
 from webgym.rollout.progress import Progress, State

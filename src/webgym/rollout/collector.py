@@ -102,10 +102,7 @@ class Collector:
         progress.calls, progress.lag = self._context.calls, lag
         progress.queues = partial(queues_of, self._context.calls)
         async with asyncio.TaskGroup() as background:
-            helpers = [
-                background.create_task(lag.watch()),
-                background.create_task(self._keep_metrics()),
-            ]
+            helpers = [background.create_task(lag.watch()), background.create_task(self._keep_metrics())]
             if finishing is not None:
                 helpers.append(background.create_task(_close(plan, finishing)))
             async with asyncio.TaskGroup() as group:

@@ -85,6 +85,13 @@ class ImageStore(Protocol):
         ...
 
 
+class NoStore:
+    """Stores nothing."""
+
+    async def put_image(self, name: str, data: bytes) -> None:
+        """Drop a picture."""
+
+
 class SiteState(Protocol):
     """The state of the offline web's servers for a visitor, such as cart, bookings and messages."""
 

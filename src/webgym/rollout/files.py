@@ -110,8 +110,7 @@ def disk_errors(doing: str, then: str = "resume with --resume") -> Iterator[None
     except OSError as error:
         if error.errno in _FULL:
             raise StoreFull(
-                f"no space left while {doing}",
-                hint=f"no record is lost: free some space, then {then}",
+                f"no space left while {doing}", hint=f"no record is lost: free some space, then {then}"
             ) from error
         if isinstance(error, FileNotFoundError):
             hint = "is it a folder that webgym demo or webgym rollout wrote?"

@@ -264,12 +264,7 @@ def _key(task_id: str, sample: int) -> str:
 
 @asynccontextmanager
 async def sharing(
-    config: SharingConfig,
-    name: str,
-    tasks: Sequence[Task],
-    run: Path,
-    *,
-    is_resumed: bool = False,
+    config: SharingConfig, name: str, tasks: Sequence[Task], run: Path, *, is_resumed: bool = False
 ) -> AsyncIterator[Claims | None]:
     """Join the shared list for the duration of the block; yields ``None`` if nothing is shared.
 

@@ -162,12 +162,7 @@ class RunWriter:
 
     @classmethod
     async def create(
-        cls,
-        path: Path,
-        config: Mapping[str, Any],
-        tasks: list[Task],
-        *,
-        limits: StoreLimits | None = None,
+        cls, path: Path, config: Mapping[str, Any], tasks: list[Task], *, limits: StoreLimits | None = None
     ) -> Self:
         """Create a run folder.
 

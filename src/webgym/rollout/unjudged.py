@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 import msgspec
 
@@ -55,80 +56,71 @@ async def judge_again(
         StoreError: a verdict cannot be stored, a record is damaged, or a disk shared with other collectors
             cannot be read.
     """
-    again = _Rejudging(context, tasks, judge, pictures, config, blocklist, plan, finishing)
+    by_id = {task.id: task for task in tasks}
+    again = _Rejudging(context, by_id, judge, pictures, config, blocklist, plan, finishing)
     for _ in range(config.judge_again):
         if not await again.round():
             return
 
 
+@dataclass
 class _Rejudging:
-    def __init__(
-        self,
-        context: AttemptContext[RunWriter],
-        tasks: Iterable[Task],
-        judge: Judge,
-        pictures: Pictures,
-        config: CollectorConfig,
-        blocklist: Blocklist | None,
-        plan: Plan | None,
-        finishing: asyncio.Event | None,
-    ) -> None:
-        self._context = context
-        self._tasks = {task.id: task for task in tasks}
-        self._judge = judge
-        self._pictures = pictures
-        self._config = config
-        self._blocklist = blocklist
-        self._plan = plan
-        self._finishing = finishing
-        self._failed_in_a_row = 0
+    context: AttemptContext[RunWriter]
+    tasks: Mapping[str, Task]
+    judge: Judge
+    pictures: Pictures
+    config: CollectorConfig
+    blocklist: Blocklist | None
+    plan: Plan | None
+    finishing: asyncio.Event | None
+    failed_in_a_row: int = 0
 
     async def round(self) -> bool:
         """Judge all attempts without a verdict once; returns whether another round may help."""
-        entries = self._context.store.attempts.values()
+        entries = self.context.store.attempts.values()
         waiting = deque(entry.attempt_id for entry in entries if entry.outcome is Outcome.JUDGE_ERROR)
         if not waiting or not self._may_continue:
             return False
-        reader = RunReader(self._context.store.path, skip_corrupt=True)
+        reader = RunReader(self.context.store.path, skip_corrupt=True)
         await asyncio.to_thread(reader.refresh)
         async with task_group() as group:
-            for _ in range(min(self._config.judges, len(waiting))):
+            for _ in range(min(self.config.judges, len(waiting))):
                 group.create_task(self._work(waiting, reader))
         return self._may_continue
 
     @property
     def _may_continue(self) -> bool:
-        is_finishing = self._finishing is not None and self._finishing.is_set()
-        return not is_finishing and self._failed_in_a_row < self._config.give_up_after
+        is_finishing = self.finishing is not None and self.finishing.is_set()
+        return not is_finishing and self.failed_in_a_row < self.config.give_up_after
 
     async def _work(self, waiting: deque[str], reader: RunReader) -> None:
         while waiting and self._may_continue:
             trajectory = await asyncio.to_thread(reader.trajectory, waiting.popleft())
-            task = self._tasks.get(trajectory.episode.task_id)
+            task = self.tasks.get(trajectory.episode.task_id)
             if task is None:
                 continue
             result = await self._judge_task(task, trajectory.episode)
             if result.outcome is Outcome.JUDGE_ERROR:
-                self._failed_in_a_row += 1
+                self.failed_in_a_row += 1
                 continue
-            self._failed_in_a_row = 0
+            self.failed_in_a_row = 0
             judged = await self._record(trajectory, result)
-            if self._blocklist is not None:
-                await asyncio.to_thread(self._blocklist.note, task.website, judged)
+            if self.blocklist is not None:
+                await asyncio.to_thread(self.blocklist.note, task.website, judged)
 
     async def _judge_task(self, task: Task, episode: Episode) -> JudgedEpisode:
         if not await self._holds(episode):
             return TAKEN_OVER
-        self._context.progress.move(None, "judging")
+        self.context.progress.move(None, "judging")
         try:
-            seconds = self._config.judge_seconds
-            result = await judge_episode(self._judge, task, episode, self._pictures, seconds)
+            seconds = self.config.judge_seconds
+            result = await judge_episode(self.judge, task, episode, self.pictures, seconds)
         finally:
-            self._context.progress.move("judging", None)
+            self.context.progress.move("judging", None)
         return result if await self._holds(episode) else TAKEN_OVER
 
     async def _holds(self, episode: Episode) -> bool:
-        return self._plan is None or await self._plan.holds(episode.task_id, episode.sample)
+        return self.plan is None or await self.plan.holds(episode.task_id, episode.sample)
 
     async def _record(self, trajectory: Trajectory, result: JudgedEpisode) -> Trajectory:
         judged = msgspec.structs.replace(
@@ -138,6 +130,6 @@ class _Rejudging:
             judge_failure=result.failure,
             judge_seconds=trajectory.judge_seconds + result.seconds,
         )
-        await self._context.store.append(judged)
-        self._context.progress.judged_again(trajectory, judged)
+        await self.context.store.append(judged)
+        self.context.progress.judged_again(trajectory, judged)
         return judged

@@ -257,11 +257,7 @@ class Fleet:
     """
 
     def __init__(
-        self,
-        hosts: Hosts,
-        config: GatewayConfig,
-        token: str,
-        on_change: Callable[[Collection[str]], None],
+        self, hosts: Hosts, config: GatewayConfig, token: str, on_change: Callable[[Collection[str]], None]
     ) -> None:
         self._hosts = hosts
         self._config = config

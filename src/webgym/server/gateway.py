@@ -21,6 +21,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
+from webgym.core.background import BackgroundTasks
 from webgym.core.errors import LeaseLost, ServerError, ServerUnreachable, WorkerLost
 from webgym.server.aggregate import GatewayMetrics, merge_expositions, total
 from webgym.server.audit import Audit, audit_to
@@ -43,14 +44,7 @@ from webgym.server.messages import (
     WorkerInfo,
     error_of,
 )
-from webgym.server.operations import (
-    ALLOCATE,
-    METRICS,
-    OPERATIONS,
-    PRESSURE,
-    Operation,
-    openapi,
-)
+from webgym.server.operations import ALLOCATE, METRICS, OPERATIONS, PRESSURE, Operation, openapi
 from webgym.server.queue import SlotQueue
 from webgym.server.quota import Quota, caller_of, client_of
 from webgym.server.ray_hosts import ray_hosts
@@ -90,7 +84,7 @@ class Gateway:
         self._quota = Quota(config.sessions_per_client)
         self._asked = 0
         self._granted = 0
-        self._endings: set[asyncio.Task[None]] = set()
+        self._endings = BackgroundTasks()
         self.observed = GatewayMetrics(self.fleet, self.queue)
 
     def _on_change(self, ended: Collection[str]) -> None:
@@ -130,7 +124,7 @@ class Gateway:
                 return worker, await asyncio.shield(opening)
             except asyncio.CancelledError:
                 # The call itself is not cancelled: its session must be closed, and its slot counted.
-                self._in_background(self._undo_when_open(worker, opening))
+                self._endings.start(self._undo_when_open(worker, opening))
                 raise
             except (NotSent, Interrupted) as error:
                 await self.fleet.check(worker)
@@ -166,11 +160,6 @@ class Gateway:
             await worker.release(grant)
         except (NotSent, Interrupted, TimeoutError) as error:
             log.warning("session %s was not released, it will expire: %s", grant.session_id, error)
-
-    def _in_background(self, work: Any) -> None:
-        task = asyncio.get_running_loop().create_task(work)
-        self._endings.add(task)
-        task.add_done_callback(self._endings.discard)
 
     async def stop(self) -> None:
         """Wait for background tasks."""
@@ -350,9 +339,7 @@ class RunningGateway:
 
 @asynccontextmanager
 async def running_gateway(
-    config: ServerConfig | None = None,
-    fleet: GatewayConfig | None = None,
-    cluster: RayConfig | None = None,
+    config: ServerConfig | None = None, fleet: GatewayConfig | None = None, cluster: RayConfig | None = None
 ) -> AsyncIterator[RunningGateway]:
     """Serve during the block; afterwards no worker and no browser is left.
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from webgym.browser.slot import Slot
+from webgym.core.background import BackgroundTasks
 from webgym.core.errors import LeaseLost
 from webgym.server.admission import Permit
 
@@ -129,7 +130,7 @@ class Leases:
         """Called with the id of every lease that ends."""
         self._changed = asyncio.Event()
         self._reaper: asyncio.Task[None] | None = None
-        self._endings: set[asyncio.Task[None]] = set()
+        self._endings = BackgroundTasks()
         self.expired = 0
 
     def start(self) -> None:
@@ -190,14 +191,8 @@ class Leases:
         background. Safe to call twice; not undone by cancellation."""
         if self._leases.pop(lease.id, None) is not None:
             self.on_end(lease.id)
-            self._in_background(lease)
+            self._endings.start(self._end(lease))
         await lease.over.wait()
-
-    def _in_background(self, lease: Lease) -> asyncio.Task[None]:
-        task = asyncio.get_running_loop().create_task(self._end(lease))
-        self._endings.add(task)
-        task.add_done_callback(self._endings.discard)
-        return task
 
     async def _end(self, lease: Lease) -> None:
         await lease.end()
@@ -222,7 +217,7 @@ class Leases:
                     log.warning("session %s was not renewed and has expired", lease.id)
                     del self._leases[lease.id]
                     self.on_end(lease.id)
-                    self._in_background(lease)
+                    self._endings.start(self._end(lease))
             self._changed.clear()
             ends = (lease.ends if lease.is_busy else lease.expires for lease in self._leases.values())
             due = min([*ends, now + self._check_seconds])

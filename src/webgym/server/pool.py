@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from webgym.browser.config import BrowserConfig
 from webgym.browser.egress.proxy import Egress
@@ -15,6 +14,7 @@ from webgym.browser.process import BrowserProcess
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.sandbox import SandboxState
 from webgym.browser.slot import Slot
+from webgym.core.background import BackgroundTasks
 from webgym.core.errors import BrowserError, NoCapacity, TooManyWaiting
 from webgym.server.config import ServerConfig
 from webgym.server.messages import SlotLoad
@@ -41,7 +41,7 @@ class Pool:
         self._slots: list[Slot] = []
         self._free: asyncio.Queue[Slot] = asyncio.Queue()
         self._launches = asyncio.Semaphore(config.parallel_launches)
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks = BackgroundTasks()
         self._waiting = 0
         self._leased: set[Slot] = set()
         self._failing: dict[Slot, BrowserError] = {}
@@ -67,10 +67,10 @@ class Pool:
         assert first.sandbox is not None
         self.browser, self.sandbox = first.process.version, first.sandbox
         self._free.put_nowait(first)
-        self._spawn(self.memory.run())
-        self._spawn(self._sweep_periodically())
+        self._tasks.start(self.memory.run())
+        self._tasks.start(self._sweep_periodically())
         for _ in range(self._config.slots - 1):
-            self._start_in_background(self._new_slot(self._config.browser))
+            self._tasks.start(self._start_slot(self._new_slot(self._config.browser)))
 
     async def _sweep(self) -> None:
         swept = await asyncio.to_thread(self._profiles.sweep)
@@ -161,7 +161,7 @@ class Pool:
             self._make_available(slot)
         else:
             self.on_change()
-            self._start_in_background(slot)
+            self._tasks.start(self._start_slot(slot))
 
     def _make_available(self, slot: Slot) -> None:
         self._free.put_nowait(slot)
@@ -171,14 +171,6 @@ class Pool:
         await slot.start()
         with slot.awake():
             await slot.warm()
-
-    def _start_in_background(self, slot: Slot) -> None:
-        self._spawn(self._start_slot(slot))
-
-    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
-        task = asyncio.get_running_loop().create_task(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
 
     async def _start_slot(self, slot: Slot) -> None:
         """Start the slot's browser, with as many attempts as necessary, and make the slot available."""

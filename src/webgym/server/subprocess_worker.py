@@ -79,11 +79,6 @@ class Child:
         self._process = process
         self._config = config
 
-    @property
-    def pid(self) -> int:
-        """Its process id."""
-        return self._process.pid
-
     async def stop(self, seconds: float) -> None:
         """Stop it, and kill it if it has not ended in time. Its browsers and profiles are removed."""
         process = self._process

@@ -15,7 +15,7 @@ FUNCTION_WORDS: Final = frozenset(
 _VALUES: Final = {
     word: str(value)
     for value, word in enumerate(
-        "zero one two three four five six seven eight nine ten eleven twelve".split(),
+        "zero one two three four five six seven eight nine ten eleven twelve".split()
     )
 }
 

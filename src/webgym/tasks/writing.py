@@ -58,11 +58,7 @@ async def infer_website(
         return None if task.website is not None else _no_website(reply.website)
 
     reply = await ask_for(
-        model,
-        prompts.for_website(task),
-        prompts.WebsiteReply,
-        check=check,
-        tries=limits.tries,
+        model, prompts.for_website(task), prompts.WebsiteReply, check=check, tries=limits.tries
     )
     website = task.website if task.website is not None else _url(reply.website)
     return Inferred(website, DOMAIN_OF[reply.subdomain], reply.subdomain)
@@ -120,11 +116,7 @@ async def write_rubric(
         return "; ".join(errors[:_REASONS]) + "." if errors else None
 
     reply = await ask_for(
-        model,
-        prompts.for_rubric(task),
-        prompts.RubricReply,
-        check=check,
-        tries=limits.tries,
+        model, prompts.for_rubric(task), prompts.RubricReply, check=check, tries=limits.tries
     )
     groups = (
         FactGroup(group.id, _line(group.description), tuple(map(_line, group.facts)))
@@ -164,11 +156,7 @@ def _line(text: str) -> str:
 
 
 async def rewrite(
-    model: Completes,
-    task: Task,
-    groups: Sequence[FactGroup],
-    *,
-    limits: WritingLimits = DEFAULT_LIMITS,
+    model: Completes, task: Task, groups: Sequence[FactGroup], *, limits: WritingLimits = DEFAULT_LIMITS
 ) -> str:
     """Have a model write the instruction of a task with only these fact groups.
 
@@ -178,19 +166,12 @@ async def rewrite(
     """
     messages = prompts.for_rewriting(task, groups)
     return await _ask_for_text(
-        model,
-        messages,
-        check=lambda text: refused_rewriting(text, task, groups, limits),
-        tries=limits.tries,
+        model, messages, check=lambda text: refused_rewriting(text, task, groups, limits), tries=limits.tries
     )
 
 
 async def _ask_for_text(
-    model: Completes,
-    messages: prompts.Messages,
-    *,
-    check: Callable[[str], str | None],
-    tries: int,
+    model: Completes, messages: prompts.Messages, *, check: Callable[[str], str | None], tries: int
 ) -> str:
     """As :func:`webgym.llm.structured.ask_for`, for plain text."""
     conversation = list(messages)

@@ -122,12 +122,7 @@ def read_study(files: Sequence[Path]) -> StudyConfig:
 
 
 async def carry_out(
-    study: StudyConfig,
-    weights: Path,
-    rows: Sequence[str],
-    seeds: int,
-    out: Path,
-    tell: Callable[[str], None],
+    study: StudyConfig, weights: Path, rows: Sequence[str], seeds: int, out: Path, tell: Callable[[str], None]
 ) -> list[Result]:
     """Run all unfinished trainings, seed by seed, so that complete tables come first.
 

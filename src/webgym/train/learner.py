@@ -86,10 +86,7 @@ class Learner:
         latest = folder.latest_weights()
         if self._updater is None or (latest and latest[0] != self._latest_saved):
             self._updater = Updater(
-                self._config.update,
-                self._objective,
-                self._config.model,
-                resume=latest[1] if latest else None,
+                self._config.update, self._objective, self._config.model, resume=latest[1] if latest else None
             )
         return self._updater
 

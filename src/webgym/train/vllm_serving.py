@@ -147,10 +147,7 @@ class VllmServing:
     async def _close(self) -> None:
         if self._vllm.served is not None:
             await self._vllm.served.policy.__aexit__(None, None, None)
-        if self._api is not None:
-            await self._api.close()
-        if self._server is not None:
-            await self._server.stop()
+        await self._stop()
 
     # --- a server of ours ---------------------------------------------------------------------------------
 

@@ -56,10 +56,6 @@ def test_the_sources_are_those_of_the_papers_table() -> None:
         ("mind2web-2", 44, 130),
         ("gaia-web", 1, 87),
     ]
-    assert {name for name, source in SOURCES.items() if source.synthetic} == {
-        "pae-webvoyager",
-        "agentsynth-web",
-    }
 
 
 def test_insta_v3_has_steps_and_criteria_for_hints(tmp_path: Path) -> None:

@@ -14,10 +14,7 @@ _PICTURES = MultipleOf(factor=32, min_pixels=65536, max_pixels=16777216)
 
 PROFILES = (
     Profile(
-        name="qwen3-vl",
-        models=(r"qwen3[-_ ]?vl(?!.*thinking)",),
-        pictures=_PICTURES,
-        sampling=PAPER_SAMPLING,
+        name="qwen3-vl", models=(r"qwen3[-_ ]?vl(?!.*thinking)",), pictures=_PICTURES, sampling=PAPER_SAMPLING
     ),
     Profile(
         name="qwen3-vl-thinking",

@@ -15,6 +15,7 @@ from webgym.bench.soak.disk import Disk
 from webgym.bench.soak.dropped_clients import stop_halfway, vanish
 from webgym.bench.soak.leaks import Process, processes_of
 from webgym.bench.soak.target import Target
+from webgym.core.background import BackgroundTasks
 
 log = logging.getLogger(__name__)
 
@@ -56,7 +57,7 @@ class Faults:
             "half-open connection": (3, self._stop_halfway),
             "disk full": (1, self._fill_disk),
         }
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks = BackgroundTasks()
         self._stopped: set[int] = set()
 
     async def run(self, seconds: float) -> None:
@@ -166,7 +167,5 @@ class Faults:
             if await work:
                 self._counts.faults[name] += 1
 
-        task = asyncio.get_running_loop().create_task(done())
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        self._tasks.start(done())
         return False

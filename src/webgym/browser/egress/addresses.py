@@ -26,7 +26,7 @@ def _table(kinds: dict[Kind, str]) -> list[tuple[IPv4Network | IPv6Network, Kind
 _METADATA: dict[Kind, str] = {
     # Most clouds; AWS container credentials; Azure's wire server; Alibaba; Oracle; AWS and Google on IPv6.
     "metadata": "169.254.169.254/32 169.254.170.2/32 168.63.129.16/32 100.100.100.200/32 192.0.0.192/32"
-    " fd00:ec2::/32 fd20:ce::254/128",
+    " fd00:ec2::/32 fd20:ce::254/128"
 }
 _IPV4: dict[Kind, str] = {
     "unspecified": "0.0.0.0/8",

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import asyncio
 from collections import OrderedDict
-from collections.abc import Callable, Coroutine
-from typing import Any, cast
+from collections.abc import Callable
+from typing import cast
 from urllib.parse import urlsplit
 from weakref import WeakSet
 
@@ -39,6 +39,7 @@ from webgym.browser.egress.socks import (
     reply,
 )
 from webgym.browser.egress.splice import BrowserEnd, Connections, ServerEnd
+from webgym.core.background import BackgroundTasks
 from webgym.core.errors import BrowserLaunchFailed
 
 _LOOPBACK = "127.0.0.1"
@@ -193,7 +194,7 @@ class ProxyListener:
 
     def __init__(self, egress: Egress) -> None:
         self._egress = egress
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks = BackgroundTasks()
         self._joined: WeakSet[BrowserEnd] = WeakSet()
         self._server: asyncio.Server | None = None
         self.budget = Budget(egress.config)
@@ -272,12 +273,6 @@ class ProxyListener:
         """See :meth:`Egress.failure`."""
         return self._egress.failure(url)
 
-    def _spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
-        task = asyncio.get_running_loop().create_task(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
-        return task
-
 
 def _normalised(host: str) -> str:
     """One spelling for all spellings of the same host."""
@@ -348,7 +343,7 @@ class _Handshake(asyncio.Protocol):
         if request.command != CONNECT:  # UDP and listening are not supported
             self._answer(reply(NO_COMMAND))
             return
-        self._task = self._listener._spawn(self._connect(request))
+        self._task = self._listener._tasks.start(self._connect(request))
 
     def _answer(self, message: bytes) -> None:
         self._transport.write(message)

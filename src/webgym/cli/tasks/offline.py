@@ -6,16 +6,14 @@ from pathlib import Path
 
 import typer
 
+from webgym.cli._options import Collection
+
 
 def offline(
     out: Path = typer.Option(..., "--out", help="Task file to write: .jsonl or .parquet."),
     split: str | None = typer.Option(None, "--split", help="train or test.", show_default="both"),
     seed: int | None = typer.Option(None, "--seed", help="Seed of the offline web.", show_default="7"),
-    collection: str = typer.Option(
-        "large",
-        "--collection",
-        help="large or small websites, or cross: tasks that need two of the large ones.",
-    ),
+    collection: Collection = "large",
     per_family: int | None = typer.Option(
         None, "--per-family", min=1, help="Number of websites per family.", show_default="50 large, 72 small"
     ),

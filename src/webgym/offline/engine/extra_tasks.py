@@ -11,14 +11,7 @@ from collections.abc import Sequence
 
 from webgym.core.truth import Choose, Click, Fill, Move, See, StateCheck
 from webgym.offline.engine.extras import Pin
-from webgym.offline.engine.navigation import (
-    Site,
-    field_fact,
-    go_to_item,
-    read_bar,
-    unfold,
-    view_fields,
-)
+from webgym.offline.engine.navigation import Site, field_fact, go_to_item, read_bar, unfold, view_fields
 from webgym.offline.engine.records import Sheet
 from webgym.offline.engine.spec import RowsSpec
 from webgym.offline.engine.spelling import count as counted
@@ -73,16 +66,8 @@ def related_record(site: Site, rng: random.Random, size: int) -> Part | None:
     return Part(
         f"find out the {noun} of {record.name}, and look up {sheet.nouns(fields)} of that {noun}",
         f"{noun} of {record.name}",
-        (
-            named,
-            *(sheet.fact(related, field, exactly(address), about=f"that {noun}") for field in fields),
-        ),
-        (
-            *go_to_item(site, record),
-            See(view),
-            Click(path=address),
-            *_see_fields(sheet, related, fields),
-        ),
+        (named, *(sheet.fact(related, field, exactly(address), about=f"that {noun}") for field in fields)),
+        (*go_to_item(site, record), See(view), Click(path=address), *_see_fields(sheet, related, fields)),
         f"It is {related.name}: {sheet.values_text(related, fields)}.",
     )
 

@@ -438,10 +438,7 @@ def spec_of(module: str) -> Spec:
             f'{module}: "{repeated[0]}" stands for two kinds of pages in paths', hint="use different words"
         )
     return msgspec.structs.replace(
-        own,
-        paths=paths,
-        says=merged(common.says, own.says),
-        forms={**own.forms, **common.forms},
+        own, paths=paths, says=merged(common.says, own.says), forms={**own.forms, **common.forms}
     )
 
 

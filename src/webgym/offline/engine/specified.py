@@ -22,16 +22,7 @@ from webgym.offline.engine.table import Record
 from webgym.offline.listing import paged
 from webgym.offline.parts import Assignment
 from webgym.offline.seeds import number, pick, stream
-from webgym.offline.website import (
-    TODAY,
-    Response,
-    State,
-    Visit,
-    json_response,
-    page,
-    redirect,
-    slug,
-)
+from webgym.offline.website import TODAY, Response, State, Visit, json_response, page, redirect, slug
 
 CURRENCIES = ("€", "$", "£")
 _SUGGESTIONS = 6

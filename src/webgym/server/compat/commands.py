@@ -14,26 +14,8 @@ import msgspec
 
 from webgym.browser.chords import keys_of
 from webgym.browser.document import ReadRequest
-from webgym.browser.gestures import (
-    AnyAction,
-    Choose,
-    Click,
-    Fill,
-    HoverAndScroll,
-    ScrollElement,
-    Wheel,
-)
-from webgym.core.action import (
-    MAX_WAIT_SECONDS,
-    Direction,
-    GoBack,
-    Hover,
-    Navigate,
-    Press,
-    Side,
-    Target,
-    Wait,
-)
+from webgym.browser.gestures import AnyAction, Choose, Click, Fill, HoverAndScroll, ScrollElement, Wheel
+from webgym.core.action import MAX_WAIT_SECONDS, Direction, GoBack, Hover, Navigate, Press, Side, Target, Wait
 from webgym.core.errors import PageError, ProtocolError
 from webgym.core.observation import NoticeKind
 from webgym.server.client import Session

@@ -10,11 +10,12 @@ from __future__ import annotations
 import asyncio
 import logging
 import uuid
-from collections.abc import AsyncIterator, Coroutine
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
+from webgym.core.background import BackgroundTasks
 from webgym.core.errors import BrowserError, LeaseLost, WebGymError
 from webgym.server.client import BrowserClient, Session
 from webgym.server.compat.config import CompatConfig
@@ -75,7 +76,7 @@ class Instances:
         self._instances: dict[str, Instance] = {}
         self._changed = asyncio.Event()
         self._reaper: asyncio.Task[None] | None = None
-        self._endings: set[asyncio.Task[None]] = set()
+        self._endings = BackgroundTasks()
 
     async def __aenter__(self) -> Instances:
         self._reaper = asyncio.create_task(self._reap())
@@ -138,7 +139,7 @@ class Instances:
         instance.resets += 1
         instance.failure, instance.shown = "", None
         if session is not None:
-            await asyncio.shield(self._in_background(session.close()))
+            await asyncio.shield(self._endings.start(session.close()))
 
     def end(self, instance: Instance) -> None:
         """End an instance; its browser is released in the background."""
@@ -147,13 +148,7 @@ class Instances:
         instance.is_over = True
         session, instance.session = instance.session, None
         if session is not None:
-            self._in_background(session.close())
-
-    def _in_background(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
-        task = asyncio.get_running_loop().create_task(work)
-        self._endings.add(task)
-        task.add_done_callback(self._endings.discard)
-        return task
+            self._endings.start(session.close())
 
     # --- use ----------------------------------------------------------------------------------------
 
@@ -177,7 +172,7 @@ class Instances:
                     self._check(instance, resets)
                     raise
                 instance.failure, instance.session = error.message, None
-                self._in_background(session.close())
+                self._endings.start(session.close())
                 raise
             finally:
                 instance.used = asyncio.get_running_loop().time()
@@ -195,7 +190,7 @@ class Instances:
         try:
             self._check(instance, resets)
         except WebGymError:
-            await asyncio.shield(self._in_background(session.close()))
+            await asyncio.shield(self._endings.start(session.close()))
             raise
         instance.session = session
         self._changed.set()

@@ -140,10 +140,7 @@ class Estimate:
 
 
 def estimate(
-    build: Build,
-    estimators: Mapping[Purpose, Estimator],
-    models: Mapping[Purpose, str],
-    prices: Prices,
+    build: Build, estimators: Mapping[Purpose, Estimator], models: Mapping[Purpose, str], prices: Prices
 ) -> Estimate:
     """Estimate the rest of a build that ran as far as the cache has replies.
 

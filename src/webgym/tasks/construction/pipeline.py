@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date
+from functools import partial
 from typing import TypeVar
 
 import msgspec
@@ -33,7 +34,7 @@ from webgym.tasks.rules import Finding
 from webgym.tasks.sources import SourceTask
 from webgym.tasks.split import split
 from webgym.tasks.taxonomy import DOMAIN_OF
-from webgym.tasks.writing import Inferred, Written, infer_website, review, rewrite, write_rubric
+from webgym.tasks.writing import infer_website, review, rewrite, write_rubric
 
 T = TypeVar("T", SourceTask, Task)
 R = TypeVar("R")
@@ -199,11 +200,7 @@ class Pipeline:
             can be requested without it, and removed at that stage.
         """
         unplaced = [task for task in tasks if task.website is None or not _in_taxonomy(task)]
-        limits = self._config.writing
-
-        async def ask(model: Completes, task: SourceTask) -> Inferred:
-            return await infer_website(model, task, limits=limits)
-
+        ask = partial(infer_website, limits=self._config.writing)
         results = await self._ask("website", "websites", unplaced, ask)
         placed: list[SourceTask] = []
         waiting: set[str] = set()
@@ -249,11 +246,7 @@ class Pipeline:
     async def _rubrics(self, tasks: list[SourceTask], waiting: set[str]) -> list[Task]:
         """The tasks with rubrics: the source's own, or one that a model writes."""
         bare = [task for task in tasks if task.rubric is None]
-        limits = self._config.writing
-
-        async def ask(model: Completes, task: SourceTask) -> Written:
-            return await write_rubric(model, task, limits=limits)
-
+        ask = partial(write_rubric, limits=self._config.writing)
         results = await self._ask("rubric", "rubrics", bare, ask)
         finished: list[Task] = []
         for task in tasks:

@@ -55,5 +55,4 @@ SOURCE = Source(
     instruction=_INSTRUCTION,
     draft=_draft,
     marks=(("action_sequence", "task"), ("thoughts_sequence", "task")),
-    synthetic=True,
 )

@@ -137,7 +137,6 @@ class Source:
         marks: sets of fields that identify its records: a record with all fields of a set is of this source,
             unless it has all fields of a larger set of another source.
         timeless: the questions are about the past and their answers do not change, so no task is dated.
-        synthetic: the tasks were written by a model, so near-duplicates are expected (paper §3).
         beside: patterns of companion files, which have no tasks themselves.
         is_split: its files' names, ``train`` or ``test``, say which split a task is in.
     """
@@ -150,7 +149,6 @@ class Source:
     draft: Callable[[Fields, Companions], Draft]
     marks: tuple[tuple[str, ...], ...] = ()
     timeless: bool = False
-    synthetic: bool = False
     beside: tuple[str, ...] = ()
     is_split: bool = False
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import lru_cache
 
 from webgym.core.websites import host_of
@@ -43,10 +43,6 @@ class Fields:
 
     def __contains__(self, name: str) -> bool:
         return _folded(name) in self._values
-
-    def names(self) -> Iterable[str]:
-        """The names of the fields, folded."""
-        return self._values.keys()
 
     def value(self, *names: str) -> object:
         """The value of a field; ``None`` if there is none."""

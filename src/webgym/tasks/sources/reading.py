@@ -29,20 +29,7 @@ from webgym.tasks.sources.json_text import BrokenValue, json_values
 
 SUFFIXES = (".jsonl", ".ndjson", ".json", ".csv", ".tsv", ".parquet")
 COMPRESSIONS = (".gz", ".bz2", ".xz", ".zst")
-REFUSED = (
-    ".zip",
-    ".tar",
-    ".tgz",
-    ".7z",
-    ".rar",
-    ".arrow",
-    ".feather",
-    ".xlsx",
-    ".db",
-    ".sqlite",
-    ".pkl",
-    ".pt",
-)
+REFUSED = tuple(".zip .tar .tgz .7z .rar .arrow .feather .xlsx .db .sqlite .pkl .pt".split())
 """Suffixes of files that may contain tasks, in formats that are not supported."""
 _ROWS_AT_ONCE = 512
 """Parquet rows in memory at a time; a row of TravelPlanner may take 100 kB."""

@@ -105,6 +105,5 @@ SOURCE = Source(
     instruction=_INSTRUCTION,
     draft=_draft,
     marks=(("web_name", "ques"),),
-    synthetic=True,
     beside=(ANSWERS,),
 )

@@ -215,7 +215,7 @@ def test_another_version_of_a_judge_is_another_judge(tmp_path: Path) -> None:
     run(tmp_path / "same", World(judge=OfflineJudge.name), config(iterations=1))
     run(tmp_path / "same", World(), config(iterations=2))
     run(tmp_path / "other", World(judge="offline/1"), config(iterations=1))
-    with pytest.raises(ConfigError, match=r"evaluations/0001 had other values: rollout\.judge "):
+    with pytest.raises(ConfigError, match=r"rollout\.judge \(offline/1, now offline/\d+\) "):
         run(tmp_path / "other", World(), config(iterations=2))
 
 

@@ -519,12 +519,15 @@ class Training:
         if ":" not in config.judge.name:  # one of our own, which puts its name into its verdicts
             judge = next(judges, judge)
         before = _conditions(config, newest.drawn, recorded, judge)
-        if differing := [name for name, value in now.items() if value != before[name]]:
+        # A judge is told by name: it may be one with the same settings, of another version.
+        judges_told = {"rollout.judge": f"rollout.judge ({judge}, now {now['rollout.judge']})"}
+        differing = [judges_told.get(name, name) for name, value in now.items() if value != before[name]]
+        if differing:
             raise ConfigError(
                 f"{newest.path.relative_to(self.folder.path)} had other values: {', '.join(differing)} "
                 "(evaluations could not be compared)",
-                hint=f"undo the change in {CONFIG} or the tasks; or move {EVALUATIONS}/ elsewhere, and a new "
-                "curve begins",
+                hint=f"undo the change in {CONFIG}, the tasks or the version of WebGym; "
+                f"or move {EVALUATIONS}/ elsewhere, and a new curve begins",
             )
 
     def _finish(self, number: int, seconds: Mapping[str, float]) -> None:

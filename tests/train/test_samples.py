@@ -261,9 +261,10 @@ def test_importance_weights_need_logprobs_of_the_full_distribution(instruct: Ren
     assert dropped(instruct, stored(instruct, "click", logprobs=None), off_policy=True) == "no_logprobs"
     tokens = stored(instruct, "click").tokens
     assert tokens is not None
-    unknown = ReplyTokens.of(tokens.prompt_ids, tokens.reply_ids, [math.nan] * len(tokens.reply_ids))
-    overflowed = msgspec.structs.replace(stored(instruct, "click"), tokens=unknown)
-    assert dropped(instruct, overflowed, off_policy=True) == "no_logprobs"
+    for value in (math.nan, -math.inf):
+        unknown = ReplyTokens.of(tokens.prompt_ids, tokens.reply_ids, [value] * len(tokens.reply_ids))
+        overflowed = msgspec.structs.replace(stored(instruct, "click"), tokens=unknown)
+        assert dropped(instruct, overflowed, off_policy=True) == "no_logprobs"
     for sampling in (
         {"top_k": 2},
         {"top_p": 0.99},

@@ -38,7 +38,7 @@ DropReason: TypeAlias = Literal[
     "reply_end",  # stored ids whose end contradicts the finish reason
     "not_rebuilt",  # no stored ids, and those read or sampled cannot be known
     "image_in_reply",  # an image token in the reply, without a picture
-    "no_logprobs",  # the endpoint reported no log-probabilities, which the objective needs, or NaN
+    "no_logprobs",  # the endpoint reported no log-probabilities, which the objective needs, or no numbers
     "altered_sampling",  # top-k, a penalty, ...: the log-probabilities are not the model's
 ]
 
@@ -241,7 +241,7 @@ def temperature_of(reply: Reply) -> float:
 
 def _check_logprobs(reply: Reply) -> None:
     logprobs = None if reply.tokens is None else reply.tokens.reply_logprobs
-    if logprobs is None or any(map(math.isnan, logprobs)):
+    if logprobs is None or not all(map(math.isfinite, logprobs)):
         raise UntrainableStep("no_logprobs")
     if altering(reply.sampling) or reply.sampling.get("temperature") == 0:
         raise UntrainableStep("altered_sampling")

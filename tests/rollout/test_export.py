@@ -19,7 +19,7 @@ from PIL import Image
 from tests.conftest import Calls
 from tests.report.conftest import build_run
 
-from webgym.core.errors import RunFolderError, UsageError
+from webgym.core.errors import RunFolderError, StoreLocked, UsageError
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import ImageRef, Message, TextPart
 from webgym.rollout.export import Format, export
@@ -191,6 +191,15 @@ def test_an_export_that_was_killed_can_be_made_again(
         for folder in (killed, tmp_path / "whole")
     ]
     assert names[0] == names[1]
+
+
+def test_two_exports_do_not_share_a_folder(run: Path, tmp_path: Path) -> None:
+    def again(_: int) -> None:
+        with pytest.raises(StoreLocked, match="another process is writing to"):
+            export(run, tmp_path / "out", "jsonl", split="all")
+
+    export(run, tmp_path / "out", "parquet", split="all", progress=again)
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["steps.parquet"]
 
 
 @pytest.mark.parametrize("exists", [False, True])

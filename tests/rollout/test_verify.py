@@ -13,7 +13,7 @@ from tests.report.conftest import build_run
 from tests.rollout.running import Run, a_world, books
 
 from webgym.cli import main
-from webgym.core.errors import RunFolderError, StoreCorrupt, StoreError, StoreLocked
+from webgym.core.errors import RunFolderError, StoreCorrupt, StoreLocked
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode, Trajectory
 from webgym.core.verdict import Judgement, Verdict
@@ -206,5 +206,5 @@ def test_a_folder_that_is_no_run(tmp_path: Path) -> None:
     with pytest.raises(RunFolderError, match=r"it has no config\.yaml"):
         verify(tmp_path)
     (tmp_path / "config.yaml").write_text("of: another program\n")
-    with pytest.raises(StoreError, match=r"tasks\.jsonl is missing \(is it a folder that webgym"):
+    with pytest.raises(RunFolderError, match=r"it has no tasks\.jsonl \(give the folder that webgym"):
         verify(tmp_path)

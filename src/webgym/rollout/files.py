@@ -74,12 +74,25 @@ def check_run(path: Path) -> None:
             f"{path} is a training, not a run",
             hint=f"its runs are {runs}..." if runs else "it has no run yet",
         )
-    if not (path / CONFIG).is_file():
+    _check_file(path, CONFIG)
+    refuse_special_files(path, path / TRAJECTORIES, path / VERDICTS)
+
+
+def check_tasks(path: Path) -> None:
+    """Check that a run has its list of tasks.
+
+    Raises:
+        RunFolderError: it has not.
+    """
+    _check_file(path, TASKS)
+
+
+def _check_file(path: Path, name: str) -> None:
+    if not (path / name).is_file():
         raise RunFolderError(
-            f"{path} is not a run: " + (f"it has no {CONFIG}" if path.exists() else "it does not exist"),
+            f"{path} is not a run: " + (f"it has no {name}" if path.exists() else "it does not exist"),
             hint="give the folder that webgym demo or webgym rollout wrote",
         )
-    refuse_special_files(path, path / TRAJECTORIES, path / VERDICTS)
 
 
 def refuse_special_files(*folders: Path) -> None:
@@ -112,9 +125,6 @@ def disk_errors(doing: str, then: str = "resume with --resume") -> Iterator[None
             raise StoreFull(
                 f"no space left while {doing}", hint=f"no record is lost: free some space, then {then}"
             ) from error
-        if isinstance(error, FileNotFoundError):
-            hint = "is it a folder that webgym demo or webgym rollout wrote?"
-            raise StoreError(f"cannot continue {doing}: {error.filename} is missing", hint=hint) from error
         raise StoreError(f"cannot continue {doing}: {error}") from error
 
 
@@ -152,22 +162,42 @@ def whole_folder(path: Path) -> Iterator[Path]:
 
     Raises:
         RunFolderError: it is not empty, or cannot be created.
+        StoreLocked: another process writes it.
     """
     is_new = not path.exists()
     make_folder(path)
-    refuse_used(path)
-    unfinished = path / f".unfinished{TORN}"
-    shutil.rmtree(unfinished, ignore_errors=True)  # of a process that was killed
+    with _one_writer(path):
+        refuse_used(path)
+        unfinished = path / f".unfinished{TORN}"
+        shutil.rmtree(unfinished, ignore_errors=True)  # of a process that was killed
+        try:
+            make_folder(unfinished)
+            yield unfinished
+            with disk_errors(f"creating {path}"):
+                for entry in sorted(unfinished.iterdir(), key=lambda entry: entry.name == CONFIG):
+                    entry.rename(path / entry.name)  # a folder with a config.yaml is a run: it comes last
+                unfinished.rmdir()
+        except BaseException:
+            shutil.rmtree(path if is_new else unfinished, ignore_errors=True)
+            raise
+
+
+@contextmanager
+def _one_writer(folder: Path) -> Iterator[None]:
+    """Lock a folder itself, as a file for that would be left in it."""
+    fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        make_folder(unfinished)
-        yield unfinished
-        with disk_errors(f"creating {path}"):
-            for entry in sorted(unfinished.iterdir(), key=lambda entry: entry.name == CONFIG):
-                entry.rename(path / entry.name)  # a folder with a config.yaml is a run: it comes last
-            unfinished.rmdir()
-    except BaseException:
-        shutil.rmtree(path if is_new else unfinished, ignore_errors=True)
-        raise
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise StoreLocked(
+                f"another process is writing to {folder}", hint="wait for it to end, or stop it"
+            ) from None
+        except OSError:  # NFS cannot lock folders: there, two writers are not noticed
+            pass
+        yield
+    finally:
+        os.close(fd)
 
 
 def sync_folder(path: Path) -> None:

@@ -51,6 +51,7 @@ from webgym.rollout.files import (
     TRAJECTORIES,
     Log,
     check_run,
+    check_tasks,
     delete_torn,
     disk_errors,
     image_path,
@@ -474,8 +475,10 @@ class RunReader:
         """The tasks of the run in the order drawn; one that was drawn twice is listed twice.
 
         Raises:
+            RunFolderError: there is no list of tasks.
             StoreCorrupt: as for :attr:`tasks`.
         """
+        check_tasks(self.path)
         decoder = msgspec.json.Decoder(Task)
         drawn = []
         with disk_errors(f"reading {self.path}"), (self.path / TASKS).open("rb") as file:

@@ -35,6 +35,7 @@ from webgym.rollout.files import (
     TRAJECTORIES,
     VERDICTS,
     check_run,
+    check_tasks,
     disk_errors,
     image_path,
     is_picture,
@@ -115,6 +116,7 @@ def verify(run: Path, *, set_aside: bool = False, progress: VerifyProgress = qui
         StoreFull: there is no space for ``set-aside/``.
     """
     check_run(run)
+    check_tasks(run)
     with disk_errors(f"verifying {run}"):
         lock = take_lock(run) if set_aside else None
         try:

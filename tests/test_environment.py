@@ -237,11 +237,18 @@ async def test_a_server_that_is_away_is_waited_for_and_costs_no_task(
 async def test_an_episode_without_a_reward_may_be_an_error() -> None:
     async with stand_in_environment(on_fault="raise") as env:
         await env.reset()
-        for _ in range(3):
-            await env.step("no")
-        with pytest.raises(EpisodeLost, match="policy_error: none of 4 replies holds an action"):
-            await env.step("no")
+        env._judge.fault = "judge"  # type: ignore[attr-defined, union-attr]
+        with pytest.raises(EpisodeLost, match="judge_error: the judge of the check gives no verdict"):
+            await env.step(Answer("right"))
         await env.reset()
+
+
+async def test_replies_without_an_action_spend_the_budget() -> None:
+    async with stand_in_environment(on_fault="raise") as env:
+        await env.reset()
+        results = [await env.step("no") for _ in range(4)]
+        assert [each[1:4] for each in results] == [(0.0, False, False)] * 3 + [(0.0, False, True)]
+        assert results[-1][4]["outcome"] == "truncated"
 
 
 async def test_a_second_step_at_the_same_time_is_refused_and_the_episode_goes_on(

@@ -19,7 +19,7 @@ from webgym import Action, Answer, RunConfig, Scroll
 from webgym.conformance import StandInJudge
 from webgym.core.errors import JudgeError, UsageError
 from webgym.core.verdict import Verdict
-from webgym.testing import FAULTS, Adapted, Told, check_adapter, stand_in_pool
+from webgym.testing import Adapted, Told, check_adapter, stand_in_pool
 
 pytest.importorskip("trl", reason="trl is not installed")
 
@@ -99,8 +99,7 @@ async def test_it_keeps_the_environments_promises() -> None:
         browsers.close()
         return drawn
 
-    faults = set(FAULTS) - {"unreadable"}  # TRL itself reads what the model says
-    assert await check_adapter(adapter, rows=rows, faults=faults, cancels=False) == []
+    assert await check_adapter(adapter, rows=rows, cancels=False) == []
 
 
 def test_a_reward_is_the_judges_and_a_fault_is_none(browsers: Browsers) -> None:

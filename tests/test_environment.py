@@ -237,7 +237,7 @@ async def test_a_server_that_is_away_is_waited_for_and_costs_no_task(
 async def test_an_episode_without_a_reward_may_be_an_error() -> None:
     async with stand_in_environment(on_fault="raise") as env:
         await env.reset()
-        env._judge.fault = "judge"  # type: ignore[attr-defined, union-attr]
+        env._judge.fault = "judge"  # type: ignore[union-attr]
         with pytest.raises(EpisodeLost, match="judge_error: the judge of the check gives no verdict"):
             await env.step(Answer("right"))
         await env.reset()

@@ -23,7 +23,7 @@ class EnvironmentPool:
 
     They are opened for the first episode, on the calling event loop, and stay open until :meth:`close`::
 
-        pool = webgym.EnvironmentPool("offline-v1", size=32)
+        pool = webgym.EnvironmentPool("offline-v2", size=32)
 
         async def episode(task_id):
             async with pool.environment() as env:
@@ -43,7 +43,7 @@ class EnvironmentPool:
 
     def __init__(
         self,
-        name: str = "offline-v1",
+        name: str = "offline-v2",
         *,
         size: int = 8,
         split: SplitName = "train",
@@ -116,7 +116,7 @@ class EnvironmentPool:
 
 
 def task_rows(
-    name: str = "offline-v1",
+    name: str = "offline-v2",
     *,
     split: SplitName = "train",
     count: int | Literal["all"] = 20,

@@ -13,13 +13,13 @@ from tests.bench.conftest import Benchmark
 from tests.documented import documented
 from tests.judge.judge_model import Asked, serve_judge
 from tests.judge.test_both_judges import Reader
+from webgym.judge.hedging import other_candidate
 
 from webgym.core.outcome import Outcome
 from webgym.core.text import fold, says
 from webgym.core.truth import Give
 from webgym.judge.config import JudgeChoice
 from webgym.judge.factory import open_judge
-from webgym.judge.hedging import other_candidate
 from webgym.offline.config import SitesConfig
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig

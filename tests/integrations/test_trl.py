@@ -125,7 +125,7 @@ def test_rows_are_of_tasks_that_the_browsers_have(browsers: Browsers) -> None:
 
 def test_an_error_that_the_model_would_be_shown_is_refused() -> None:
     with pytest.raises(UsageError, match="on_fault"):
-        Browsers("offline-small-v1", on_fault="raise")
+        Browsers("offline-small-v2", on_fault="raise")
 
 
 def test_more_episodes_than_browsers_are_refused(browsers: Browsers) -> None:
@@ -210,7 +210,7 @@ def test_the_example(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     Trainer.says, Trainer.read = says, []
     made = example("trl_grpo").main(
         model,
-        "offline-small-v1",
+        "offline-small-v2",
         count=2,
         trainer=Trainer,
         args=settings(tmp_path, 2),

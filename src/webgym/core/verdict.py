@@ -9,7 +9,7 @@ import msgspec
 
 Fault: TypeAlias = Literal["form", "wrong value", "no evidence", "state"]
 """Why an answered attempt failed, the first that holds: its answer has not the form that the task asks for,
-or gives a wrong value; what proves a fact was not seen; the website's server is not in the state asked for."""
+or gives a wrong value; what proves a fact was not seen; the website's server is not in the wanted state."""
 
 
 class Judgement(msgspec.Struct, frozen=True, omit_defaults=True):

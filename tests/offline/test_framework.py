@@ -194,7 +194,6 @@ def test_an_assignment_is_written_out_with_all_that_derives_from_it() -> None:
     assert {task.split for task in (whole, *derived)} == {"train"}
     asked, form = whole.instruction.split("Finally, look c up. ")
     assert asked == "On Fern, look a up. Also look b up. "
-    assert "9" in form
     assert "in this order: a0; a1; b0; b1; b2; c0; c1; c2; c3." in form
     assert derived[-1].instruction.startswith("On Fern, look b up. Also look c up. ")
 

@@ -22,14 +22,11 @@ from pathlib import Path
 from typing import Final
 
 from webgym.core.errors import WebGymError
-from webgym.judge.config import WAYS_BY_SOURCE, Way
-from webgym.judge.reference import compare_with_reference
-from webgym.judge.value_comparison import Match
+from webgym.judge.reference import Match, compare
 from webgym.offline.web import OfflineWeb
 from webgym.tasks.sampling import draw
 from webgym.tasks.sources import read_source
 
-WAYS: Final[tuple[Way, ...]] = ("normalised", "set")
 FOLDERS: Final = {
     "pae-webvoyager": "webvoyager",
     "browsecomp": "browsecomp",
@@ -56,9 +53,10 @@ class Case:
     answer: str
     is_right: bool
 
-    def match(self, ways: Sequence[Way] = WAYS) -> Match:
-        """The decision of the rules."""
-        return compare_with_reference(self.reference, self.answer, ways, self.instruction).match
+    @property
+    def match(self) -> Match:
+        """What the rule says."""
+        return compare(self.reference, self.answer).match
 
 
 COUNTS: Final = (*(1,) * 8, *(2,) * 4, *(3,) * 4, *(5,) * 4, *(10,) * 4, *(30,) * 2, 100)
@@ -234,7 +232,7 @@ class Families:
                 break
             rival = self._rng.choice(pool if attempt < count * 5 else self._all)
             if not _overlaps(rival, one.reference) and not any(
-                compare_with_reference(item, rival, WAYS).match is Match.SAME
+                compare(item, rival).match is Match.SAME
                 for item in one.reference.split("; ")
             ):
                 found.append(rival)

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from datetime import date, timedelta
 from typing import Any
 
-from webgym.judge.reference import compare_with_reference
-from webgym.judge.value_comparison import Match
+from webgym.judge.reference import Match, compare
 from webgym.judge.verdicts import Finding, Words, may_be_echoed, read_verdict
 from webgym.judge.webjudge import read_status
 
@@ -272,19 +271,15 @@ class Generator:
         )
 
     def same(self) -> Case:
-        """Two spellings of one value match."""
+        """Two spellings of one value are never another value."""
         right, _ = self.spellings()
         one, other = self.rng.choice(right), self._told(self.rng.choice(right))
-        return Case(
-            "same",
-            f"{one} / {other}",
-            (Match.SAME,),
-            compare_with_reference(one, other, ("normalised", "set")).match,
-        )
+        found = compare(one, other).match
+        return Case("same", f"{one} / {other}", (Match.SAME, Match.UNSURE), found)
 
     def other(self) -> Case:
-        """Spellings of two values never do."""
+        """Spellings of two values are never the same."""
         right, wrong = self.spellings()
         one, other = self.rng.choice(right), self._told(self.rng.choice(wrong))
-        found = compare_with_reference(one, other, ("normalised", "set")).match
+        found = compare(one, other).match
         return Case("other", f"{one} / {other}", (Match.DIFFERENT, Match.UNSURE), found)

@@ -108,16 +108,20 @@ class Generator:
         return found.passed if isinstance(found, Finding) else None
 
     def signed(self) -> Case:
-        """A signed verdict after anything is that verdict; an open thought takes it."""
+        """A signed verdict after a whole sentence is that verdict; an open thought takes it."""
         words, passed, line = self._reply()
-        text = f"{self.noise()}\n{line}{self.rng.choice(('', chr(10), '  ', chr(10) * 2))}"
+        line += self.rng.choice(("", "", "\u200b", "<|im_end|>", "<｜end▁of▁sentence｜>\n", "\n<|eot|>"))
+        end = self.rng.choice(("", chr(10), "  ", chr(10) * 2))
+        text = f"{self.noise()}\n{self.rng.choice(_SENTENCES)}\n{line}{end}"
         is_open = "<think>" in text.casefold().split("</think>")[-1]
         return Case("signed", text, (None,) if is_open else (passed,), self._read(text, words))
 
     def cut(self) -> Case:
         """A reply that lacks its end has its verdict or none, never the other."""
         words, passed, line = self._reply()
-        before = self.rng.choice(("Step 3 shows it.", "Clearly nothing. Not a success", "It says yes and no"))
+        before = self.rng.choice(
+            ("Step 3 shows it.", "Clearly nothing. Not a success at first.", "It says no and yes.")
+        )
         whole = f"{before}\n{line}"
         text = whole[: self.rng.randrange(len(whole) + 1)]
         said = line.casefold().rstrip("*`. ")
@@ -179,6 +183,8 @@ class Generator:
             (said, said.lower(), f"**{said}**", f"{said}.", f"VERDICT: {said}", f"- {said}")
         )
         text = self._break((*_TURNING, *_LEADING)) + line
+        if passed and self.rng.random() < 0.5:  # nor is a signed one that is denied
+            text = self._break(_TURNING) + f"VERDICT {CODE}: {said}"
         return Case("broken", text, (None,), self._read(text, words))
 
     def whole(self) -> Case:

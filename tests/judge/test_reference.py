@@ -202,8 +202,8 @@ NUMBERS = st.integers(2, 10**7)
     NUMBERS,
     NUMBERS,
     st.sampled_from(
-        "{r}万 {r}만 {r}\u202flakh {r}k {r}% {r}° {r}² {r}+ ~{r} -{r} −{r} <{r} €{r} v{r} {r}-{o} {o}/{r} {r}|{o} "
-        "{r};{o} {r}or{o} not{r} {r}? {r}! ({r}) {r}e3 1/{r} #{r} {r},5 {r}.50".split(" ")
+        "{r}万 {r}만 {r}\u202flakh {r}k {r}% {r}° {r}² {r}+ ~{r} -{r} −{r} <{r} €{r} v{r} {r}-{o} {o}/{r} "
+        "{r}|{o} {r};{o} {r}or{o} not{r} {r}? {r}! ({r}) {r}e3 1/{r} #{r} {r},5 {r}.50".split(" ")
     ),
 )
 def test_a_number_with_anything_beside_it_is_not_decided(one: int, other: int, form: str) -> None:

@@ -394,6 +394,37 @@ async def test_no_clear_verdict_is_an_error_and_never_a_reward(stage: str, said:
             await judge(model, made=made, tries=2)
 
 
+@pytest.mark.parametrize(
+    ("said", "why"),
+    [
+        ({"finish_reason": "content_filter"}, "the endpoint's filter refused to answer"),
+        ({"refusal": "I can't help with that."}, "the model refused to answer"),
+    ],
+)
+async def test_a_refusal_is_named_and_asked_about_once_more(said: dict[str, str], why: str) -> None:
+    def answers(asked: Asked) -> Any:
+        if asked.stage != "response":
+            return agrees(asked)
+        message = {"role": "assistant", "content": agrees(asked), "refusal": said.get("refusal")}
+        return {"message": message, "finish_reason": said.get("finish_reason", "stop")}
+
+    async with serve_judge(answers) as model:
+        with pytest.raises(JudgeError, match=f"2 replies at the response stage: {why}"):
+            await judge(model, tries=5)
+        assert len(model.of("response")) == 2
+
+
+async def test_a_verdict_in_parts_is_read() -> None:
+    def answers(asked: Asked) -> Any:
+        parts = [{"type": "thinking", "thinking": [{"type": "text", "text": "SUCCESS?"}]}]
+        parts += [{"type": "text", "text": piece} for piece in agrees(asked).partition("VERDICT")]
+        return {"message": {"role": "assistant", "content": parts}}
+
+    async with serve_judge(answers) as model:
+        assert (await judge(model)).reward == 1
+        assert len(model.asked) == 5
+
+
 async def test_an_endpoint_that_is_gone_is_an_error_and_never_a_reward() -> None:
     async with serve_judge(agrees) as model:
         config = model.config()

@@ -148,7 +148,7 @@ def _is_same_value(wanted: str, given: str) -> bool:
 
 
 def _key(text: str) -> str:
-    """What is compared of a text. Case is kept beside digits, where it may be a unit's: 10 MW is not 10 mW."""
+    """What is compared of a text. Case is kept beside digits, where it may be a unit's: not MW for mW."""
     key = _ABBREVIATED.sub("", _ARTICLE.sub("", text.translate(_TYPOGRAPHY), count=1))
     is_cased = len(key) < _SHORTEST or any(character.isnumeric() for character in key)
     return key if is_cased else key.casefold()

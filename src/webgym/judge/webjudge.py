@@ -21,7 +21,7 @@ from webgym.core.errors import UsageError
 from webgym.core.text import THOUGHT_END
 from webgym.judge.agreement import Case
 from webgym.judge.labels import BrokenLabel, Humans, Label, settled
-from webgym.judge.verdicts import plain, runs_on, stands_alone
+from webgym.judge.verdicts import plain, runs_on, stands_alone, trimmed
 
 _STATUS: Final = re.compile(r"(?:final )?status\s?[:=–—-]\s?(?P<said>[a-z -]+)")
 _LAST_SENTENCE: Final = re.compile(r"(?P<before>.*[.!?][\"'”’)\]]*)\s+(?P<last>\S.*)", re.DOTALL)
@@ -77,7 +77,7 @@ def read_status(reply: str) -> bool | None:
     question, a quotation, a condition or a part of a longer sentence ("neither here nor status: success") is
     no status, nor is one inside of the model's thinking.
     """
-    lines = [line.strip() for line in THOUGHT_END.split(reply)[-1].splitlines() if plain(line)]
+    lines = [line for line in map(trimmed, THOUGHT_END.split(reply)[-1].splitlines()) if plain(line)]
     statuses = {
         _STATUSES.get(match["said"].strip())
         for before, line, after in zip(["", *lines], lines, [*lines[1:], ""], strict=False)

@@ -159,7 +159,7 @@ def read_verdict(
         words: which words state the two verdicts.
         code: signature code of the request; a verdict line with another code does not count.
         bare: whether a verdict line without the code counts.
-        finish_reason: of the reply, from the endpoint. Only a reply that the model itself ended has a verdict.
+        finish_reason: of the reply, from the endpoint. Only a reply that the model itself ended has one.
         refusal: of the model, from the endpoint. A reply with one has no verdict.
     """
     lines = _lines(text, finish_reason, refusal)

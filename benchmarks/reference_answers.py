@@ -1,12 +1,12 @@
-"""Error rates of the rules that compare answers with reference answers, on generated answers.
+"""Error rates of the rule that compares answers with reference answers, on generated answers.
 
     .venv/bin/python benchmarks/reference_answers.py
     .venv/bin/python benchmarks/reference_answers.py --data ../shared/data --per-reference 4 --seed 2
 
 Wrong answers contain the reference among other candidates (lists, tables, choices), deny it, date it to the
-past or give it another unit or sign: a rule that accepts one is a false pass. Right answers contain it in a
-plain wrapping: a rule that rejects one is a false fail; an undecided one costs a model call. The references
-are those of the offline web and, if ``--data`` contains them, of the files of the benchmarks.
+past or give it another unit, scale or sign: saying "same" of one would be a false reward. Right answers
+contain it in a plain wrapping: saying "different" of one would be a false zero. An unsure one costs a model
+call. The references are those of the offline web and, if ``--data`` contains them, of the benchmarks' files.
 """
 
 from __future__ import annotations
@@ -22,14 +22,11 @@ from pathlib import Path
 from typing import Final
 
 from webgym.core.errors import WebGymError
-from webgym.judge.config import WAYS_BY_SOURCE, Way
-from webgym.judge.reference import compare_with_reference
-from webgym.judge.value_comparison import Match
+from webgym.judge.reference import Match, compare
 from webgym.offline.web import OfflineWeb
 from webgym.tasks.sampling import draw
 from webgym.tasks.sources import read_source
 
-WAYS: Final[tuple[Way, ...]] = ("normalised", "set")
 FOLDERS: Final = {
     "pae-webvoyager": "webvoyager",
     "browsecomp": "browsecomp",
@@ -56,9 +53,10 @@ class Case:
     answer: str
     is_right: bool
 
-    def match(self, ways: Sequence[Way] = WAYS) -> Match:
-        """The decision of the rules."""
-        return compare_with_reference(self.reference, self.answer, ways, self.instruction).match
+    @property
+    def match(self) -> Match:
+        """What the rule says."""
+        return compare(self.reference, self.answer).match
 
 
 COUNTS: Final = (*(1,) * 8, *(2,) * 4, *(3,) * 4, *(5,) * 4, *(10,) * 4, *(30,) * 2, 100)
@@ -234,8 +232,7 @@ class Families:
                 break
             rival = self._rng.choice(pool if attempt < count * 5 else self._all)
             if not _overlaps(rival, one.reference) and not any(
-                compare_with_reference(item, rival, WAYS).match is Match.SAME
-                for item in one.reference.split("; ")
+                compare(item, rival).match is Match.SAME for item in one.reference.split("; ")
             ):
                 found.append(rival)
         return found or ["Zanzibar"]
@@ -319,35 +316,38 @@ def main() -> None:
     random.Random(args.seed).shuffle(offline)
     known = [*source_references(args.data), *offline[: args.offline]]
     families = Families(known, args.seed)
-    cases: Counter[str] = Counter()
-    passed: Counter[str] = Counter()
+    wrong: Counter[tuple[str, Match]] = Counter()
     right: Counter[tuple[str, Match]] = Counter()
-
     for one in known:
-        ways = tuple(dict.fromkeys((*WAYS, *WAYS_BY_SOURCE[one.source])))
         for _ in range(args.per_reference):
-            for case in draw(families.wrong(one), args.wrong, cases.total()):
-                cases[case.family] += 1
-                if case.match(ways) is Match.SAME:
-                    passed[case.family] += 1
-                    if passed[case.family] <= args.show:
-                        print(f"false pass ({case.family}): {case.reference!r} <- {case.answer[:200]!r}")
+            for case in draw(families.wrong(one), args.wrong, wrong.total()):
+                _count(wrong, case.family, case, Match.SAME, args.show)
         for case in families.right(one, args.wrappings):
-            match = case.match(ways)
-            right[one.source, match] += 1
-            if match is Match.DIFFERENT and right[one.source, match] <= args.show:
-                print(f"false fail: {case.reference!r} <- {case.answer[:200]!r}")
-    print(f"{len(known)} references\n\n{'wrong answers':30} {'cases':>9} {'false passes':>13}")
-    for family in sorted(cases):
-        print(f"{family:30} {cases[family]:9,} {passed[family]:13,}")
-    print(f"{'all':30} {cases.total():9,} {passed.total():13,}")
-    print(f"\n{'right answers':30} {'cases':>9} {'same':>8} {'unsure':>8} {'false fails':>12}")
-    for source in sorted({source for source, _ in right}):
-        same, unsure, different = (
-            right[source, match] for match in (Match.SAME, Match.UNSURE, Match.DIFFERENT)
+            _count(right, one.source, case, Match.DIFFERENT, args.show)
+    print(f"{len(known)} references")
+    _print_table("wrong answers", wrong)
+    _print_table("right answers", right)
+
+
+def _count(counts: Counter[tuple[str, Match]], row: str, case: Case, false: Match, show: int) -> None:
+    """Count a case, and print it if it is one of the first that are decided falsely."""
+    counts[row, case.match] += 1
+    if case.match is false and counts[row, false] <= show:
+        print(f"false {false} ({row}): {case.reference!r} <- {case.answer[:200]!r}")
+
+
+def _print_table(title: str, counts: Counter[tuple[str, Match]]) -> None:
+    """Print how often the rule says what, by row; unsure ones are left to a model."""
+    print(f"\n{title:30} {'cases':>9} {'same':>8} {'different':>10} {'unsure':>8}")
+    for row in [*sorted({row for row, _ in counts}), "all"]:
+        same, different, unsure = (
+            sum(
+                number for (name, match), number in counts.items() if match is wanted and row in (name, "all")
+            )
+            for wanted in (Match.SAME, Match.DIFFERENT, Match.UNSURE)
         )
-        count = same + unsure + different
-        print(f"{source:30} {count:9,} {same / count:8.1%} {unsure / count:8.1%} {different:12,}")
+        count = same + different + unsure
+        print(f"{row:30} {count:9,} {same:8,} {different:10,} {unsure / count:8.1%}")
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from webgym.agent.profiles import profile_of
 from webgym.cli import _run
 from webgym.cli._judge_options import judge_choice, own_choice
 from webgym.core.errors import ConfigError
-from webgym.judge.config import WAYS_BY_SOURCE, JudgeConfig, StageConfig
+from webgym.judge.config import JudgeConfig, StageConfig
 from webgym.judge.rubric import RubricJudge
 from webgym.llm.config import ChatConfig, Sampling
 from webgym.run_config import RunConfig, TaskChoice, resolved
@@ -64,11 +64,6 @@ def test_one_key_of_a_stages_sampling_keeps_the_others(stage: str) -> None:
     assert found.images_per_call == usual.images_per_call
     built = JudgeConfig.model_validate({"chat": CHAT, stage: StageConfig(sampling=Sampling(temperature=0.7))})
     assert getattr(built, stage).sampling.max_tokens == 1024
-
-
-def test_ways_of_one_source_keep_those_of_the_others() -> None:
-    config = JudgeConfig.model_validate({"chat": CHAT, "ways_by_source": {"gaia-web": ["model"]}})
-    assert config.ways_by_source == {**WAYS_BY_SOURCE, "gaia-web": ("model",)}
 
 
 def test_one_key_of_a_purposes_sampling_keeps_the_builds() -> None:

@@ -76,11 +76,11 @@ def test_a_run_is_judged_and_compared(
     said = capsys.readouterr().out
     asked = len(judge_model.asked)
     assert asked > 20
-    assert "judge      rubric/3 big-1@" in said
+    assert "judge      rubric/4 big-1@" in said
     assert f"{asked} replies, {asked * 12:,} + {asked * 3:,} tokens, ${asked * 48 / 1e6:.4f}" in said
     assert "keypoint" in said
     assert "note       the scripted policy is an oracle" in said
-    assert "compared   rubric/3" in said
+    assert "compared   rubric/4" in said
     assert "with       recorded" in said
     assert "failure / success" in said or "success / failure" in said
     assert {asked.body["model"] for asked in judge_model.of("fact")} == {"big-1"}
@@ -225,7 +225,7 @@ def test_settings_from_a_file(run: Path, judge_model: JudgeModel, tmp_path: Path
     )
     assert webgym("judge", run, "--config", file, "--limit", "1") == 0
     ((name, held),) = read_verdicts(run).items()
-    assert name.startswith("panel of 3 at 0.7: rubric/3 judge-1@")
+    assert name.startswith("panel of 3 at 0.7: rubric/4 judge-1@")
     assert len(held) == 1
 
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from datetime import date, timedelta
 from typing import Any
 
-from webgym.judge.reference import compare_with_reference
-from webgym.judge.value_comparison import Match
+from webgym.judge.reference import Match, compare
 from webgym.judge.verdicts import Finding, Words, may_be_echoed, read_verdict
 from webgym.judge.webjudge import read_status
 
@@ -109,16 +108,20 @@ class Generator:
         return found.passed if isinstance(found, Finding) else None
 
     def signed(self) -> Case:
-        """A signed verdict after anything is that verdict; an open thought takes it."""
+        """A signed verdict after a whole sentence is that verdict; an open thought takes it."""
         words, passed, line = self._reply()
-        text = f"{self.noise()}\n{line}{self.rng.choice(('', chr(10), '  ', chr(10) * 2))}"
+        line += self.rng.choice(("", "", "\u200b", "<|im_end|>", "<｜end▁of▁sentence｜>\n", "\n<|eot|>"))
+        end = self.rng.choice(("", chr(10), "  ", chr(10) * 2))
+        text = f"{self.noise()}\n{self.rng.choice(_SENTENCES)}\n{line}{end}"
         is_open = "<think>" in text.casefold().split("</think>")[-1]
         return Case("signed", text, (None,) if is_open else (passed,), self._read(text, words))
 
     def cut(self) -> Case:
         """A reply that lacks its end has its verdict or none, never the other."""
         words, passed, line = self._reply()
-        before = self.rng.choice(("Step 3 shows it.", "Clearly nothing. Not a success", "It says yes and no"))
+        before = self.rng.choice(
+            ("Step 3 shows it.", "Clearly nothing. Not a success at first.", "It says no and yes.")
+        )
         whole = f"{before}\n{line}"
         text = whole[: self.rng.randrange(len(whole) + 1)]
         said = line.casefold().rstrip("*`. ")
@@ -180,6 +183,8 @@ class Generator:
             (said, said.lower(), f"**{said}**", f"{said}.", f"VERDICT: {said}", f"- {said}")
         )
         text = self._break((*_TURNING, *_LEADING)) + line
+        if passed and self.rng.random() < 0.5:  # nor is a signed one that is denied
+            text = self._break(_TURNING) + f"VERDICT {CODE}: {said}"
         return Case("broken", text, (None,), self._read(text, words))
 
     def whole(self) -> Case:
@@ -272,19 +277,15 @@ class Generator:
         )
 
     def same(self) -> Case:
-        """Two spellings of one value match."""
+        """Two spellings of one value are never another value."""
         right, _ = self.spellings()
         one, other = self.rng.choice(right), self._told(self.rng.choice(right))
-        return Case(
-            "same",
-            f"{one} / {other}",
-            (Match.SAME,),
-            compare_with_reference(one, other, ("normalised", "set")).match,
-        )
+        found = compare(one, other).match
+        return Case("same", f"{one} / {other}", (Match.SAME, Match.UNSURE), found)
 
     def other(self) -> Case:
-        """Spellings of two values never do."""
+        """Spellings of two values are never the same."""
         right, wrong = self.spellings()
         one, other = self.rng.choice(right), self._told(self.rng.choice(wrong))
-        found = compare_with_reference(one, other, ("normalised", "set")).match
+        found = compare(one, other).match
         return Case("other", f"{one} / {other}", (Match.DIFFERENT, Match.UNSURE), found)

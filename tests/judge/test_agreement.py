@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import pytest
 from hypothesis import given, settings
@@ -272,6 +272,42 @@ def test_a_cut_off_reply_is_no_verdict_and_a_broken_line_is_told(
     assert code == 0
     assert "counts as a failure" in said
     assert "0.250" in said
+
+
+def test_webjudges_own_results_are_joined_with_labels_of_tasks(tmp_path: Path, command: Command) -> None:
+    def result(task: int, status: str, **more: Any) -> dict[str, Any]:
+        details = {"response": f"Thoughts: looked.\nStatus: {status}"}
+        return {"task_id": f"t{task}", "evaluation_details": details} | more
+
+    file = replies(
+        tmp_path / "results.json",
+        result(1, "success", predicted_label=1),
+        result(2, "failure", predicted_label=0),
+        result(3, "failure", predicted_label=0),
+        result(4, "success", predicted_label=1),
+    )
+    labels = tmp_path / "human_label.json"
+    given = {"t1": "1", "t2": "0", "t3": "1", "t4": "2"}
+    labels.write_text(
+        json.dumps([{"task_id": task, "Crab_human_label": said} for task, said in given.items()])
+    )
+    code, said = command("--webjudge", file, "--labels", labels, "--json")
+    assert code == 0, said
+    overall = json.loads(said)["judges"]["WebJudge"]["overall"]
+    assert overall["confusion"] == {"both": 1, "judge_only": 0, "human_only": 1, "neither": 1}
+
+    two = [{"task_id": "t1", "Crab_human_label": "1", "Newt_human_label": "0"}]
+    labels.write_text(json.dumps(two))
+    code, said = command("--webjudge", file, "--labels", labels)
+    assert code == 2
+    assert "--agent is one of Crab, Newt" in said
+    code, said = command("--webjudge", file, "--labels", labels, "--agent", "Newt", "--json")
+    confusion = json.loads(said)["judges"]["WebJudge"]["overall"]["confusion"]
+    assert confusion == {"both": 0, "judge_only": 1, "human_only": 0, "neither": 0}
+
+    code, said = command("--webjudge", replies(tmp_path / "other.jsonl", {"foo": 1}))
+    assert code == 2
+    assert "neither judge_response nor evaluation_details" in said
 
 
 def test_what_cannot_be_measured_is_said_in_a_line(tmp_path: Path, command: Command) -> None:

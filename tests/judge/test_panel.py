@@ -100,7 +100,7 @@ async def test_samples_of_the_rubric_judge_draw_replies_of_their_own() -> None:
         async with open_judge(choice) as judge:
             assert judge.name == name_of(choice)
             verdict = await judge.judge(TASK, episode(), pictures)
-    assert judge.name.startswith("panel of 3 at 0.9: rubric/3 judge-1@")
+    assert judge.name.startswith("panel of 3 at 0.9: rubric/4 judge-1@")
     assert verdict.judge == judge.name
     assert verdict.reward == 1
     assert verdict.confidence == pytest.approx(2 / 3)

@@ -302,14 +302,37 @@ async def test_the_middle_of_a_long_answer_is_judged_too(false_claim: str) -> No
             await judge(model, made=long, texts=texts, tries=1)
 
 
-async def test_an_answer_too_long_to_compare_with_the_reference_has_no_verdict() -> None:
-    """What it says in its middle may be another answer."""
+async def test_an_answer_of_any_length_is_judged_against_the_reference_answer() -> None:
+    """No reference answer is that long, so none is in the middle of it that somebody would have to find."""
     task = msgspec.structs.replace(TASK, reference_answer="twelve and a half dollars, I should say")
-    made = episode(answer="A bit over twelve dollars. " + "words " * 100)
+    walk = "I looked at every mug. " * 1_000
     async with serve_judge(agrees) as model:
-        with pytest.raises(JudgeError, match=r"longer than 400 characters.*texts\.answer_chars"):
-            await judge(model, task, made, texts={"answer_chars": 400})
-        assert (await judge(model, task, made)).reward == 1
+        assert (
+            await judge(model, task, episode(answer="It is twelve and a half dollars. " + walk))
+        ).reward == 0
+        assert not model.of("reference")
+        final = f"{walk}\n\nFinal answer: {task.reference_answer}"
+        assert (await judge(model, task, episode(answer=final))).reward == 1
+        assert (await judge(model, TASK, episode(answer=walk * 10))).reward == 1
+        assert len(model.of("response")) > 20
+
+
+async def test_a_reference_answer_too_long_to_be_sent_is_the_tasks_fault() -> None:
+    task = msgspec.structs.replace(TASK, reference_answer="twelve and a half dollars " * 20)
+    async with serve_judge(agrees) as model:
+        with pytest.raises(JudgeError, match="reference answer is longer than 400 characters"):
+            await judge(model, task, texts={"answer_chars": 400})
+        assert (await judge(model, task)).reward == 1
+
+
+@pytest.mark.parametrize("word", ["nan", "NaN", "null", "N/A", "undefined", "None", "-", " "])
+async def test_a_word_for_no_reference_answer_overrides_nothing(word: str) -> None:
+    task = msgspec.structs.replace(TASK, reference_answer=word)
+    async with serve_judge(without("reference")) as model:
+        verdict = await judge(model, task)
+        assert not model.of("reference")
+    assert verdict.reward == 1
+    assert verdict.reference is None
 
 
 async def test_early_exit_stops_at_the_first_failure() -> None:
@@ -369,6 +392,37 @@ async def test_no_clear_verdict_is_an_error_and_never_a_reward(stage: str, said:
     async with serve_judge(answers) as model:
         with pytest.raises(JudgeError, match=f"no clear verdict in 2 replies at the {stage} stage"):
             await judge(model, made=made, tries=2)
+
+
+@pytest.mark.parametrize(
+    ("said", "why"),
+    [
+        ({"finish_reason": "content_filter"}, "the endpoint's filter refused to answer"),
+        ({"refusal": "I can't help with that."}, "the model refused to answer"),
+    ],
+)
+async def test_a_refusal_is_named_and_asked_about_once_more(said: dict[str, str], why: str) -> None:
+    def answers(asked: Asked) -> Any:
+        if asked.stage != "response":
+            return agrees(asked)
+        message = {"role": "assistant", "content": agrees(asked), "refusal": said.get("refusal")}
+        return {"message": message, "finish_reason": said.get("finish_reason", "stop")}
+
+    async with serve_judge(answers) as model:
+        with pytest.raises(JudgeError, match=f"2 replies at the response stage: {why}"):
+            await judge(model, tries=5)
+        assert len(model.of("response")) == 2
+
+
+async def test_a_verdict_in_parts_is_read() -> None:
+    def answers(asked: Asked) -> Any:
+        parts = [{"type": "thinking", "thinking": [{"type": "text", "text": "SUCCESS?"}]}]
+        parts += [{"type": "text", "text": piece} for piece in agrees(asked).partition("VERDICT")]
+        return {"message": {"role": "assistant", "content": parts}}
+
+    async with serve_judge(answers) as model:
+        assert (await judge(model)).reward == 1
+        assert len(model.asked) == 5
 
 
 async def test_an_endpoint_that_is_gone_is_an_error_and_never_a_reward() -> None:
@@ -476,8 +530,8 @@ NO_ANSWER, UNSURE = episode(answer=None), "a little over twelve dollars"
         ({MUG: None}, None, "decides", episode(answer=" "), 0),
         # So does a reference answer, either way, by the rule in force.
         ({MUG: None, "response": None}, "$12.50", "decides", None, 1),
-        ({MUG: None, "response": None}, "$13.50", "decides", None, 0),
-        ({MUG: None, "response": None}, "$13.50", "required", None, 0),
+        ({MUG: None, "response": None, "reference": False}, "$13.50", "decides", None, 0),
+        ({MUG: None, "response": None, "reference": False}, "$13.50", "required", None, 0),
         ({MUG: None}, "$12.50", "required", None, None),
         ({"reference": None, MUG: False}, UNSURE, "required", None, 0),
         ({"reference": None}, UNSURE, "required", None, None),
@@ -608,11 +662,11 @@ async def test_the_model_is_not_asked_whether_an_attempt_was_blocked_that_cannot
 @pytest.mark.parametrize(
     ("reference", "fact_fails", "rule", "reward"),
     [
-        ("$12.50", False, "required", 1),
-        ("$13.50", False, "required", 0),
-        ("$12.50", True, "required", 0),
-        ("$12.50", True, "decides", 1),
-        ("$13.50", False, "decides", 0),
+        ("12", False, "required", 1),
+        ("13", False, "required", 0),
+        ("12", True, "required", 0),
+        ("12", True, "decides", 1),
+        ("13", False, "decides", 0),
     ],
 )
 async def test_the_reference_answer_overrides(
@@ -620,11 +674,11 @@ async def test_the_reference_answer_overrides(
 ) -> None:
     task = msgspec.structs.replace(TASK, reference_answer=reference)
     async with serve_judge(without("fact") if fact_fails else agrees) as model:
-        verdict = await judge(model, task, reference_rule=rule)
+        verdict = await judge(model, task, episode(answer="12"), reference_rule=rule)
         assert not model.of("reference")
     assert verdict.reward == reward
     assert verdict.reference is not None
-    assert verdict.reference.passed == (reference == "$12.50")
+    assert verdict.reference.passed == (reference == "12")
 
 
 async def test_a_possible_answer_never_overrides() -> None:
@@ -636,16 +690,16 @@ async def test_a_possible_answer_never_overrides() -> None:
     assert not any("$99.00" in str(asked.body) for asked in model.asked)
 
 
-async def test_where_rules_are_not_sure_a_model_is_asked() -> None:
+async def test_where_the_rule_is_not_sure_a_model_is_asked() -> None:
     task = msgspec.structs.replace(TASK, reference_answer="a little over twelve dollars")
     async with serve_judge(agrees) as model:
         assert (await judge(model, task)).reward == 1
         assert len(model.of("reference")) == 1
-        verdict = await judge(model, task, reference_ways=("normalised",))
-        assert len(model.of("reference")) == 1
-    assert verdict.reward == 0
     async with serve_judge(without("reference")) as model:
         assert (await judge(model, task)).reward == 0
+    async with serve_judge(replies({"reference": None})) as model:
+        with pytest.raises(JudgeError, match="at the reference stage"):
+            await judge(model, task)
 
 
 async def test_an_empty_answer_makes_no_claim() -> None:

@@ -125,11 +125,89 @@ def test_unclear_replies(text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "reason", ["length", "LENGTH", "max_tokens", "max_output_tokens", "content_filter: X", "abort", "failed"]
+    "reason",
+    [
+        *("length", "LENGTH", "max_tokens", "max_output_tokens", "content_filter: X", "abort", "failed"),
+        *("OTHER", "finish_reason_unspecified", "repetition"),
+    ],
 )
-def test_a_reply_that_was_cut_off_holds_no_verdict(reason: str) -> None:
-    assert criterion("All there.\nSUCCESS", finish_reason=reason) is None
-    assert criterion("All there.\nSUCCESS", finish_reason="stop") is True
+def test_a_reply_that_the_model_did_not_end_holds_no_verdict(reason: str) -> None:
+    signed = f"All there.\nVERDICT {CODE}: SUCCESS"
+    assert criterion(signed, finish_reason=reason) is None
+    for known in ("", "stop", "STOP", "eos_token", "end_turn"):
+        assert criterion(signed, finish_reason=known) is True
+
+
+@pytest.mark.parametrize(
+    ("ending", "who"),
+    [
+        ({"refusal": "I can't help with that."}, "the model refused"),
+        ({"finish_reason": "content_filter"}, "the endpoint's filter refused"),
+        ({"finish_reason": "SAFETY"}, "the endpoint's filter refused"),
+    ],
+)
+def test_a_refusal_beside_a_verdict_is_a_refusal(ending: dict[str, str], who: str) -> None:
+    signed = f"All there.\nVERDICT {CODE}: SUCCESS"
+    for found in (
+        read_verdict(signed, "criterion", CODE, **ending),  # type: ignore[arg-type]
+        read_per_image(f"SCREENSHOT 1 {CODE}: YES", 1, CODE, **ending),  # type: ignore[arg-type]
+    ):
+        assert isinstance(found, NoVerdict)
+        assert found.is_refused
+        assert who in found.why
+
+
+@pytest.mark.parametrize(
+    "before",
+    [
+        *("It is not", "Is it there? No.", "It would be wrong to say", "It would be wrong to say:"),
+        *("The price is not confirmed.", "It isn't really shown.", "If it were shown, I would say ..."),
+    ],
+)
+def test_a_signed_verdict_that_is_denied_before_it_is_none(before: str) -> None:
+    assert criterion(f"{before}\nVERDICT {CODE}: SUCCESS") is None
+
+
+@pytest.mark.parametrize("before", ["It is not", "It would be wrong to call this:", "I would not say,"])
+def test_nor_is_a_negative_one(before: str) -> None:
+    assert criterion(f"{before}\nVERDICT {CODE}: NOT SUCCESS") is None
+
+
+@pytest.mark.parametrize("after", ["No.", "That is not so.", "SUCCESS was wrong", "❌", "(not)"])
+def test_a_signed_verdict_that_is_denied_after_it_is_none(after: str) -> None:
+    assert criterion(f"All there.\nVERDICT {CODE}: SUCCESS\n{after}") is None
+
+
+@pytest.mark.parametrize("before", ["The price is not shown", "Step 3 lacks it:", "No price is shown."])
+def test_a_reason_without_a_full_stop_denies_no_verdict(before: str) -> None:
+    expected = None if before.endswith(":") else False
+    assert criterion(f"{before}\nVERDICT {CODE}: NOT SUCCESS") is expected
+    assert criterion(f"Step 3 shows it\nVERDICT {CODE}: SUCCESS") is True
+    assert criterion(f"My verdict:\nVERDICT {CODE}: SUCCESS") is True
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        *("{}<|im_end|>", "{}\n<|eot_id|>", "{} <｜end▁of▁sentence｜>", "<|assistant|>{}", "{}<end_of_turn>"),
+        *("{}</s>", "\u200b{}\u200b", "{}\ufeff<|made_up_today|>\n\u2060", "**{}**<|x|><|y|>"),
+    ],
+)
+def test_tokens_and_invisible_characters_around_a_verdict_are_ignored(form: str) -> None:
+    assert criterion("Not there.\n" + form.format(f"VERDICT {CODE}: NOT SUCCESS")) is False
+    assert criterion("All there.\n" + form.format(f"VERDICT {CODE}: SUCCESS"), bare=False) is True
+
+
+@pytest.mark.parametrize(
+    "form", ["<del>{}</del>", "<s>{}</s>", "{}<|im_end|>\n<|im_start|>user\nNo.", "<{}>"]
+)
+def test_what_else_stands_around_a_verdict_is_not(form: str) -> None:
+    assert criterion("All there.\n" + form.format(f"VERDICT {CODE}: SUCCESS")) is None
+
+
+def test_an_echo_may_hide_in_invisible_characters() -> None:
+    assert may_be_echoed(["it was a suc\u200bcess"], "criterion")
+    assert may_be_echoed(["so\nN\u2060O<|x|>"], "question")
 
 
 def test_every_prefix_of_a_reply_is_its_verdict_or_none() -> None:
@@ -172,7 +250,7 @@ def test_any_text_has_a_verdict_or_none(text: str) -> None:
 @given(st.text(), st.booleans(), st.sampled_from(["\n", "\r\n", "\n\n", "\u2028"]))
 def test_a_signed_verdict_is_read_after_any_text(text: str, passed: bool, gap: str) -> None:
     said = "SUCCESS" if passed else "NOT SUCCESS"
-    found = criterion(f"{text}{gap}VERDICT {CODE}: {said}")
+    found = criterion(f"{text}{gap}Step 2 was looked at.{gap}VERDICT {CODE}: {said}")
     assert found is passed or "<think" in text.casefold()
 
 
@@ -234,9 +312,3 @@ def test_lists_of_verdicts() -> None:
 )
 def test_a_negative_verdict_in_two_lines_is_no_positive_one(text: str) -> None:
     assert isinstance(read_verdict(text, "criterion", "c0de"), NoVerdict)
-
-
-def test_a_whole_signed_line_counts_after_a_line_that_ends_in_not() -> None:
-    found = read_verdict("It is not\nVERDICT c0de: SUCCESS", "criterion", "c0de")
-    assert isinstance(found, Finding)
-    assert found.passed

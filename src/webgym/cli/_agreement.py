@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from webgym.judge.agreement import Agreement, AgreementConfig, Case, Confusion, Estimate, Group, Metric
-    from webgym.judge.labels import AnnotatorAgreement, BrokenLabel, Humans
+    from webgym.judge.labels import AnnotatorAgreement, BrokenLabel, HumanLabel, Humans
     from webgym.judge.webjudge import Labelled
     from webgym.tables import Table
 
@@ -54,7 +54,8 @@ def agreement_command(
     labels: Path | None = typer.Option(
         None,
         "--labels",
-        help="File of human labels, CSV or JSON. The labelling page of webgym view writes RUN/labels.csv.",
+        help="File of human labels, CSV or JSON. The labelling page of webgym view writes RUN/labels.csv. "
+        "With --webjudge: labels of tasks, for replies without any.",
         show_default="RUN/labels.csv",
     ),
     judge: list[str] = typer.Option(
@@ -122,13 +123,15 @@ def agreement_command(
         raise UsageError("--json, --markdown and --latex exclude each other", hint="give one of them")
     config = _config(no_verdict or ("failure" if webjudge else "left_out"), resamples, seed)
     if run is None:
-        labelled = _read_webjudge(webjudge, _humans(humans or "first"), unsure)
+        own = _labels_of_tasks(labels, annotator, agent) if labels else []
+        labelled = _read_webjudge(webjudge, own, _humans(humans or "first"), unsure)
     else:
         labelled = _read_run(run, labels, judge, annotator, agent, _humans(humans or "majority"))
     if not labelled.cases:
-        why = ", ".join(f"{count} × {reason}" for reason, count in labelled.left_out.items())
+        left_out = [f"{count} × {reason}" for reason, count in labelled.left_out.items()]
+        why = ", ".join(left_out or labelled.notes[:1]) or "there are no labels"
         raise UsageError(
-            f"no labelled trajectory has a verdict: {why or 'there are no labels'}",
+            f"no labelled trajectory has a verdict: {why}",
             hint="label trajectories on the page /label of webgym view RUN, or judge with webgym judge RUN",
         )
     result = agreement(labelled.judges, labelled.cases, config)
@@ -203,7 +206,23 @@ def _printed_name(name: str, label: str) -> str:
     return (PREFIX if label and name.startswith(PREFIX) else "") + (label or name)
 
 
-def _read_webjudge(paths: Sequence[Path], humans: Humans, unsure: str) -> _Labelled:
+def _labels_of_tasks(path: Path, annotator: str | None, agent: str | None) -> list[HumanLabel]:
+    """The labels of tasks in a file, of one annotator if one is given, and of one agent's run."""
+    from webgym.judge.labels import read_labels
+
+    labels = [label for label in read_labels(path).labels if annotator in (None, label.annotator)]
+    agents = sorted({label.agent for label in labels if label.agent})
+    if agent is None and len(agents) > 1:
+        raise UsageError(
+            f"{path} has labels of several agents", hint=f"--agent is one of {', '.join(agents)}"
+        )
+    whose = ("", agent or "".join(agents))
+    return [label for label in labels if label.task_id and label.agent in whose]
+
+
+def _read_webjudge(
+    paths: Sequence[Path], labels: Sequence[HumanLabel], humans: Humans, unsure: str
+) -> _Labelled:
     from webgym.judge.webjudge import pairs_of, read_labelled
 
     if unsure not in ("failure", "left_out"):
@@ -212,7 +231,7 @@ def _read_webjudge(paths: Sequence[Path], humans: Humans, unsure: str) -> _Label
     notes: list[str] = []
     for path in paths:
         broken: list[BrokenLabel] = []
-        records += read_labelled(path, broken)
+        records += read_labelled(path, broken, labels)
         notes += [f"skipped {path} {label}" for label in broken]
     pairs = pairs_of(records, humans, unsure_fails=unsure == "failure")
     notes += [

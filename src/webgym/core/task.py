@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from itertools import combinations
-from typing import Any, Literal, TypeAlias
+from typing import Any, Final, Literal, TypeAlias
 
 import msgspec
 
@@ -150,6 +150,23 @@ def check_attachments(files: tuple[Attachment, ...]) -> None:
         raise ValueError("two files of a task have the same name")
     if sum(len(file.content) for file in files) > MAX_ATTACHED_BYTES:
         raise ValueError(f"the files of a task have more than {MAX_ATTACHED_BYTES:,} bytes")
+
+
+_MISSING: Final = frozenset(
+    {"", "nan", "<na>", "null", "n/a", "#n/a", "undefined", "-", "--", "–", "—", "**"}
+)
+_MISSING_AS_WRITTEN: Final = frozenset({"None", "NaT"})
+_AROUND_MISSING: Final = " \t\r\n[](){}'\""
+
+
+def reference_of(text: str | None) -> str | None:
+    """A reference answer, or ``None`` if the text stands for a missing one, as programs write it.
+
+    All readers of tasks and the judge ask this. A reference answer overrides the judge, so ``nan`` taken for
+    one would be a reward of 0. "None" is what Python writes; "none", "no" and "0" are answers, as in GAIA.
+    """
+    bare = (text or "").strip().strip(_AROUND_MISSING)
+    return None if bare in _MISSING_AS_WRITTEN or bare.casefold() in _MISSING else text
 
 
 class Task(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):

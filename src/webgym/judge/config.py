@@ -13,24 +13,6 @@ from webgym.settings import Section, Settings
 Stage: TypeAlias = Literal["keypoint", "fact", "response", "blocking", "reference"]
 STAGES: Final[tuple[Stage, ...]] = ("keypoint", "fact", "response", "blocking", "reference")
 
-Way: TypeAlias = Literal["exact", "normalised", "set", "model"]
-
-WAYS_BY_SOURCE: Final[dict[str, tuple[Way, ...]]] = {
-    # The offline web's references list the values of the right answer, joined by semicolons.
-    "offline": ("set", "normalised", "model"),
-    # Short facts with one right form each (names, counts, dates).
-    "browsecomp": ("normalised", "model"),
-    "gaia-web": ("normalised", "set", "model"),
-    # "golden" answers are sentences as often as values; "possible" ones are examples and never come here.
-    "pae-webvoyager": ("normalised", "set", "model"),
-    # The final answer of the run that the task was made from: free text.
-    "agentsynth-web": ("normalised", "model"),
-}
-"""How an answer is compared with the reference answer, by the task's source. The methods
-(:mod:`webgym.judge.reference`) are tried in order until one is sure. All other sources use
-:attr:`JudgeConfig.reference_ways`."""
-
-
 PROMPT_CHARS: Final = 6_000
 """Upper estimate of the characters of a prompt's fixed text and a rubric's facts, for checking the
 settings."""
@@ -81,8 +63,8 @@ class TextConfig(Section):
     """Longest task instruction; the middle of a longer one is left out."""
 
     answer_chars: int = Field(default=12_000, ge=200)
-    """Longest answer in a request. A longer one is judged in parts, all of which must be supported; where a
-    model would have to compare it with a reference answer, there is no verdict."""
+    """Longest answer in a request. A longer one is judged in parts, all of which must be supported, and is
+    another one than the reference answer unless it ends in exactly that."""
 
     history_chars: int = Field(default=12_000, ge=200)
     """Longest action history; the oldest lines of a longer one are left out."""
@@ -113,7 +95,7 @@ class JudgeConfig(Section):
     """Whether the website blocked the agent, judged by the last screenshots."""
 
     reference: StageConfig = StageConfig()
-    """Whether the answer agrees with the reference answer. Asked where the rules are unsure."""
+    """Whether the answer agrees with the reference answer. Asked where the rule is unsure."""
 
     images: ImageConfig = ImageConfig()
     texts: TextConfig = TextConfig()
@@ -132,13 +114,6 @@ class JudgeConfig(Section):
     """What a reference answer overrides. ``decides``: it alone sets the reward (paper §3.4). ``required``: an
     answer that does not match it fails, and one that matches must still be supported by the screenshots; for
     a policy that may know or guess answers."""
-
-    reference_ways: tuple[Way, ...] = ("normalised", "set", "model")
-    """How an answer is compared with the reference answer where ``ways_by_source`` does not have the
-    source."""
-
-    ways_by_source: dict[str, tuple[Way, ...]] = WAYS_BY_SOURCE
-    """How an answer is compared with the reference answer, by the task's source."""
 
     blocking_model: bool = True
     """Ask a model whether an unsuccessful attempt was blocked, where the rules do not find that it was."""

@@ -118,22 +118,28 @@ class JudgeModelClient:
                 {"role": "system", "content": system},
                 {"role": "user", "content": content if question.shots else text},
             ]
-            problem, unusable, tries = "", 0, 0
+            problem, unusable, tries, refused = "", 0, 0, 0
             # An unusable reply that comes from the cache does not count as a try: otherwise an attempt that
             # once got no verdict could never get one.
             while tries < self._config.tries and unusable < _MAX_UNUSABLE * self._config.tries:
                 reply = await self._reply(question.stage, messages, is_repeat=unusable > 0)
-                verdict = read(reply.text, code=code, bare=bare, finish_reason=reply.finish_reason)
+                ending = {"finish_reason": reply.finish_reason, "refusal": reply.refusal}
+                verdict = read(reply.text, code=code, bare=bare, **ending)
                 if not isinstance(verdict, NoVerdict):
                     return verdict
                 problem, unusable, tries = verdict.why, unusable + 1, tries + (not reply.cached)
+                refused += verdict.is_refused and not reply.cached
+                if refused > 1:
+                    break
                 messages = [
                     *messages,
                     *_correction_request(reply.text, problem, self._config.texts.reason_chars),
                 ]
         raise JudgeError(
             f"no clear verdict in {unusable} replies at the {question.stage} stage: {problem}",
-            hint="look at the judge model's replies; a larger model or more max_tokens may help",
+            hint="another judge model, or another filter at its endpoint, may answer"
+            if refused
+            else "look at the judge model's replies; a larger model or more max_tokens may help",
         )
 
     async def _reply(self, stage: Stage, messages: list[dict[str, Any]], *, is_repeat: bool) -> Completion:

@@ -1,164 +1,182 @@
-"""Whether an answer agrees with the reference answer.
+"""Whether an answer is the reference answer of its task: a quasi-exact rule, and a model for all else.
 
-Four methods, chosen per source (:data:`webgym.judge.config.WAYS_BY_SOURCE`) and tried in order until one is
-sure:
-
-exact        the same text, except for case, white space, typography and closing punctuation
-normalised   the same words and values: numbers, units, dates, times and currencies are compared by their
-             meaning, articles and accents are ignored; a short answer may be embedded in a sentence
-set          a list in any order: every item, and no other
-model        a judge model decides; the rubric judge asks it where the rules here are unsure
-
-A rule never guesses. It is sure that an answer agrees, or that it differs (another amount of the same kind);
-everything else is unsure, and if no model is asked the answer then does not match.
-
-An answer agrees only if the reference answer is its only claim: a list that contains the right answer is a
-guess. So the answer is split into pieces at every gap (full stops, commas, line ends, brackets, quotes, "and"
-and so on). Apart from the reference answer, a piece may contain only filler words that no answer consists of
-(``_FILLER`` in :mod:`webgym.judge.sentence`), and words of the task where they cannot be a second claim.
+The rule is that of GAIA's scorer in spirit: numbers are compared without separators, lists item by item,
+texts without case, leading articles, closing punctuation and surplus space. It reads the whole answer, or
+what follows one final "Answer:" in a paragraph of its own. It says *same* only where nothing else can be
+meant, and *different* only between two plain numbers; everything else is *unsure*, and a model is asked. So a
+spelling that the rule does not know costs a question, never a reward: units, signs, bounds, dates, versions,
+``12.500``, ``25 000`` and ``3.10`` have several readings, and prose is not read at all.
 """
 
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Sequence
-from typing import Final
-
-from webgym.core.text import fold
-from webgym.judge.config import Way
-from webgym.judge.sentence import QUALIFIERS, REFUSED, TRUTHS, RuleFinding, SentenceAnswer
-from webgym.judge.value_comparison import Match, equal
-from webgym.judge.values import Gap, Text, Token, read, tokens
-
-_CLOSING: Final = re.compile(r" ?[.!]$")
-_HYPHEN: Final = re.compile(r"(?<=[^\W\d_])[-‐‑](?=[^\W\d_])")
-
-READ_CHARS: Final = 20_000
-"""Longest answer that rules read, characters; a longer one is left to a model."""
+import unicodedata
+from decimal import Decimal
+from enum import StrEnum
+from typing import Final, NamedTuple
 
 
-def compare_with_reference(
-    reference: str, answer: str, methods: Sequence[Way], instruction: str = ""
-) -> RuleFinding:
-    """Compare an answer with a reference answer by rules.
+class Match(StrEnum):
+    """The result of a comparison."""
+
+    SAME = "same"
+    DIFFERENT = "different"
+    UNSURE = "unsure"
+
+
+class Comparison(NamedTuple):
+    """What the rule says about an answer, and why."""
+
+    match: Match
+    reason: str
+
+
+_STATED: Final = re.compile(
+    r"(?:\A|\n[ \t]*\n)[#*_ \t]*(?:the )?(?:final )?answer[*_]*(?: is\b:?| ?[:：])(?:[*_]+(?=\s)|)\s*",
+    re.IGNORECASE,
+)
+"""What announces an answer: at the beginning of the text, or of a paragraph."""
+
+_WRAPPINGS: Final = (
+    *(("**", "**"), ("*", "*"), ("```", "```"), ("`", "`")),
+    *(('"', '"'), ("'", "'"), ("“", "”"), ("„", "“"), ("‘", "’"), ("«", "»"), ("「", "」")),
+    *(("<answer>", "</answer>"), ("\\boxed{", "}")),
+)
+"""Emphasis and quotation marks. Strokes, brackets, ``>``, ``_`` and question marks mean something."""
+_MOST_WRAPPINGS: Final = 4
+
+_CLOSING: Final = re.compile(r"(?<![.\s])[.。]$|(?<=[^\W\d_])!$")
+_MARK: Final = re.compile(r"\A(?:[-*•]|#{1,6}) (?=[^\W\d_])")
+"""What makes a line an item of a list or a heading; before a digit it may be a sign."""
+_ARTICLE: Final = re.compile(r"\A(?:[Tt]he|[Aa]n|a) (?=[^\W\d_]{3})")
+"""A leading article. A capital A may be a name: "A major"."""
+_ABBREVIATED: Final = re.compile(r"(?<=[^\W\d_])\.(?=\s|$)")
+_TYPOGRAPHY: Final = str.maketrans("’‘′“”″−‐‑–", "'''\"\"\"----")
+_SHORTEST: Final = 3
+"""Characters of the shortest text whose case may be ignored: CO is not Co."""
+
+_GROUPED: Final = r"(?:[1-9][0-9]{0,2}(?:,[0-9]{3})+|0|[1-9][0-9]*)"
+_NUMBER: Final = re.compile(rf"{_GROUPED}(?:\.[0-9]*[1-9])?")
+"""A plain number: no sign, no unit, no leading zero, and no closing zero after the point."""
+_MAYBE_GROUPED: Final = re.compile(r"[1-9][0-9]{0,2}\.[0-9]{3}")
+"""The point may separate thousands."""
+_AMOUNT: Final = re.compile(rf"{_GROUPED}(?:\.[0-9]{{1,2}})?")
+_LONGEST_NUMBER: Final = 9
+"""Digits of the longest plain number; a longer one may be an identifier."""
+
+_LINES: Final = re.compile(r"[;；\n]")
+_COMMAS: Final = re.compile(r"[,，、](?![0-9])|(?<![0-9])[,，、]")
+
+
+def compare(reference: str, answer: str) -> Comparison:
+    """Compare an answer with the reference answer of its task.
 
     Args:
-        reference: the reference answer of the task's source.
-        answer: the agent's answer.
-        methods: which rules to try, in order; ``model`` is skipped.
-        instruction: of the task; an answer may repeat its words.
-
-    Returns:
-        The finding of the first rule that is sure, else of the last rule that was tried.
+        reference: the reference answer; no word for a missing one (:func:`webgym.core.task.reference_of`).
+        answer: the agent's answer, of any length.
     """
-    if not is_reference(reference):
-        return RuleFinding(Match.UNSURE, "there is no reference answer")
-    if not answer.strip():
-        return RuleFinding(Match.DIFFERENT, "the answer is empty")
-    finding = RuleFinding(Match.UNSURE, "no rule says whether the answer matches")
-    for method in methods:
-        if method == "exact":
-            finding = exact(reference, answer)
-        elif method in ("normalised", "set"):
-            if max(len(reference), len(answer)) > READ_CHARS:
-                continue
-            rule = normalised if method == "normalised" else as_set
-            finding = rule(reference, answer, instruction)
-        if finding.match is not Match.UNSURE:
-            return finding
-    return finding
+    if not any(character.isprintable() and not character.isspace() for character in answer):
+        return Comparison(Match.DIFFERENT, "the answer is empty")
+    wanted, whole = _bare(reference), _bare(answer)
+    stated = _stated(whole)
+    if any(_is_same(wanted, given) for given in (whole, stated)):
+        return Comparison(Match.SAME, "the answer is the reference answer")
+    number, other = _number(wanted), _number(stated)
+    if number is not None and other is not None and not _may_agree(number, other):
+        return Comparison(Match.DIFFERENT, "the answer is another number than the reference answer")
+    return Comparison(Match.UNSURE, "no rule says whether the answer is the reference answer")
 
 
-def is_reference(text: str | None) -> bool:
-    """Whether a text is a reference answer: not empty, and not the "None" that a program wrote.
-
-    "none" in lower case is an answer.
-    """
-    return text is not None and text.strip() not in ("", "None")
-
-
-def exact(reference: str, answer: str) -> RuleFinding:
-    """Compare as text, ignoring one full stop or exclamation mark at the end."""
-    if _CLOSING.sub("", fold(reference)) == _CLOSING.sub("", fold(answer)):
-        return RuleFinding(Match.SAME, "the answer is the reference answer")
-    return RuleFinding(Match.UNSURE, "the answer is not the reference answer word for word")
+def _stated(text: str) -> str:
+    """The answer after what announces it. The whole text if nothing does, or if it speaks of answers more
+    than once: then which one is meant is not for a rule to say."""
+    announced = _STATED.search(text)
+    if announced is None or text.casefold().count("answer") > 1:
+        return text
+    return _bare(text[announced.end() :])
 
 
-def normalised(reference: str, answer: str, instruction: str = "") -> RuleFinding:
-    """Compare words and values by their meaning."""
-    wanted, given = read(reference), read(answer)
-    if not wanted.tokens or not given.tokens:
-        return exact(reference, answer)
-    if _signs_differ(wanted, given):
-        return RuleFinding(Match.UNSURE, "the answer contains signs that no rule interprets")
-    if equal(wanted.tokens, given.tokens) or equal(_without_hyphens(reference), _without_hyphens(answer)):
-        return RuleFinding(Match.SAME, "the answer says the same as the reference answer")
-    sentence = SentenceAnswer(read(instruction), [wanted.tokens], given.tokens)
-    if len(wanted.tokens) == 1 and wanted.tokens[0].word in TRUTHS:
-        return sentence.truth(wanted.tokens[0].word)
-    if _is_bare_number(wanted.tokens, given.tokens):
-        return sentence.value(wanted.tokens[0])
-    if sentence.is_all():
-        return RuleFinding(Match.SAME, "the answer says the same as the reference answer")
-    if len(wanted.tokens) == 1 and wanted.tokens[0].value is not None:
-        return sentence.value(wanted.tokens[0])
-    return RuleFinding(Match.UNSURE, "the answer does not say the reference answer and nothing else")
-
-
-def _is_bare_number(wanted: Sequence[Token], given: Sequence[Token]) -> bool:
-    """Whether the answer is only the number of the reference answer: "3" for "3 albums".
-
-    "3 years" has a unit of its own, and "3 or more" is not a number.
-    """
-    counted, lone = wanted[0].value, given[0].value if len(given) == 1 else None
-    if counted is None or lone is None or not 1 < len(wanted) <= 3:
-        return False
-    if any(token.value or token.gap != "none" for token in wanted[1:]):  # a list
-        return False
-    bounds = QUALIFIERS | REFUSED | {"plus"}
-    return lone.kinds <= counted.kinds and not any(token.word in bounds for token in wanted)
-
-
-def as_set(reference: str, answer: str, instruction: str = "") -> RuleFinding:
-    """Compare as lists whose order does not matter."""
-    wanted, given = read(reference), read(answer)
-    items = _items(wanted.tokens, ("comma",))
-    if len(items) < 2:
-        return RuleFinding(Match.UNSURE, "the reference answer is no list")
-    if _signs_differ(wanted, given):
-        return RuleFinding(Match.UNSURE, "the answer contains signs that no rule interprets")
-    remaining = _items(given.tokens, ("comma", "label", "strong"))
-    for item in items:
-        match = next((other for other in remaining if equal(item, other)), None)
-        if match is None:
+def _bare(text: str) -> str:
+    """The text without surrounding space, emphasis, quotation marks and the full stop at its end, its lines
+    without surplus space, and full-width characters as usual ones. Other forms stay apart: 10² is not 102."""
+    usual = text if text.isascii() else unicodedata.normalize("NFC", "".join(map(_usual, text)))
+    bare = "\n".join(" ".join(line.split()) for line in usual.splitlines()).strip()
+    for _ in range(_MOST_WRAPPINGS):
+        before = bare
+        for opening, closing in _WRAPPINGS:
+            inner = bare[len(opening) : -len(closing)]
+            is_wrapped = bare.startswith(opening) and bare.endswith(closing) and bool(inner)
+            if is_wrapped and opening not in inner and closing not in inner:
+                bare = inner.strip()
+        if "\n" not in bare:
+            bare = _MARK.sub("", _CLOSING.sub("", bare), count=1).strip() or bare
+        if bare == before:
             break
-        remaining.remove(match)
-    else:
-        if not remaining:
-            return RuleFinding(Match.SAME, "the answer lists the same items")
-    if SentenceAnswer(read(instruction), items, given.tokens).is_all():
-        return RuleFinding(Match.SAME, "the answer gives every item")
-    return RuleFinding(Match.UNSURE, "the answer does not plainly give every item and no other")
+    return bare
 
 
-def _without_hyphens(text: str) -> list[Token]:
-    """The tokens of a text with the hyphens inside words removed: "e-mail" becomes "email"."""
-    return tokens(_HYPHEN.sub("", text))
+def _usual(character: str) -> str:
+    kind = unicodedata.decomposition(character).partition(" ")[0]
+    return unicodedata.normalize("NFKC", character) if kind in ("<wide>", "<narrow>") else character
 
 
-def _signs_differ(wanted: Text, given: Text) -> bool:
-    """Whether the signs of the two texts differ, apart from closing punctuation that the answer lacks."""
-    more, less = Counter(given.signs), Counter(wanted.signs)
-    return bool(more - less) or any(sign not in "?…'\"" for sign in less - more)
+def _is_same(wanted: str, given: str) -> bool:
+    """Whether two texts are the same value, or lists of the same values in the same order."""
+    if _is_same_value(wanted, given):
+        return True
+    items, others = _items(wanted), _items(given)
+    return 1 < len(items) == len(others) and all(map(_is_same_value, items, others))
 
 
-def _items(tokens: Sequence[Token], gaps: Sequence[Gap]) -> list[list[Token]]:
-    """The items of a list: the tokens, split at these kinds of gap and at "and"."""
-    items: list[list[Token]] = [[]]
-    for token in tokens:
-        if token.gap in gaps or token.word == "and":
-            items.append([])
-        if token.word != "and":
-            items[-1].append(token)
-    return [item for item in items if item]
+def _items(text: str) -> list[str]:
+    """The items of a list: its lines, or what semicolons separate; else what commas outside of numbers do.
+    Empty if one of them is."""
+    items = [item for item in _LINES.split(text) if item.strip() or "\n" not in text]
+    if len(items) < 2:
+        items = _COMMAS.split(text)
+    return [_bare(item) for item in items] if all(map(str.strip, items)) else []
+
+
+def _is_same_value(wanted: str, given: str) -> bool:
+    if _key(wanted) == _key(given):
+        return True
+    number, measure = _number(wanted), _measure(wanted)
+    return (number is not None and number == _number(given)) or (
+        measure is not None and measure == _measure(given)
+    )
+
+
+def _key(text: str) -> str:
+    """What is compared of a text. Case is kept beside digits, where it may be a unit's: not MW for mW."""
+    key = _ABBREVIATED.sub("", _ARTICLE.sub("", text.translate(_TYPOGRAPHY), count=1))
+    is_cased = len(key) < _SHORTEST or any(character.isnumeric() for character in key)
+    return key if is_cased else key.casefold()
+
+
+def _number(text: str) -> Decimal | None:
+    """The value of a plain number that has no other reading; ``None`` for any other text."""
+    if len(text) > 2 * _LONGEST_NUMBER or not _NUMBER.fullmatch(text) or _MAYBE_GROUPED.fullmatch(text):
+        return None
+    digits = text.replace(",", "")
+    return Decimal(digits) if len(digits.partition(".")[0]) <= _LONGEST_NUMBER else None
+
+
+def _measure(text: str) -> tuple[str, Decimal] | None:
+    """The sign and the value of an amount of money or of percent: $1,234.50, 5 €, 10%."""
+    for sign, number in ((text[:1], text[1:]), (text[-1:], text[:-1])):
+        if sign == "%" or (sign and unicodedata.category(sign) == "Sc"):
+            is_plain = _AMOUNT.fullmatch(number.strip())
+            return (sign, Decimal(number.strip().replace(",", ""))) if is_plain else None
+    return None
+
+
+def _may_agree(wanted: Decimal, given: Decimal) -> bool:
+    """Whether two plain numbers may be one value: equal, rounded, or in units of hundreds or more (percent,
+    thousands, millions)."""
+    low, high = sorted((wanted, given))
+    places = max(int(number.as_tuple().exponent) for number in (wanted, given))
+    if high - low <= Decimal(1).scaleb(places) / 2:
+        return True
+    scale = high / low if low else Decimal(0)
+    return scale >= 100 and scale.normalize().as_tuple().digits == (1,)

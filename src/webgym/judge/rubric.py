@@ -19,7 +19,7 @@ from functools import partial
 from typing import TypeAlias
 
 from webgym.core.errors import JudgeError
-from webgym.core.task import FactGroup, Task
+from webgym.core.task import FactGroup, Task, reference_of
 from webgym.core.trajectory import Episode
 from webgym.core.verdict import FactJudgement, Judgement, Verdict, all_hold
 from webgym.judge import prompts
@@ -29,15 +29,14 @@ from webgym.judge.config import STAGES, JudgeConfig, Stage
 from webgym.judge.history import action_history
 from webgym.judge.keypoints import fit_in_request, page_texts, select, split_into_requests
 from webgym.judge.model_client import JudgeModelClient, Question, gather, result_or_error
-from webgym.judge.reference import compare_with_reference, is_reference
+from webgym.judge.reference import Match, compare
 from webgym.judge.soft import score_of
 from webgym.judge.untrusted import code_of, in_parts, shorten
-from webgym.judge.value_comparison import Match
 from webgym.judge.verdicts import Finding
 from webgym.llm.completion import Completes
 from webgym.llm.prices import Prices
 
-VERSION = "rubric/3"
+VERSION = "rubric/4"
 """Version of the rules and prompts; raised when a change of theirs can change a verdict."""
 
 _STEPS = re.compile(
@@ -134,8 +133,9 @@ class _EpisodeJudging:
     async def _judge_criteria(self) -> None:
         """Judge the criteria, the cheap ones first, so that an early exit saves the most."""
         config, task, is_answered = self._config, self._task, self._episode.answer is not None
-        if is_answered and task.reference_answer is not None and is_reference(task.reference_answer):
-            self._reference = await self._compare_with_reference(task.reference_answer)
+        expected = reference_of(task.reference_answer)
+        if is_answered and expected is not None:
+            self._reference = await self._compare_with_reference(expected)
             decides = config.reference_rule == "decides"
             is_hopeless = decides and self._reference.passed is None
             if is_hopeless or (config.early_exit and (decides or self._reference.passed is False)):
@@ -253,20 +253,17 @@ class _EpisodeJudging:
         return Judgement(None, f"not read: {shorten(result.message, self._config.texts.reason_chars)}")
 
     async def _compare_with_reference(self, expected: str) -> Judgement:
-        """Compare the answer with the reference answer: by rules where they are sure, else by a model."""
-        config = self._config
-        methods = config.ways_by_source.get(self._task.source, config.reference_ways)
-        finding = compare_with_reference(
-            expected, self._episode.answer or "", methods, self._task.instruction
-        )
-        if finding.match is not Match.UNSURE:
-            return Judgement(finding.match is Match.SAME, finding.reason)
-        if "model" not in methods:
-            return Judgement(False, f"{finding.reason}, and no model is asked for this source")
-        limit = config.texts.answer_chars
-        if max(len(expected), len(self._answer)) > limit:
-            why = f"an answer longer than {limit} characters cannot be compared with the reference answer"
-            return self._read(JudgeError(f"{why}; raise texts.answer_chars"), ())
+        """Compare the answer with the reference answer: by the rule where it is sure, else by a model."""
+        found, limit = compare(expected, self._answer), self._config.texts.answer_chars
+        if found.match is not Match.UNSURE:
+            return Judgement(found.match is Match.SAME, found.reason)
+        if len(expected) > limit:
+            why = f"the reference answer is longer than {limit} characters"
+            return self._read(JudgeError(why, hint="raise texts.answer_chars"), ())
+        if len(self._answer) > limit:
+            return Judgement(
+                False, f"the answer is longer than {limit} characters, as no reference answer is"
+            )
         write = partial(
             prompts.reference, instruction=self._instruction, answer=self._answer, expected=expected
         )

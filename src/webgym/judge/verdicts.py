@@ -7,9 +7,10 @@ from a page or an answer is never a verdict.
 
 A bare verdict line, without the word VERDICT or the code, counts only where the caller allows it (``bare``),
 for models that omit them, and only if it stands alone: the line before must not continue into it, as in a
-negation that is broken over two lines. Everything else is no verdict: a reply that was cut off, that ends
-differently, that has two different verdicts, or that uses other words. Case, full-width letters, Markdown and
-closing punctuation are ignored.
+negation that is broken over two lines. Everything else is no verdict: a reply that the model did not end
+itself, that is a refusal too, that ends differently, that has two different verdicts, that denies its verdict
+in the line before, or that uses other words. Case, full-width letters, Markdown, closing punctuation,
+invisible characters and a chat template's control tokens around the line are ignored.
 """
 
 from __future__ import annotations
@@ -47,12 +48,18 @@ _NEGATING: Final = (
 )
 """Words that negate what follows them, or make it conditional."""
 _NEGATED: Final = re.compile(rf"(?:{_NO})\W*$")
-_UNFINISHED: Final = re.compile(rf"{_NEGATING}[^.!?]*$|(?:[,;:–—-]|\.\.)$")
+_TURNED: Final = re.compile(rf"{_NEGATING}[^.!?]*(?:\.\.\.)?$")
+_INTRODUCED: Final = re.compile(rf"{_NEGATING}[^.!?]*(?:[,;:–—-]|\.\.\.)$")
+_UNFINISHED: Final = re.compile(rf"{_TURNED.pattern}|(?:[,;:–—-]|\.\.)$")
 _DENIED: Final = re.compile(
     r"(?:(?:n['’ ]t|\b(?:not|never|cannot))(?: (?:be|been|yet|fully|really|clearly|at all|actually))* |\bun)"
     r"(?:confirmed|supported|shown|seen|visible|met|satisfied|successful|true|correct|there)\W*$"
 )
 """The end of a sentence that denies a criterion."""
+_CONTROL: Final = re.compile(
+    r"\A(?:\s*<[|｜][^<>|｜]{1,60}[|｜]>)+|(?:\s*(?:<[|｜][^<>|｜]{1,60}[|｜]>|</?[a-z]+(?:_[a-z]+)+>|</s>))+\s*\Z"
+)
+"""Control tokens of any family, by their form: no tag of HTML has bars or underscores."""
 _QUOTATION: Final = re.compile(r"[\s*_`#•-]*[\"'“”„‘’‚«»‹›＂＇>|]")
 _SENTENCE: Final = 400
 """Number of characters at the end of a line that are examined."""
@@ -74,9 +81,25 @@ class Finding(msgspec.Struct, frozen=True):
 
 
 class NoVerdict(msgspec.Struct, frozen=True):
-    """A reply without a clear verdict, and why, in words that can be sent to the model."""
+    """A reply without a clear verdict.
+
+    Attributes:
+        why: in words that can be sent to the model.
+        is_refused: whether the model, or the endpoint's filter, refused to answer.
+    """
 
     why: str
+    is_refused: bool = False
+
+
+def trimmed(line: str) -> str:
+    """A line without invisible characters, and without the control tokens that a chat template put around
+    it."""
+    return _CONTROL.sub("", _seen(line)).strip()
+
+
+def _seen(text: str) -> str:
+    return "".join(character for character in text if unicodedata.category(character) != "Cf")
 
 
 def _unmarked(line: str) -> str:
@@ -112,8 +135,22 @@ def runs_on(line: str, before: str) -> bool:
     return any(rule.search(words) for rule in (_NEGATED, _UNFINISHED)) or bool(_QUOTATION.match(line))
 
 
+def _is_denied(verdict: bool, before: str) -> bool:
+    """Whether the line before a verdict denies it or makes it conditional. A sentence with a negation may
+    lack its full stop before a negative verdict, which it explains."""
+    words = _unmarked(before[-_SENTENCE:])
+    rules = (_NEGATED, _DENIED, _TURNED) if verdict else (_NEGATED, _INTRODUCED)
+    return any(rule.search(words) for rule in rules)
+
+
 def read_verdict(
-    text: str, words: Words, code: str = "", *, bare: bool = True, finish_reason: str = ""
+    text: str,
+    words: Words,
+    code: str = "",
+    *,
+    bare: bool = True,
+    finish_reason: str = "",
+    refusal: str = "",
 ) -> Finding | NoVerdict:
     """The verdict of a reply, or why it has none. Never raises.
 
@@ -122,9 +159,10 @@ def read_verdict(
         words: which words state the two verdicts.
         code: signature code of the request; a verdict line with another code does not count.
         bare: whether a verdict line without the code counts.
-        finish_reason: of the reply, from the endpoint. A reply that was cut off has no verdict.
+        finish_reason: of the reply, from the endpoint. Only a reply that the model itself ended has one.
+        refusal: of the model, from the endpoint. A reply with one has no verdict.
     """
-    lines = _lines(text, finish_reason)
+    lines = _lines(text, finish_reason, refusal)
     if isinstance(lines, NoVerdict):
         return lines
     line_verdicts = [_verdict_of(line, WORDS[words], code) for line in lines]
@@ -138,8 +176,7 @@ def read_verdict(
     if not is_signed and not bare:
         return NoVerdict("the verdict line does not carry the code of this request")
     before = "".join(lines[-2:-1])
-    is_denied = verdict and _DENIED.search(_unmarked(before[-_SENTENCE:]))
-    if not is_signed and (is_denied or not stands_alone(lines[-1], before)):
+    if _is_denied(verdict, before) or not (is_signed or stands_alone(lines[-1], before)):
         return NoVerdict("the verdict line may be quoted, or the end of the line before; say it for itself")
     # Lines without the code may be quotations, and contradict the last line unless it is signed.
     if any(other is not verdict for other, carries_code in stated if carries_code or not is_signed):
@@ -151,13 +188,19 @@ def read_verdict(
 
 
 def read_per_image(
-    text: str, count: int, code: str = "", *, bare: bool = True, finish_reason: str = ""
+    text: str,
+    count: int,
+    code: str = "",
+    *,
+    bare: bool = True,
+    finish_reason: str = "",
+    refusal: str = "",
 ) -> tuple[bool, ...] | NoVerdict:
     """One yes or no for each of ``count`` screenshots, from lines ``SCREENSHOT <number> <code>: YES``.
 
     Every screenshot must have exactly one verdict, and there must be none for other numbers.
     """
-    lines = _lines(text, finish_reason)
+    lines = _lines(text, finish_reason, refusal)
     if isinstance(lines, NoVerdict):
         return lines
     verdicts: dict[int, set[bool]] = {}
@@ -186,27 +229,33 @@ def may_be_echoed(texts: Iterable[str | None], words: Words) -> bool:
     for text in texts:
         if text is None:
             return True
-        folded = unicodedata.normalize("NFKC", text).casefold()
+        folded = unicodedata.normalize("NFKC", _seen(text)).casefold()
         if "verdict" in folded or WORDS[words][0] in folded:
             return True
         if words == "question" and any(
             match["said"] in ("yes", "no")
             for line in folded.splitlines()
-            for match in (_LINE.fullmatch(plain(line)), _IMAGE_LINE.fullmatch(plain(line)))
+            for match in (rule.fullmatch(plain(trimmed(line))) for rule in (_LINE, _IMAGE_LINE))
             if match
         ):
             return True
     return False
 
 
-def _lines(text: str, finish_reason: str) -> list[str] | NoVerdict:
+def _lines(text: str, finish_reason: str, refusal: str) -> list[str] | NoVerdict:
     """The non-empty lines of a reply after the model's thinking, or why it has no verdict."""
-    if was_cut_off(finish_reason) or ended_by(finish_reason) in ("engine", "filter"):
+    ended = ended_by(finish_reason)
+    if refusal.strip() or ended == "filter":
+        who = "the endpoint's filter" if ended == "filter" else "the model"
+        return NoVerdict(f"{who} refused to answer", is_refused=True)
+    if ended == "unknown":
+        return NoVerdict(f"the reply ended for a reason that is not known ({finish_reason[:40]!r})")
+    if ended == "engine" or was_cut_off(finish_reason):
         return NoVerdict("the reply was cut off before its end")
     after_thinking = THOUGHT_END.split(text)[-1]
     if THOUGHT.search(after_thinking):
         return NoVerdict("the reply ended before the thinking did")
-    lines = [line.strip() for line in after_thinking.splitlines() if plain(line)]
+    lines = [line for line in map(trimmed, after_thinking.splitlines()) if plain(line)]
     return lines or NoVerdict("the reply is empty")
 
 

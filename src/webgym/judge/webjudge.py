@@ -3,25 +3,27 @@
 Records of the AgentRewardBench study, judged by WebJudge (SOURCES.md, "Judge labels"): a JSON object per line
 with ``judge_response`` (ends in ``Status: success`` or ``failure``), ``judge_status`` (the status that the
 study parsed from it) and ``human`` (annotators' labels; their ``success`` is Successful, Unsuccessful or
-Unsure).
+Unsure). Result files of WebJudge itself are read, too: ``evaluation_details`` has the reply as ``response``,
+and ``predicted_label`` is 1 or 0. They have no labels; those are joined by ``task_id``.
 """
 
 from __future__ import annotations
 
 import re
 from codecs import BOM_UTF8
-from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import msgspec
+from msgspec.structs import replace
 
 from webgym.core.errors import UsageError
 from webgym.core.text import THOUGHT_END
 from webgym.judge.agreement import Case
-from webgym.judge.labels import BrokenLabel, Humans, Label, settled
-from webgym.judge.verdicts import plain, runs_on, stands_alone
+from webgym.judge.labels import BrokenLabel, HumanLabel, Humans, Label, settled
+from webgym.judge.verdicts import plain, runs_on, stands_alone, trimmed
 
 _STATUS: Final = re.compile(r"(?:final )?status\s?[:=–—-]\s?(?P<said>[a-z -]+)")
 _LAST_SENTENCE: Final = re.compile(r"(?P<before>.*[.!?][\"'”’)\]]*)\s+(?P<last>\S.*)", re.DOTALL)
@@ -60,9 +62,15 @@ class Labelled(msgspec.Struct, frozen=True):
         return self.humans[0] if self.humans else None
 
 
+class _Details(msgspec.Struct):
+    response: str | None = None
+
+
 class _Record(msgspec.Struct):
-    judge_response: str | None = None
+    judge_response: str | msgspec.UnsetType | None = msgspec.UNSET
     judge_status: str | None = None
+    evaluation_details: _Details | None = None
+    predicted_label: int | None = None
     human: list[dict[str, Any]] = []
     judge: str = ""
     benchmark: str = ""
@@ -77,7 +85,7 @@ def read_status(reply: str) -> bool | None:
     question, a quotation, a condition or a part of a longer sentence ("neither here nor status: success") is
     no status, nor is one inside of the model's thinking.
     """
-    lines = [line.strip() for line in THOUGHT_END.split(reply)[-1].splitlines() if plain(line)]
+    lines = [line for line in map(trimmed, THOUGHT_END.split(reply)[-1].splitlines()) if plain(line)]
     statuses = {
         _STATUSES.get(match["said"].strip())
         for before, line, after in zip(["", *lines], lines, [*lines[1:], ""], strict=False)
@@ -95,23 +103,31 @@ def read_status(reply: str) -> bool | None:
     return statuses.pop() if len(statuses) == 1 else None
 
 
-def read_labelled(path: Path, broken: list[BrokenLabel] | None = None) -> Iterator[Labelled]:
+def read_labelled(
+    path: Path, broken: list[BrokenLabel] | None = None, labels: Sequence[HumanLabel] = ()
+) -> Iterator[Labelled]:
     """The records of a file, in order.
 
     Args:
         path: of the file.
         broken: a list to which lines that are not such records are added; they are then skipped.
+        labels: of tasks, for the records without any.
 
     Raises:
         UsageError: the file cannot be read, or a line is not such a record and ``broken`` is ``None``.
     """
+    by_task: dict[str, list[bool | None]] = defaultdict(list)
+    for label in labels:
+        if label.label != "not_executable":
+            by_task[label.task_id].append({"success": True, "failure": False}.get(label.label))
     try:
         with path.open("rb") as file:
             for number, line in enumerate(file, 1):
                 if not line.strip():
                     continue
                 try:
-                    yield _labelled(line)
+                    found = _labelled(line)
+                    yield found if found.humans else replace(found, humans=tuple(by_task[found.key[3]]))
                 except ValueError as error:
                     if broken is None:
                         raise UsageError(f"{path} line {number} is not a judge record: {error}") from error
@@ -124,13 +140,15 @@ def _labelled(line: bytes) -> Labelled:
     record = msgspec.json.decode(line.removeprefix(BOM_UTF8), type=_Record)
     labels = [str(label.get("success", "")).strip().casefold() for label in record.human]
     humans = tuple({"successful": True, "unsuccessful": False}.get(label) for label in labels)
+    key = (record.judge, record.benchmark, record.agent, str(record.task_id))
+    if record.evaluation_details is not None:
+        recorded = {1: True, 0: False}.get(-1 if record.predicted_label is None else record.predicted_label)
+        verdict = read_status(record.evaluation_details.response or "")
+        return Labelled((record.judge or "WebJudge", *key[1:]), verdict, recorded, humans)
+    if record.judge_response is msgspec.UNSET:
+        raise ValueError("it has neither judge_response nor evaluation_details")
     status = (record.judge_status or "").strip().casefold()
-    return Labelled(
-        (record.judge, record.benchmark, record.agent, str(record.task_id)),
-        read_status(record.judge_response or ""),
-        _STATUSES.get(status),
-        humans,
-    )
+    return Labelled(key, read_status(record.judge_response or ""), _STATUSES.get(status), humans)
 
 
 class Pairs(msgspec.Struct, frozen=True):

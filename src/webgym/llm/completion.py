@@ -118,7 +118,7 @@ def read_completion(data: bytes, *, model: str, seconds: float, cached: bool = F
         seconds=seconds,
         model=body.model or model,
         prompt_tokens_cached=cached_tokens,
-        refusal=choice.message.refusal if isinstance(choice.message.refusal, str) else "",
+        refusal=_refusal(choice.message),
         cached=cached,
         reasoning=next(filter(None, reasoning), ""),
         tokens=_tokens(body.prompt_token_ids, choice),
@@ -141,7 +141,7 @@ def read_unusable(data: bytes, *, model: str) -> Completion | None:
 
 
 class _Message(msgspec.Struct):
-    content: str | None = None
+    content: str | list[Any] | None = None
     tool_calls: Any = None
     refusal: Any = None
     reasoning: Any = None  # OpenRouter, and vLLM of late
@@ -160,7 +160,21 @@ class _ToolCall(msgspec.Struct):
 def _text(message: _Message) -> str:
     calls = message.tool_calls or []
     blocks = [_block(call) for call in (calls if isinstance(calls, list) else [calls])]
-    return "\n".join([message.content, *blocks] if message.content else blocks)
+    content = message.content
+    text = content if isinstance(content, str) else _of_parts(content, "text")
+    return "\n".join([text, *blocks] if text else blocks)
+
+
+def _of_parts(content: Any, kind: str) -> str:
+    """What the parts of a content say in the field ``kind``, such as ``text``, joined; parts of thinking and
+    of other kinds have no such field."""
+    parts = content if isinstance(content, list) else []
+    said = (part.get(kind) for part in parts if isinstance(part, dict))
+    return "".join(text for text in said if isinstance(text, str))
+
+
+def _refusal(message: _Message) -> str:
+    return message.refusal if isinstance(message.refusal, str) else _of_parts(message.content, "refusal")
 
 
 def _block(call: Any) -> str:

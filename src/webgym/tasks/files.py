@@ -22,7 +22,7 @@ import msgspec
 from msgspec.structs import replace
 
 from webgym.core.errors import TaskFileError
-from webgym.core.task import WHOLE_TASK, Rubric, Task
+from webgym.core.task import WHOLE_TASK, Rubric, Task, reference_of
 from webgym.core.text import plain
 from webgym.core.websites import start_url_problem
 from webgym.tasks.missing_values import is_no_fact
@@ -164,8 +164,7 @@ def _judgeable(task: Task) -> Task | None:
             return None
         flags = dict.fromkeys((*task.flags, NONE_FACT))
         task = replace(task, rubric=Rubric(groups), flags=tuple(flags))
-    answer = task.reference_answer
-    if answer is not None and answer.strip() in ("", "None"):  # "none" may be an answer, as in GAIA
+    if task.reference_answer is not None and reference_of(task.reference_answer) is None:
         task = replace(task, reference_answer=None)
     return task
 

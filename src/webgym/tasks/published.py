@@ -23,7 +23,7 @@ import msgspec
 from msgspec.structs import replace
 
 from webgym.core.errors import TaskFileError
-from webgym.core.task import FactGroup, Rubric, Task
+from webgym.core.task import FactGroup, Rubric, Task, reference_of
 from webgym.tasks.files import BYTE_ORDER_MARK, NO_FACTS, NONE_FACT, TaskCollector
 from webgym.tasks.missing_values import is_missing_value, is_no_fact
 
@@ -116,6 +116,7 @@ def task_of(row: object, split: str | None = None) -> Task:
     if has_difficulty and not _is_number(row["difficulty"], rubric.difficulty):
         flags.append(DIFFICULTY_DIFFERS)
     parent = _text(row, "task_id_decomposed_from")
+    answer = row.get("definite_answer")
     task = Task(
         id=_namespaced(_required(row, "task_id"), source),
         instruction=instruction,
@@ -124,7 +125,7 @@ def task_of(row: object, split: str | None = None) -> Task:
         subdomain=_text(row, "subdomain"),
         rubric=rubric,
         source=source,
-        reference_answer=_text(row, "definite_answer") or None,
+        reference_answer=reference_of(answer if isinstance(answer, str) else _text(row, "definite_answer")),
         parent_id=_namespaced(parent, source) if parent else None,
         split=split,  # type: ignore[arg-type]  # the file's name is one of the two
         flags=tuple(flags),

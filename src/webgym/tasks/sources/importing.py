@@ -13,7 +13,7 @@ import msgspec
 from msgspec.structs import replace
 
 from webgym.core.errors import TaskFileError
-from webgym.core.task import WebsiteFrom
+from webgym.core.task import WebsiteFrom, reference_of
 from webgym.core.text import fold
 from webgym.tasks.formats import split_of
 from webgym.tasks.sources.base import (
@@ -233,7 +233,7 @@ def _task(source: Source, draft: Draft, today: date) -> SourceTask:
         website_from=website_from,
         domain=draft.domain,
         subdomain=draft.subdomain,
-        reference_answer=draft.reference_answer,
+        reference_answer=reference_of(draft.reference_answer),
         example_answer=draft.example_answer,
         hints=draft.hints,
         rubric=draft.rubric,

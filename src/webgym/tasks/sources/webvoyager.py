@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from webgym.core.task import reference_of
 from webgym.core.text import fold
-from webgym.tasks.missing_values import is_missing_value
 from webgym.tasks.sources.base import OUTDATED_ANSWER, Draft, Source
 from webgym.tasks.sources.categories import UNKNOWN, Place, subdomain
 from webgym.tasks.sources.companions import Companions
@@ -55,11 +55,13 @@ def _answers(data: object) -> dict[str, _Answer]:
     for site, entry in data.items():
         answers = entry.get("answers") if isinstance(entry, dict) else None
         for answer in answers if isinstance(answers, list) else []:
-            if not isinstance(answer, dict) or is_missing_value(answer.get("ans")):
+            if not isinstance(answer, dict):
                 continue
             try:
-                text = as_text(answer["ans"], "ans")
+                text = reference_of(as_text(answer.get("ans"), "ans"))
             except Unusable:
+                continue
+            if text is None:
                 continue
             golden = str(answer.get("type")).strip().casefold() == "golden"
             instruction = next(

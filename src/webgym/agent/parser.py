@@ -33,7 +33,10 @@ from webgym.agent.profile import Thinking
 from webgym.core.action import GRID, Action, Mode, Space
 from webgym.core.text import THOUGHT, THOUGHT_END
 
-_CALL, _END_CALL = "<tool_call>", "</tool_call>"
+CALL_TAGS: Final = ("<tool_call>", "</tool_call>")
+"""What begins and ends the call in a reply."""
+
+_CALL, _END_CALL = CALL_TAGS
 _HEADING = re.compile(
     r"^[ \t>*#_]*(memory|progress|intention|action)[ \t*_]*[:：][*_]*",
     re.IGNORECASE | re.MULTILINE | re.ASCII,

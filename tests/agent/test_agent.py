@@ -77,7 +77,7 @@ async def test_a_step_is_the_exact_record() -> None:
     first, second = await talk(policy, 0, 1)
     assert (first.index, second.index) == (0, 1)
     assert first.action == Scroll("down")
-    assert (second.action, second.parse_error) == (None, "no_tool_call: the reply holds no <tool_call>")
+    assert (second.action, second.parse_error) == (None, "no_tool_call: the reply holds no tool_call tag")
     assert first.reply == Reply(SCROLL, "parrot")
     assert second.messages == policy.turns[1].messages
     assert (first.changed, second.changed, first.at) == (None, None, 1.5)

@@ -19,7 +19,7 @@ from webgym.agent.context import AttemptPosition, Round, build_request
 from webgym.agent.parser import parse_reply
 from webgym.agent.profiles import choose_profile
 from webgym.agent.prompts import render_reply
-from webgym.core.action import Answer
+from webgym.core.action import Answer, Space
 from webgym.core.observation import Notice
 from webgym.core.task import Attachment
 from webgym.core.text import visible
@@ -98,7 +98,7 @@ def request(field: str, text: str, prompt_format: PromptFormat) -> tuple[Message
         there,
         instruction=at("instruction", there.instruction),
         website=at("website", there.website),
-        files=(Attachment(at("file", "a.txt").replace("/", "|"), "a"),),
+        files=(Attachment(re.sub(r"[/\n]", "|", at("file", "a.txt"))[:100], "a"),),
     )
     position = AttemptPosition(
         now,
@@ -108,9 +108,8 @@ def request(field: str, text: str, prompt_format: PromptFormat) -> tuple[Message
         revision=Revision(dropped=(at("revision", "a"),)),
         progress={at("progress", "1"): "finished"},
     )
-    config = AgentConfig(prompt_format=prompt_format, actions="extended")
-    if prompt_format in COMPACT_FORMATS:
-        config = AgentConfig(prompt_format=prompt_format)
+    space: Space = "paper" if prompt_format in COMPACT_FORMATS else "extended"
+    config = AgentConfig(prompt_format=prompt_format, actions=space)
     return build_request(there, rounds, position, config, choose_profile(None, "test")).messages
 
 

@@ -165,12 +165,12 @@ def _split(text: str, thinking: Thinking) -> tuple[str, str]:
         raise Refused("unfinished_thinking", "the reply ended before the thinking did")
     before, opened, rest = text[start:].partition(_CALL)
     if not opened:
-        raise Refused("no_tool_call", f"the reply holds no {_CALL}")
+        raise Refused("no_tool_call", "the reply holds no tool_call tag")
     if _CALL in rest:
-        raise Refused("several_tool_calls", f"the reply holds more than one {_CALL}")
+        raise Refused("several_tool_calls", "the reply holds more than one tool_call tag")
     call, closed, after = rest.partition(_END_CALL)
     if not closed:
-        raise Refused("unclosed_tool_call", f"the tool call does not end with {_END_CALL}")
+        raise Refused("unclosed_tool_call", "the tool call has no closing tag")
     if THOUGHT.search(after) or THOUGHT_END.search(after):
         raise Refused("late_thinking", "the thinking must end before the tool call")
     return before, call

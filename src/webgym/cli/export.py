@@ -106,7 +106,7 @@ def _has_tasks(folder: Path) -> bool:
 
 def _export_tasks(source: Path, out: Path, kind: Format, split: Split) -> None:
     records = read_all([source])
-    leaks = leaking(records.tasks) if split is Split.TRAIN else set()
+    leaks = leaking(records.tasks) if split is Split.TRAIN else {}
     chosen = [task for task in records.tasks if split is Split.ALL or task.split == split.value]
     tasks = [task for task in chosen if task.id not in leaks]
     if chosen and not tasks:

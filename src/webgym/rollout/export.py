@@ -146,7 +146,7 @@ class _Exporter:
         self._tasks = reader.tasks
         self._folder = out / PICTURES
         self._split = split
-        self._leaking = leaking(list(self._tasks.values())) if split == "train" else set()
+        self._leaking = leaking(list(self._tasks.values())) if split == "train" else {}
         self._default_split = reader.config.get("tasks", {}).get("split")
         self._outcomes = outcomes
         self._progress = progress

@@ -235,6 +235,29 @@ def test_a_date_that_has_passed_is_seen(text: str) -> None:
     assert contains_past_date(text, TODAY)
 
 
+LATER = date(2026, 11, 29)
+
+
+@pytest.mark.parametrize(
+    "text",
+    """2025年7月9日の宿 | 2025년 7월 9일 숙소 | 2026年3月の便 | 我想看2023年的销量 | 2023년 매출 | 2024. 3. 3. 출발
+    | ٢٠٢٤/٣/٣ | २०२४ में | ปี2023 | ２０２４年５月 | FY2022 costs | costs of FY24 | FY'25 | in 2025Q3 | on 11/28/26
+    | am 28.11.26 | 28/11/26 | in '24: 5/6/24 | on 3/4/98""".replace("\n", " ").split(" | "),
+)
+def test_a_date_that_has_passed_is_seen_in_any_script_and_short_forms(text: str) -> None:
+    assert contains_past_date(text.strip(), LATER)
+
+
+@pytest.mark.parametrize(
+    "text",
+    """2026年12月3日の便 | 2026年12月の便 | 2027年の売上 | 我想看2026年的销量 | 2000円 | 1990人が
+    | 2000元 laptop | FY2026 costs | FY26 | FY30 | on 11/30/26 | am 30.11.26 | on 12/01/26 | version 3.10.12 | release 1.2.19 | call 555-20-10-15
+    | 13/13/13 | GTX1999 | 2026. 12. 3. 출발""".replace("\n", " ").split(" | "),
+)
+def test_what_is_to_come_or_no_date_is_not(text: str) -> None:
+    assert not contains_past_date(text.strip(), LATER)
+
+
 @pytest.mark.parametrize(
     "text",
     [

@@ -163,12 +163,12 @@ def test_tasks_come_back_from(tmp_path: Path, program: str, source: str, target:
 def test_published_rows_come_back_from(tmp_path: Path, program: str, target: str) -> None:
     module, convert = PROGRAMS[program]
     pytest.importorskip(module)
-    told = [
+    told: list[dict[str, Any]] = [
         {"task_id": "a", "task_name": "Name it", "website": "https://a.example", "definite_answer": "Paris"},
         {"task_id": "b", "task_name": "Name two", "website": "https://b.example", "attempt_level": 2},
     ]
-    told[0]["evaluator_reference"] = [{"id": 1, "description": "x", "facts": ["One"]}]  # type: ignore[assignment]
-    told[1]["evaluator_reference"] = [{"description": "Two", "difficulty": 1}]  # type: ignore[assignment]
+    told[0]["evaluator_reference"] = [{"id": 1, "description": "x", "facts": ["One"]}]
+    told[1]["evaluator_reference"] = [{"description": "Two", "difficulty": 1}]
     source = tmp_path / "train.jsonl"
     source.write_text("".join(json.dumps(row) + "\n" for row in told))
     convert(source, tmp_path / f"again.{target}")

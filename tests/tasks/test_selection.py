@@ -25,7 +25,13 @@ RUBRIC = Rubric((FactGroup(1, "", ("it is found",)),))
 
 
 def task(id: str, website: str, **more: Any) -> Task:
-    told = {"instruction": "Find it.", "domain": "Misc.", "subdomain": "News", "rubric": RUBRIC} | more
+    told: dict[str, Any] = {
+        "instruction": "Find it.",
+        "domain": "Misc.",
+        "subdomain": "News",
+        "rubric": RUBRIC,
+    }
+    told |= more
     return Task(id, website=website, source="made-up", **told)
 
 

@@ -6,7 +6,8 @@ does not state explicitly. It is linear in the length of the reply. Its rules:
 1. Thinking is ignored. It extends from ``<think>`` to the next ``</think>``, or from the beginning if the
    chat template opens it; also with the tags of other families (:data:`webgym.core.text.THOUGHT`). If the
    thinking does not end, there is no reply. If thinking begins or ends after the tool call, it is unclear
-   whether the call was part of it, so the call is rejected.
+   whether the call was part of it, so the call is rejected; :mod:`webgym.agent.agent` rejects one after which
+   the reply was cut off.
 2. Outside of the thinking there is exactly one ``<tool_call>`` with its ``</tool_call>``. Text after it is
    ignored, unless it contains another call.
 3. The call is one JSON object, bare or in a code fence, with ``name`` ``"computer_use"`` and an object as

@@ -49,7 +49,8 @@ def command(
     kind: Annotated[
         Format,
         typer.Option(
-            "--format", help="Format of the files; sharegpt is for LLaMA-Factory, with mask_history: true."
+            "--format",
+            help="Format of the files; sharegpt is for LLaMA-Factory, with its settings in train.yaml.",
         ),
     ] = Format.PARQUET,
     split: Annotated[

@@ -182,7 +182,7 @@ async def test_a_reply_is_read_by_the_parser_of_runs_and_kept_as_it_was() -> Non
         assert len(info["images"]) == 1
         *_, info = await env.step("I would rather not.")
         assert info["parse_error"].startswith("no_tool_call")
-        assert "holds no <tool_call>" in str(info["messages"]), "the next request says so"
+        assert "holds no tool_call tag" in str(info["messages"]), "the next request says so"
         *_, info = await env.step(Hover(Target(coordinate=(1, 1))))
         assert info["parse_error"], "hover is no action of the paper's space"
         call = '{"name": "computer_use", "arguments": {"action": "answer", "text": "right"}}'

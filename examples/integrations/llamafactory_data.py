@@ -1,7 +1,7 @@
 """Solve tasks with the scripted policy, and export its steps for LLaMA-Factory.
 
 python llamafactory_data.py FOLDER
-llamafactory-cli train --stage sft --dataset_dir FOLDER/data --dataset webgym --mask_history true …
+cd FOLDER/data && llamafactory-cli train train.yaml
 """
 
 from __future__ import annotations

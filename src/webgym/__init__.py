@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from webgym.core.observation import Observation
     from webgym.core.outcome import Outcome
     from webgym.core.task import FactGroup, Rubric, Task
+    from webgym.core.text import visible
     from webgym.core.trajectory import Episode, Reply, Step, Trajectory
     from webgym.core.verdict import Verdict
     from webgym.environment import Environment, make, make_many, random_action
@@ -56,6 +57,7 @@ _HOMES = {
     "webgym.core.observation": "Observation",
     "webgym.core.outcome": "Outcome",
     "webgym.core.task": "FactGroup Rubric Task",
+    "webgym.core.text": "visible",
     "webgym.core.trajectory": "Episode Reply Step Trajectory",
     "webgym.core.verdict": "Verdict",
     "webgym.environment": "Environment make make_many random_action",
@@ -133,6 +135,7 @@ __all__ = [
     "roll_out",
     "running_server",
     "task_rows",
+    "visible",
     "write_report",
     "write_tasks",
 ]

@@ -46,6 +46,7 @@ from webgym.core.errors import (
 )
 from webgym.core.outcome import Ending
 from webgym.core.task import Task
+from webgym.core.text import visible
 from webgym.core.trajectory import Reply, Trajectory
 from webgym.judge.base import Judge
 from webgym.judge.factory import check_judge, open_judge, refuse_unjudgeable
@@ -528,7 +529,7 @@ class _Episode:
         task = driver.planned.task
         info: Info = {
             "task_id": task.id,
-            "instruction": task.instruction,
+            "instruction": visible(task.instruction),
             "website": task.website,
             "step": len(driver.steps),
             "budget": driver.budget,

@@ -12,6 +12,7 @@ from contextlib import asynccontextmanager
 from typing import Any, Literal, Self
 
 from webgym.core.errors import ConfigError, UsageError
+from webgym.core.text import visible
 from webgym.environment import Environment, config_of, with_browsers
 from webgym.run_config import RunConfig
 from webgym.task_choice import choose_tasks
@@ -123,6 +124,7 @@ def task_rows(
     config: RunConfig | None = None,
 ) -> list[dict[str, str]]:
     """Tasks as rows of a dataset: ``task_id``, ``instruction``, ``website``, ``split``; no rubric, no answer.
+    The instruction has no control token of a chat template (:func:`webgym.core.text.visible`).
 
     Args:
         name: as for :func:`webgym.make`.
@@ -141,7 +143,7 @@ def task_rows(
     return [
         {
             "task_id": task.id,
-            "instruction": task.instruction,
+            "instruction": visible(task.instruction),
             "website": task.website,
             "split": task.split or split,
         }

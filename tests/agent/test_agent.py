@@ -11,10 +11,11 @@ from PIL import Image
 from tests.agent.conftest import Play
 from tests.agent.shop import Shop, task
 
-from webgym.agent.agent import Agent
+from webgym.agent.agent import Agent, Dialogue
 from webgym.agent.config import AgentConfig
 from webgym.agent.factory import create_policy
 from webgym.agent.policy import PolicyInput, PolicySession
+from webgym.agent.profiles import choose_profile
 from webgym.agent.prompts import render_reply
 from webgym.agent.random_policy import RandomPolicy
 from webgym.agent.scripted import ScriptedPolicy
@@ -77,7 +78,7 @@ async def test_a_step_is_the_exact_record() -> None:
     first, second = await talk(policy, 0, 1)
     assert (first.index, second.index) == (0, 1)
     assert first.action == Scroll("down")
-    assert (second.action, second.parse_error) == (None, "no_tool_call: the reply holds no <tool_call>")
+    assert (second.action, second.parse_error) == (None, "no_tool_call: the reply holds no tool_call tag")
     assert first.reply == Reply(SCROLL, "parrot")
     assert second.messages == policy.turns[1].messages
     assert (first.changed, second.changed, first.at) == (None, None, 1.5)
@@ -142,6 +143,20 @@ async def test_what_was_cut_off_is_not_an_action(finish_reason: str) -> None:
     assert step.action == Scroll("down"), "its end is marked"
     (step,) = await talk(cut(SCROLL[:-1]), 0)
     assert step.parse_error.endswith("; it was too long and was cut off")
+
+
+@pytest.mark.parametrize("model", ["Qwen/Qwen3.5-9B", "somebody/new-thinker", "Qwen/Qwen3-VL-8B-Instruct"])
+async def test_a_call_in_a_thought_that_was_cut_off_is_not_an_action(model: str) -> None:
+    """The template may have opened the thinking, and no tag of it is in the reply."""
+    draft = render_reply(Answer("not sure"), "memory", description="A draft")
+    said = f"The user wants the price. A draft would be\n{draft}\nbut first I must open the page, becau"
+    for name, finish_reason in ((model, "length"), (model, "max_tokens")):
+        dialogue = Dialogue(task(), 15, AgentConfig(), choose_profile(None, name))
+        await dialogue.request(observation(0), b"")
+        step = dialogue.receive(Reply(said, name, finish_reason), 0)
+        assert step.action is None
+        assert step.parse_error.startswith("unfinished_thinking")
+        assert dialogue.memory == {}
 
 
 async def test_a_compact_reply_under_an_unknown_reason_is_the_endpoints_fault() -> None:

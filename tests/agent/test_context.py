@@ -143,7 +143,7 @@ def test_an_unreadable_reply_is_told_with_its_reason() -> None:
     rounds = [past(0, text="Let me think.", changed=False)]
     (*_, last) = build(rounds)
     assert "Your last reply held no action" in said(last)
-    assert "holds no <tool_call>" in said(last)
+    assert "holds no tool_call tag" in said(last)
     assert "The screen is the same" not in said(last)
     (_, user) = build(rounds, rounds=0)
     assert "1. Your reply held no action (no_tool_call)." in said(user)

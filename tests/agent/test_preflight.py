@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.agent.test_agent import Parrot
 from tests.conftest import Calls
 from tests.llm.endpoint import Endpoint, serve
 from tests.rollout.test_summary import task
 
 from webgym import run_config, runs, task_choice
+from webgym.agent.agent import Agent
+from webgym.agent.config import AgentConfig
+from webgym.agent.preflight import check_policy
+from webgym.agent.profiles import choose_profile
 from webgym.agent.prompts import render_reply
 from webgym.agent.random_policy import RandomPolicy
 from webgym.core.action import LeftClick, Target
 from webgym.core.errors import ConfigError, JudgeError, RunFolderError, TaskFileError, WebGymError
+from webgym.core.trajectory import Reply
 from webgym.judge.config import JudgeChoice, JudgeConfig
 from webgym.llm.config import ChatConfig, Retry
 from webgym.offline.config import SitesConfig
@@ -67,6 +74,45 @@ async def test_a_model_that_acts_is_asked_once(
         await collect(config(endpoint), tmp_path / "run")
     assert len(endpoint.requests) == 1
     assert started
+
+
+def click(x: float, y: float) -> str:
+    call = {"name": "computer_use", "arguments": {"action": "left_click", "coordinate": [x, y]}}
+    return f"Action: Click.\n<tool_call>{json.dumps(call)}</tool_call>"
+
+
+PIXELS = click(1178, 699)  # of 1280 x 768
+GRID = click(920, 910)
+
+
+@pytest.mark.parametrize(
+    ("profile", "text", "told", "hint"),
+    [
+        ("generic", PIXELS, "points at pixels of the picture", "--profile qwen2.5-vl"),
+        ("qwen3-vl", PIXELS, "points at pixels of the picture", "--profile qwen2.5-vl"),
+        ("qwen2.5-vl", GRID, "points at a 0-1000 grid", "--profile generic"),
+    ],
+)
+async def test_another_scale_than_the_profiles_stops_the_run(
+    endpoint: Endpoint, tmp_path: Path, started: list[str], profile: str, text: str, told: str, hint: str
+) -> None:
+    endpoint.text = text
+    agent = AgentConfig(profile=profile, prompt_format="official")
+    with pytest.raises(ConfigError, match=told) as caught:
+        await collect(config(endpoint, agent=agent), tmp_path / "run")
+    assert hint in caught.value.hint
+    assert len(endpoint.requests) == 1
+    assert not started
+
+
+@pytest.mark.parametrize("viewport", [(1280, 768), (1024, 768), (1920, 1080), (768, 1280), (390, 844)])
+@pytest.mark.parametrize("profile", ["generic", "qwen3-vl", "qwen2.5-vl"])
+async def test_the_right_scale_is_none_of_another(profile: str, viewport: tuple[int, int]) -> None:
+    chosen = choose_profile(profile, "m")
+    width, height = chosen.screen(chosen.picture_size(viewport))
+    for x, y in ((0.92, 0.91), (0.88, 0.88), (0.97, 0.95), (0.5, 0.5), (0.1, 0.9)):
+        agent = Agent(Parrot(Reply(click(x * width, y * height), "m")), AgentConfig(profile=profile))
+        await check_policy(agent, viewport)
 
 
 @pytest.mark.parametrize(

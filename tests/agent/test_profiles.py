@@ -59,6 +59,15 @@ QWEN25 = {
         ("accounts/fireworks/models/qwen2p5-vl-32b-instruct", "qwen2.5-vl"),
         ("qwen25-vl-7b", "qwen2.5-vl"),
         ("qwen2-5-vl", "qwen2.5-vl"),
+        ("ByteDance-Seed/UI-TARS-1.5-7B", "qwen2.5-vl"),
+        ("ui-tars-1-5-7b-4bit", "qwen2.5-vl"),
+        ("microsoft/Fara-7B", "qwen2.5-vl"),
+        ("xlangai/OpenCUA-32B", "qwen2.5-vl"),
+        ("Hcompany/Holo1.5-7B", "qwen2.5-vl"),
+        ("Salesforce/GTA1-7B", "qwen2.5-vl"),
+        ("mPLUG/GUI-Owl-32B", "qwen2.5-vl"),
+        ("Qwen/Qwen3.5-9B", "qwen3.5"),
+        ("qwen3.8-plus", "qwen3.5"),
         ("gpt-4o", "gpt-4"),
         ("openai/gpt-4o-2024-08-06", "gpt-4"),
         ("gpt-4.1", "gpt-4"),
@@ -77,7 +86,10 @@ def test_a_family_is_known_by_the_models_name(model: str, name: str) -> None:
     assert choose_profile(None, model).name == name
 
 
-@pytest.mark.parametrize("model", ["tiny", "scripted", "gpt-oss-20b", "Qwen/Qwen3-8B", "foo3", "turbo1"])
+@pytest.mark.parametrize(
+    "model",
+    ["tiny", "scripted", "gpt-oss-20b", "Qwen/Qwen3-8B", "foo3", "turbo1", "UI-TARS-7B-DPO", "safara-1"],
+)
 def test_other_models_are_of_no_family(model: str) -> None:
     assert profile_of(model) is None
     assert choose_profile(None, model) is GENERIC

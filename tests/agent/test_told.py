@@ -71,7 +71,8 @@ async def test_what_failed_is_said_in_the_next_request(session: Session, site: S
     assert "Note: A download was refused; files cannot be downloaded" in told[1]
     assert "prices.zip" in told[1]
     assert (
-        "Note: Your last reply held no action, so nothing was done: the reply holds no <tool_call>" in told[2]
+        "Note: Your last reply held no action, so nothing was done: the reply holds no tool_call tag"
+        in told[2]
     )
     assert "The screen is the same" not in told[2]
     assert "Note: The page could not be opened: http://127.0.0.1:1/" in told[3]

@@ -51,8 +51,13 @@ def test_a_request_without_pictures_has_no_pixels(instruct: Renderer) -> None:
     assert instruct.image_tokens(REQUEST[:1]) == []
 
 
-def test_a_text_that_holds_the_placeholder_is_refused(instruct: Renderer) -> None:
+def test_a_users_text_that_holds_the_placeholder_is_a_text(instruct: Renderer) -> None:
     request = (Message("user", (TextPart("what is <|image_pad|>?"), ImageRef("a", 64, 32))),)
+    assert sum(instruct.image_mask(instruct.prompt(request, IMAGES).prompt_ids)) == 2
+
+
+def test_a_system_message_that_holds_it_is_refused(instruct: Renderer) -> None:
+    request = (Message("system", (TextPart("use <|image_pad|>"),)), *REQUEST[1:2])
     with pytest.raises(PolicyError, match="1 pictures and 2 image placeholders"):
         instruct.prompt(request, IMAGES)
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 from tests.integrations.engine import example
 
+from webgym.agent.config import AgentConfig
 from webgym.offline.config import SitesConfig
 from webgym.rollout.export import export
 from webgym.run_config import RunConfig, ServerChoice, TaskChoice
@@ -29,6 +30,7 @@ def test_its_loader_reads_every_step(tmp_path: Path) -> None:
         server=ServerChoice(static=True),
         sites=SitesConfig(collection="small", per_family=1),
         tasks=TaskChoice(count=3),
+        agent=AgentConfig(profile="qwen3-vl"),
     )
     asyncio.run(collect(config, tmp_path / "run"))
     out = tmp_path / "out"
@@ -43,6 +45,7 @@ def test_its_loader_reads_every_step(tmp_path: Path) -> None:
         assert row["_system"] == system["content"]
         assert row["_prompt"] == between
         assert row["_response"] == [reply]
+        assert all(before == after for before, after in row["sizes"])
         assert row["_images"] == [str(out / name) for name in sample["images"]]
         assert sum(each["content"].count("<image>") for each in between) == len(sample["images"])
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import msgspec
 import pyarrow.parquet as pq
 import pytest
+import yaml
 from PIL import Image
 from tests.conftest import Calls
 from tests.report.conftest import build_run
@@ -103,6 +104,58 @@ async def test_a_page_that_writes_a_placeholder_shifts_no_picture_and_reasoning_
     assert (done.unusable, done.steps) == (1, len(steps) - 1)
     told = json.loads((tmp_path / "out/sharegpt.json").read_bytes())
     assert told[-1]["messages"][-1]["content"] == f"<think>\nSo many signs.\n</think>\n\n{thought.text}"
+
+
+def shrunk(size: tuple[int, int], most: int) -> tuple[int, int]:
+    """The size at which LLaMA-Factory's processor gives a picture to the model's."""
+    width, height = size
+    scale = min(1.0, (most / (width * height)) ** 0.5)
+    return (width, height) if scale == 1.0 else (int(width * scale), int(height * scale))
+
+
+@pytest.mark.parametrize(
+    ("profile", "size", "template", "notes"),
+    [
+        ("qwen3-vl", (1280, 768), "qwen3_vl_nothink", 1),
+        ("qwen3-vl-thinking", (1280, 768), "qwen3_vl", 1),
+        ("qwen2.5-vl", (1288, 756), "qwen2_vl", 2),
+        ("generic", (4096, 2160), None, 2),
+    ],
+)
+async def test_the_settings_beside_it_train_on_what_the_model_saw(
+    run: Path, tmp_path: Path, profile: str, size: tuple[int, int], template: str | None, notes: int
+) -> None:
+    assert shrunk((1280, 768), 768 * 768) == (991, 594), "as its defaults would have it"
+    success = next(each for each in RunReader(run).trajectories() if each.outcome is Outcome.SUCCESS)
+
+    def sent(message: Message) -> Message:
+        parts = (ImageRef(p.screenshot, *size) if isinstance(p, ImageRef) else p for p in message.content)
+        return Message(message.role, tuple(parts))
+
+    steps = [
+        msgspec.structs.replace(step, messages=tuple(map(sent, step.messages)))
+        for step in success.episode.steps
+    ]
+    episode = msgspec.structs.replace(success.episode, steps=tuple(steps))
+    config = {"agent": {"profile": profile}}
+    tasks = list(RunReader(run).tasks.values())
+    async with await RunWriter.create(tmp_path / "run", config, tasks) as writer:
+        for name in {seen.screenshot for seen in episode.observations}:
+            await writer.put_image(name, RunReader(run).image(name))
+        await writer.append(msgspec.structs.replace(success, episode=episode))
+    export(tmp_path / "run", tmp_path / "out", "sharegpt", split="test")
+    text = (tmp_path / "out" / "train.yaml").read_text()
+    settings = yaml.safe_load(text)
+    for sample in json.loads((tmp_path / "out/sharegpt.json").read_bytes()):
+        for name in sample["images"]:
+            with Image.open(tmp_path / "out" / name) as picture:
+                assert shrunk(picture.size, settings["image_max_pixels"]) == picture.size == size
+    assert settings.get("template") == template
+    assert (settings["cutoff_len"], settings["mask_history"]) == (16384, True)
+    assert settings["model_name_or_path"] == success.episode.policy
+    assert settings["dataset"] in json.loads((tmp_path / "out" / "dataset_info.json").read_text())
+    assert text.count("# ") == notes
+    assert ("points wrong" in text) == (profile == "qwen2.5-vl")
 
 
 def _refs(messages: tuple[Message, ...]) -> list[ImageRef]:

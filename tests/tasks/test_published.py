@@ -15,7 +15,7 @@ from tests.tasks.strategies import json_values, published_files, spoken
 
 from webgym.core.errors import TaskFileError
 from webgym.core.task import FactGroup, Rubric, Task
-from webgym.tasks.files import NO_FACTS, NONE_FACT
+from webgym.tasks.files import NEEDS_PICTURES, NO_FACTS, NONE_FACT
 from webgym.tasks.formats import read_tasks, write_tasks
 from webgym.tasks.published import (
     DIFFICULTY_DIFFERS,
@@ -95,6 +95,10 @@ SHAPES: list[tuple[Any, tuple[tuple[str, ...], ...], tuple[str, ...]]] = [
     ([{"id": 1, "facts": ["One"]}, {"id": 2, "description": "x", "facts": None}], (("One",),), (NONE_FACT,)),
     ("[{'id': 1, 'description': None, 'facts': ['One']}]", (("One",),), ()),
     ('[{"id": 1, "description": "x", "facts": ["One"]}]', (("One",),), ()),
+    ({"fact_groups": [{"id": 1, "description": "x", "facts": ["One"]}], "difficulty": 1}, (("One",),), ()),
+    ('{"fact_groups": [{"id": 1, "facts": ["One", "Two"]}], "difficulty": 2}', (("One", "Two"),), ()),
+    ({"groups": [{"id": 1, "description": "x", "facts": ["One"]}]}, (("One",),), ()),
+    ([{"id": None, "description": "One", "difficulty": 1, "facts": None}], (("One",),), (OLD_RUBRIC,)),
     ("[draft] One", (("[draft] One",),), (OLD_RUBRIC,)),
 ]
 
@@ -198,6 +202,7 @@ def test_what_was_read_before_such_rows_were_known_is_set_aside_too(tmp_path: Pa
         ("definite_answer", 0, "reference_answer", "0"),
         ("definite_answer", "Paris", "reference_answer", "Paris"),
         ("definite_answer", 42, "reference_answer", "42"),
+        ("definite_answer", 42.0, "reference_answer", "42"),
         ("task_id", 17, "id", "deepshop/17"),
         ("task_id", "deepshop/17", "id", "deepshop/17"),
         ("benchmark_name", None, "source", "webgym"),
@@ -213,10 +218,17 @@ def test_what_was_read_before_such_rows_were_known_is_set_aside_too(tmp_path: Pa
         ("difficulty", "3", "flags", ()),
         ("difficulty", 3.0, "flags", ()),
         ("difficulty", 1, "flags", (DIFFICULTY_DIFFERS,)),
-        ("difficulty", None, "flags", (DIFFICULTY_DIFFERS,)),
+        ("difficulty", None, "flags", ()),
         ("difficulty", True, "flags", (DIFFICULTY_DIFFERS,)),
         ("difficulty", "hard", "flags", (DIFFICULTY_DIFFERS,)),
         ("attempt_level", 2, "extra", {"attempt_level": 2}),
+        ("attempt_level", None, "extra", {}),
+        ("image", "https://shop.example/picture?id=3", "flags", (NEEDS_PICTURES,)),
+        ("image", None, "flags", ()),
+        ("image", "", "flags", ()),
+        ("shown", ["a.txt", "look/kettle.webp"], "flags", (NEEDS_PICTURES,)),
+        ("image", {"bytes": None, "path": "kettle.png"}, "flags", (NEEDS_PICTURES,)),
+        ("images", [], "flags", ()),
         ("distribution", "train", "extra", {"distribution": "train"}),
         ("seen", {"by": [1.5, None]}, "extra", {"seen": {"by": [1.5, None]}}),
         ("webgym", "a column of somebody else's", "extra", {"webgym": "a column of somebody else's"}),
@@ -247,6 +259,10 @@ def test_every_form_of_a_column(tmp_path: Path, column: str, value: Any, field: 
             "no evaluator_reference",
         ),
         (lines(row(evaluator_reference=[{"facts": [{"a": 1}]}])).strip(), "is not text"),
+        (
+            lines(row(evaluator_reference={"checks": ["One"], "total": 1})).strip(),
+            "form, with the keys checks, total",
+        ),
         (lines(ROW).strip(), "second task with the id 'deepshop/Shop--1'"),
         (lines(row(task_name="\ud800")).strip(), "surrogate"),
         (b'{"task_name": ' + b"[" * 100_000, "recursion"),

@@ -25,8 +25,14 @@ RUBRIC = Rubric((FactGroup(1, "", ("it is found",)),))
 
 
 def task(id: str, website: str, **more: Any) -> Task:
-    told = {"domain": "Misc.", "subdomain": "News"} | more
-    return Task(id, "Find it.", website, rubric=RUBRIC, source="made-up", **told)
+    told: dict[str, Any] = {
+        "instruction": "Find it.",
+        "domain": "Misc.",
+        "subdomain": "News",
+        "rubric": RUBRIC,
+    }
+    told |= more
+    return Task(id, website=website, source="made-up", **told)
 
 
 TEST = [task("test/amazon", "amazon.com", split="test"), task("test/small", "small.example", split="test")]
@@ -45,6 +51,45 @@ def test_training_draws_no_test_task_and_nothing_that_gives_one_away() -> None:
     chosen = select(SET, Selection())
     assert (chosen.tasks, chosen.split, chosen.left_out.total()) == (GOOD, "train", 5)
     assert chosen.told() == "2 of the test split, 3 on a website or of a family of the test split"
+
+
+@pytest.mark.parametrize(
+    ("text", "leaks_it"),
+    [
+        ("Compare the price with that on www.Amazon.de.", True),
+        ("Go to https://shop.small.example/x?y=z and look.", True),
+        ("Is it cheaper at small.example?", True),
+        ("Ask help@small.example for it.", False),
+        ("Is it in amazon.gov or on notsmall.example or small.example.org", False),
+        ("Read about the small.Example follows here", True),
+        ("Find an Amazon parrot, e.g. a small one", False),
+    ],
+)
+def test_a_training_task_that_names_a_test_website_is_not_drawn(text: str, leaks_it: bool) -> None:
+    in_rubric = Rubric((FactGroup(1, "prices", ("The price is found", text)),))
+    naming = [
+        task("names/1", "other.example", split="train", instruction=text),
+        task("names/2", "another.example", split="train", rubric=in_rubric),
+    ]
+    chosen = select([*TEST, *naming, *GOOD], Selection())
+    if not leaks_it:
+        assert chosen.tasks == [*naming, *GOOD]
+        return
+    assert chosen.tasks == GOOD
+    assert chosen.told() == "2 of the test split, 2 that name a website of the test split"
+    assert {each.id for each in Sampler([*TEST, *naming, *GOOD], SamplerConfig(seed=1)).draw(60)} == {
+        each.id for each in GOOD
+    }
+    with pytest.raises(ConfigError, match="names/1 names the website of the test task test/"):
+        refuse_leaks(naming, TEST)
+    made = split([task("t", "small.example"), *naming, *GOOD], SplitConfig(test_tasks=1), TEST)
+    assert {left.why for left in made.left_out if left.id.startswith("names")} == {"names a test website"}
+
+
+def test_a_test_task_may_name_any_website() -> None:
+    """What it names beside its own is not thereby for testing."""
+    test = [*TEST, task("test/names", "third.example", split="test", instruction="As on site1.example?")]
+    assert select([*test, *GOOD], Selection()).tasks == GOOD
 
 
 def test_other_splits_are_an_explicit_choice() -> None:

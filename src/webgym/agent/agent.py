@@ -13,7 +13,7 @@ from webgym.agent.config import AgentConfig
 from webgym.agent.context import AttemptPosition, Round, build_request, picture_names, thinking_of
 from webgym.agent.image_codec import fit
 from webgym.agent.memory import merge
-from webgym.agent.parser import ParsedReply, ParseError, parse_reply
+from webgym.agent.parser import CALL_TAGS, ParsedReply, ParseError, parse_reply
 from webgym.agent.policy import Policy, PolicyInput
 from webgym.agent.profile import Profile
 from webgym.agent.profiles import choose_profile
@@ -238,6 +238,15 @@ class Dialogue:
         # A compact action has no end of its own: what is left of one may be another action.
         if turn.prompt_format in COMPACT_FORMATS and (is_cut or ended_by(reply.finish_reason) == "unknown"):
             return ParseError("unclosed_tool_call", "the reply was too long and was cut off")
+        # A family that no profile knows may think without a tag: then this call is a draft.
+        if (
+            is_cut
+            and turn.prompt_format not in COMPACT_FORMATS
+            and not reply.text.rstrip().endswith(CALL_TAGS[1])
+        ):
+            return ParseError(
+                "unfinished_thinking", "the reply went on after its tool call, was too long and was cut off"
+            )
         return parsed
 
     def _remember(self, parsed: ParsedReply | ParseError, unseen: Sequence[str]) -> Revision:

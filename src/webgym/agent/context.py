@@ -5,11 +5,16 @@ screenshot. The first user message opens with the task, a list of the actions th
 with their effects, and the current memory. Every observation is also described in text: the URL, the scroll
 position, and events that a picture does not show.
 
+Others wrote most of a user message: the task, the page's title and address, what a dialog said, what the
+agent put into its memory. So all of it passes :func:`webgym.core.text.visible`, and so does a reply in the
+history, except for the tags of its tool call: no text can open a turn or a picture.
+
 A request that would be too long is trimmed as :mod:`webgym.agent.budget` describes.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -21,12 +26,13 @@ from webgym.agent.computer_use import to_arguments
 from webgym.agent.config import WITH_MEMORY, AgentConfig
 from webgym.agent.image_sizing import Size
 from webgym.agent.memory import to_json
-from webgym.agent.parser import ParsedReply, ParseError, without_thinking
+from webgym.agent.parser import CALL_TAGS, ParsedReply, ParseError, without_thinking
 from webgym.agent.profile import Profile, Thinking
 from webgym.agent.prompts import system_prompt
 from webgym.core.action import GRID, Action
 from webgym.core.observation import Notice, NoticeKind, Observation
 from webgym.core.task import Task
+from webgym.core.text import visible
 from webgym.core.trajectory import ImageRef, Message, Reply, Revision, Step, TextPart
 
 
@@ -77,6 +83,7 @@ _NOTICES: dict[NoticeKind, str] = {
 }
 
 
+_CALL_TAG: Final = re.compile(f"({'|'.join(CALL_TAGS)})")
 _NO_REPLY: Final = "(no reply)"
 """Stands for a reply of which nothing is shown: some endpoints refuse a request with an empty message."""
 
@@ -164,7 +171,7 @@ def _render_compact(
     lines.append(_last_line(past[-1] if past else None, screen))
     lines += [f"note {kind}" for kind in _compact_notices(now.observation)]
     lines.append(f"step {now.index + 1} of {now.budget}")
-    shown_now = (_picture(now.observation, config, profile), TextPart("\n".join(lines)))
+    shown_now = (_picture(now.observation, config, profile), TextPart(visible("\n".join(lines))))
     return (*messages, Message("user", shown_now))
 
 
@@ -187,7 +194,8 @@ def _compact_notices(observation: Observation) -> list[str]:
 
 def _shown_reply(reply: Reply, profile: Profile) -> Message:
     text = without_thinking(reply.text, thinking_of(reply, profile))
-    return Message("assistant", (TextPart(text or _NO_REPLY),))
+    parts = (part if part in CALL_TAGS else visible(part) for part in _CALL_TAG.split(text))
+    return Message("assistant", (TextPart("".join(parts) or _NO_REPLY),))
 
 
 def thinking_of(reply: Reply, profile: Profile) -> Thinking:
@@ -208,8 +216,8 @@ def _picture(observation: Observation, config: AgentConfig, profile: Profile) ->
 
 def _user(text: str, picture: ImageRef | None) -> Message:
     if picture is None:
-        return Message("user", (TextPart(f"{text}\n(The screenshot of this step is left out.)"),))
-    return Message("user", (TextPart(text), picture))
+        text += "\n(The screenshot of this step is left out.)"
+    return Message("user", (TextPart(visible(text)), *(() if picture is None else (picture,))))
 
 
 def _opening(

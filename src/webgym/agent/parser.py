@@ -6,7 +6,8 @@ does not state explicitly. It is linear in the length of the reply. Its rules:
 1. Thinking is ignored. It extends from ``<think>`` to the next ``</think>``, or from the beginning if the
    chat template opens it; also with the tags of other families (:data:`webgym.core.text.THOUGHT`). If the
    thinking does not end, there is no reply. If thinking begins or ends after the tool call, it is unclear
-   whether the call was part of it, so the call is rejected.
+   whether the call was part of it, so the call is rejected; :mod:`webgym.agent.agent` rejects one after which
+   the reply was cut off.
 2. Outside of the thinking there is exactly one ``<tool_call>`` with its ``</tool_call>``. Text after it is
    ignored, unless it contains another call.
 3. The call is one JSON object, bare or in a code fence, with ``name`` ``"computer_use"`` and an object as
@@ -33,7 +34,10 @@ from webgym.agent.profile import Thinking
 from webgym.core.action import GRID, Action, Mode, Space
 from webgym.core.text import THOUGHT, THOUGHT_END
 
-_CALL, _END_CALL = "<tool_call>", "</tool_call>"
+CALL_TAGS: Final = ("<tool_call>", "</tool_call>")
+"""What begins and ends the call in a reply."""
+
+_CALL, _END_CALL = CALL_TAGS
 _HEADING = re.compile(
     r"^[ \t>*#_]*(memory|progress|intention|action)[ \t*_]*[:：][*_]*",
     re.IGNORECASE | re.MULTILINE | re.ASCII,
@@ -162,12 +166,12 @@ def _split(text: str, thinking: Thinking) -> tuple[str, str]:
         raise Refused("unfinished_thinking", "the reply ended before the thinking did")
     before, opened, rest = text[start:].partition(_CALL)
     if not opened:
-        raise Refused("no_tool_call", f"the reply holds no {_CALL}")
+        raise Refused("no_tool_call", "the reply holds no tool_call tag")
     if _CALL in rest:
-        raise Refused("several_tool_calls", f"the reply holds more than one {_CALL}")
+        raise Refused("several_tool_calls", "the reply holds more than one tool_call tag")
     call, closed, after = rest.partition(_END_CALL)
     if not closed:
-        raise Refused("unclosed_tool_call", f"the tool call does not end with {_END_CALL}")
+        raise Refused("unclosed_tool_call", "the tool call has no closing tag")
     if THOUGHT.search(after) or THOUGHT_END.search(after):
         raise Refused("late_thinking", "the thinking must end before the tool call")
     return before, call

@@ -1,26 +1,34 @@
-"""A check before a run: does the policy reply at all, and in the requested format?
+"""A check before a run: does the policy reply at all, in the requested format, and point by the right scale?
 
-A wrong key, model name, chat template or prompt format costs one request here; discovered during a run, it
-costs hours of browser time, and ends in attempts without a reward.
+A wrong key, model name, chat template, prompt format or profile costs one request here; discovered during a
+run, it costs hours of browser time, and ends in attempts without a reward or with one of 0.
 """
 
 from __future__ import annotations
 
 import hashlib
 import io
+from typing import Final
 
 from PIL import Image, ImageDraw
 
 from webgym.agent.agent import Agent
+from webgym.agent.context import thinking_of
+from webgym.agent.parser import ParsedReply, parse_reply
+from webgym.agent.profiles import all_profiles
+from webgym.core.action import GRID, LeftClick, Target
 from webgym.core.errors import ConfigError
 from webgym.core.observation import Element, Observation
 from webgym.core.task import FactGroup, Rubric, Task
+from webgym.core.trajectory import Step
 
 TRIES = 3
 """Largest number of replies to request until one contains an action: a model at temperature 1 may fail
 occasionally."""
 
-_BOX = (40.0, 40.0, 160.0, 48.0)
+_BUTTON: Final = (0.86, 0.86, 0.98, 0.96)
+"""Left, top, right and bottom of the button, as shares of the page: so far right and low that a point on a
+0-1000 grid that is read as pixels misses it, and the other way round."""
 
 
 async def check_policy(agent: Agent, viewport: tuple[int, int]) -> None:
@@ -32,22 +40,26 @@ async def check_policy(agent: Agent, viewport: tuple[int, int]) -> None:
 
     Raises:
         PolicyError: there was no reply.
-        ConfigError: none of the replies contains an action.
+        ConfigError: none of the replies contains an action, or one points at the button by another scale than
+            the agent's profile.
     """
-    image = _page(viewport)
-    button = Element(1, "button", "Start", _BOX)
+    width, height = viewport
+    left, top, right, bottom = _BUTTON
+    box = (left * width, top * height, (right - left) * width, (bottom - top) * height)
+    image = _page(viewport, box)
     seen = Observation(
         hashlib.sha256(image).hexdigest(),
         "https://example.com/",
         "Example",
         viewport,
         text="Start",
-        elements=(button,),
+        elements=(Element(1, "button", "Start", box),),
     )
     rubric = Rubric((FactGroup(1, "click", ("The button was clicked",)),))
     task = Task("preflight", "Click the button Start.", seen.url, "Misc.", "Other", rubric, "offline")
     for number in range(TRIES):
         step = await agent.begin(task, number, 10).turn(seen, image, 0.0)
+        _refuse_other_scale(agent, step, viewport)
         if step.action is not None:
             return
     raise ConfigError(
@@ -57,12 +69,49 @@ async def check_policy(agent: Agent, viewport: tuple[int, int]) -> None:
     )
 
 
-def _page(size: tuple[int, int]) -> bytes:
+def _refuse_other_scale(agent: Agent, step: Step, viewport: tuple[int, int]) -> None:
+    """Refuse a reply whose point misses the button as the profile reads it and hits it as another would.
+
+    Raises:
+        ConfigError: it is such a reply.
+    """
+    profile = agent.profile
+    sent = profile.picture_size(viewport, agent.config.image_max_side)
+    if profile.mode != "coordinates" or _hits(agent, step, profile.screen(sent)):
+        return
+    for other in all_profiles().values():
+        if other.mode == "coordinates" and _hits(agent, step, other.screen(sent)):
+            scale = "pixels of the picture" if other.grid == "pixels" else "a 0-1000 grid"
+            raise ConfigError(
+                f"{agent.policy.name} points at {scale}, and the profile {profile.name} reads its points as "
+                f"on {'a 0-1000 grid' if profile.grid == 'thousand' else 'pixels of the picture'}",
+                hint=f"use --profile {other.name}; policy.check: false skips this",
+            )
+
+
+def _hits(agent: Agent, step: Step, screen: tuple[int, int]) -> bool:
+    """Whether the reply clicks the button if the largest x and y of its points are these."""
+    found = parse_reply(
+        step.reply.text,
+        "coordinates",
+        agent.config.prompt_format,
+        screen=screen,
+        thinking=thinking_of(step.reply, agent.profile),
+        space=agent.config.actions,
+    )
+    match found:
+        case ParsedReply(action=LeftClick(target=Target(coordinate=(x, y)))):
+            left, top, right, bottom = _BUTTON
+            return left <= x / GRID <= right and top <= y / GRID <= bottom
+    return False
+
+
+def _page(size: tuple[int, int], box: tuple[float, float, float, float]) -> bytes:
     picture = Image.new("RGB", size, "white")
-    left, top, width, height = _BOX
+    left, top, width, height = box
     draw = ImageDraw.Draw(picture)
     draw.rectangle((left, top, left + width, top + height), fill="#1a56db")
-    draw.text((left + 62, top + 18), "Start", fill="white")
+    draw.text((left + width / 2, top + height / 2), "Start", fill="white", anchor="mm", font_size=height / 3)
     out = io.BytesIO()
     picture.save(out, "PNG")
     return out.getvalue()

@@ -49,7 +49,8 @@ def command(
     kind: Annotated[
         Format,
         typer.Option(
-            "--format", help="Format of the files; sharegpt is for LLaMA-Factory, with mask_history: true."
+            "--format",
+            help="Format of the files; sharegpt is for LLaMA-Factory, with its settings in train.yaml.",
         ),
     ] = Format.PARQUET,
     split: Annotated[
@@ -106,7 +107,7 @@ def _has_tasks(folder: Path) -> bool:
 
 def _export_tasks(source: Path, out: Path, kind: Format, split: Split) -> None:
     records = read_all([source])
-    leaks = leaking(records.tasks) if split is Split.TRAIN else set()
+    leaks = leaking(records.tasks) if split is Split.TRAIN else {}
     chosen = [task for task in records.tasks if split is Split.ALL or task.split == split.value]
     tasks = [task for task in chosen if task.id not in leaks]
     if chosen and not tasks:

@@ -1,4 +1,4 @@
-"""Text comparison that ignores case, white space and typographic variants.
+"""Text that others wrote, made safe to show; and comparison that ignores case, white space and typography.
 
 Every comparison of a ground truth with a page's text follows this rule: the judge's, and the scripted
 policy's.
@@ -19,6 +19,36 @@ THOUGHT_END: Final = re.compile(r"</(?:think|thinking|thought)\s*>|(?-i:\[/THINK
 """Where it ends."""
 
 _TYPOGRAPHY = str.maketrans("’‘′“”–—−‐", "'''\"\"----", "\N{SOFT HYPHEN}")
+
+
+_ANGLE: Final = re.compile(r"[<＜﹤◁](?!\s)")
+_SQUARE: Final = re.compile(r"[\[\]［］](?=(?=\W{0,8}[^\W\d])[^\s\[\]［］\"',(){}]{2,64}[\[\]［］])")
+_INVISIBLE: Final = frozenset({"Cc", "Cf", "Co", "Cs", "Cn"})
+
+
+class _Shown(dict[int, int]):
+    """Table for ``str.translate``: invisible characters become U+FFFD, except for line ends, tabs and the
+    joiners, which are part of scripts and emoji."""
+
+    def __missing__(self, code: int) -> int:
+        character = chr(code)
+        is_shown = character in "\t\n\r\u200c\u200d" or unicodedata.category(character) not in _INVISIBLE
+        self[code] = value = code if is_shown else 0xFFFD
+        return value
+
+
+_SHOWN: Final = _Shown()
+
+
+def visible(text: str) -> str:
+    """A text that others wrote, in a form in which no model's chat template or tokenizer finds a token in it.
+
+    It cannot open a turn, a picture, a thought or a tool call. No token is known by its name: every family
+    writes them in angle or square brackets, so no angle bracket that opens is followed by anything but white
+    space, and neither is a square bracket before a word that ends at another one. Invisible characters are
+    replaced by U+FFFD. Applied again, it changes nothing.
+    """
+    return _SQUARE.sub(r"\g<0> ", _ANGLE.sub(r"\g<0> ", text.translate(_SHOWN)))
 
 
 def plain(text: str) -> str:

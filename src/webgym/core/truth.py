@@ -119,7 +119,7 @@ class StateCheck(msgspec.Struct, frozen=True):
     """
 
     key: tuple[str, ...]
-    value: Any
+    value: Any = None
 
 
 class FactTruth(msgspec.Struct, frozen=True, omit_defaults=True):

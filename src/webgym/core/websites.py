@@ -13,6 +13,7 @@ import re
 import socket
 from functools import cache, lru_cache
 from typing import Final
+from urllib.parse import unquote
 
 import idna
 from publicsuffixlist import PublicSuffixList
@@ -21,6 +22,9 @@ OFFLINE: Final = ".webgym.test"
 """Suffix of the offline web, which is not in the public list: each label before it is a website of its
 own."""
 _MAX_CHARACTERS: Final = 8_192
+_LARGEST_PORT: Final = 65_535
+_NUMBER: Final = re.compile(r"[0-9]+|0x[0-9a-f]*")
+_PATH: Final = re.compile(r"[/?#\\].*", re.DOTALL)
 _METADATA: Final = frozenset(
     "metadata metadata.google.internal metadata.goog instance-data instance-data.ec2.internal 100.100.100.200"
     " 168.63.129.16 192.0.0.192 fd00:ec2::254".split()
@@ -29,7 +33,8 @@ _METADATA: Final = frozenset(
 
 
 def host_of(website: str) -> str:
-    """The host in a bare host or a URL: lower case, in ASCII, without ``www.``, port and trailing dot.
+    """The host in a bare host or a URL: lower case, in ASCII, without ``www.``, port and trailing dot; an
+    address of four bytes in decimal, however it is written.
 
     Raises:
         ValueError: it contains no valid host.
@@ -43,10 +48,11 @@ def host_of(website: str) -> str:
     rest = rest.rpartition("@")[2]
     if rest.startswith("["):
         address, bracket, _ = rest[1:].partition("]")
-        if bracket and _is_address(address):
-            return f"[{ipaddress.ip_address(address).compressed}]"
+        if bracket and ":" in address and _is_address(address):
+            mapped = ipaddress.IPv6Address(address).ipv4_mapped
+            return str(mapped) if mapped else f"[{ipaddress.IPv6Address(address).compressed}]"
         raise ValueError(f"{website!r} does not name a website")
-    host = rest.partition(":")[0].rstrip(".").lower()
+    host = unquote(rest.partition(":")[0]).rstrip(".").lower()
     if not host.isascii():
         try:
             host = idna.encode(host, uts46=True).decode("ascii")
@@ -56,7 +62,12 @@ def host_of(website: str) -> str:
         host = host[4:]
     if not _is_name(host):
         raise ValueError(f"{website!r} does not name a website")
-    return host
+    if not _NUMBER.fullmatch(host.rpartition(".")[2]):
+        return host
+    try:  # as browsers read it: also 2130706433, 127.1 and 0x7f.0.0.1
+        return socket.inet_ntoa(socket.inet_aton(host))
+    except OSError as error:
+        raise ValueError(f"{website!r} does not name a website") from error
 
 
 _CACHE_SIZE: Final = 2**19
@@ -104,6 +115,9 @@ _SCHEME: Final = re.compile(r"https?:|[a-z][a-z0-9+.-]*:(?!\d)")
 def start_url_problem(website: str) -> str:
     """Why no attempt may start at this URL or bare host; empty if it may.
 
+    A name without a dot, such as ``__SHOP__`` or ``N/A``, is a placeholder, unless it is ``localhost`` or
+    comes with a scheme and a port, as a service in the own network does (``http://shop:7770/``).
+
     Addresses of cloud metadata services are refused because they give away the machine's credentials. (The
     browser refuses them as well, in any spelling, including after redirects and links.)
     """
@@ -116,18 +130,18 @@ def start_url_problem(website: str) -> str:
         host = host_of(website).strip("[]")
     except ValueError:
         return f"{website[:80]!r} does not name a website"
-    if host in _METADATA or _is_link_local(host):
+    if host in _METADATA or (_is_address(host) and ipaddress.ip_address(host).is_link_local):
         return f"{website[:80]!r} is the address of a cloud metadata service"
+    scheme, _, rest = address.partition("://") if _SCHEME.match(address) else ("", "", address)
+    port = _PATH.sub("", rest).rpartition("@")[2].rpartition("]")[2].partition(":")[2]
+    is_local = host == "localhost" or (scheme and port)
+    if not ("." in host or ":" in host or is_local) or (port and not _is_port(port)):
+        return f"{website[:80]!r} does not name a website"
     return ""
 
 
-def _is_link_local(host: str) -> bool:
-    if ":" in host:
-        return ipaddress.ip_address(host).is_link_local
-    try:  # as browsers read it: also 2852039166, and 0xa9.0xfe.0xa9.0xfe
-        return ipaddress.ip_address(socket.inet_aton(host)).is_link_local
-    except OSError:
-        return False
+def _is_port(text: str) -> bool:
+    return text.isdecimal() and int(text) <= _LARGEST_PORT
 
 
 @cache

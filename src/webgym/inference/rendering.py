@@ -17,6 +17,7 @@ import torch
 from PIL import Image, UnidentifiedImageError
 
 from webgym.core.errors import PolicyError
+from webgym.core.text import visible
 from webgym.core.trajectory import ImageRef, Message, TextPart
 
 THINK_START = "<think>"
@@ -82,8 +83,9 @@ class Renderer:
             images: its pictures by name, encoded, at the size at which they are sent.
 
         Raises:
-            PolicyError: a picture cannot be read or has another size than the request says, or a text
-                contains the image placeholder itself, so that placeholders and pictures do not match.
+            PolicyError: a picture cannot be read or has another size than the request says, or a system
+                message or a reply contains the image placeholder, so that placeholders and pictures do not
+                match.
         """
         ids = self.prompt_ids(messages)
         return Encoded(ids, self.pixels(messages, images))
@@ -221,11 +223,12 @@ def pictures_of(messages: Sequence[Message]) -> list[ImageRef]:
 
 def _content(message: Message) -> str | list[dict[str, str]]:
     """A message's content as :func:`webgym.agent.request.to_openai` sends it, in the form for chat
-    templates."""
+    templates; a user's text cannot open a turn or a picture, whoever made the request."""
+    safe = visible if message.role == "user" else str
     if all(isinstance(part, TextPart) for part in message.content):
-        return "".join(part.text for part in message.content if isinstance(part, TextPart))
+        return safe("".join(part.text for part in message.content if isinstance(part, TextPart)))
     return [
-        {"type": "text", "text": part.text} if isinstance(part, TextPart) else {"type": "image"}
+        {"type": "text", "text": safe(part.text)} if isinstance(part, TextPart) else {"type": "image"}
         for part in message.content
     ]
 

@@ -37,6 +37,7 @@ from webgym import (
     make,
     make_many,
     random_action,
+    visible,
 )
 
 IDS: Final = {
@@ -112,7 +113,7 @@ def _observation(view: View, instruction: str) -> Observation:
     return {
         "screenshot": pixels,
         "instruction": _plain(instruction),
-        "text": _plain(view.observation.text or ""),
+        "text": _plain(visible(view.observation.text or "")),
     }
 
 

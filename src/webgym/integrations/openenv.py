@@ -23,7 +23,7 @@ from openenv.core.client_types import StepResult
 from openenv.core.env_client import EnvClient
 from openenv.core.env_server import http_server, interfaces, types
 
-from webgym import Action, Environment, EnvironmentPool, UsageError, View
+from webgym import Action, Environment, EnvironmentPool, UsageError, View, visible
 
 
 class WebGymAction(types.Action):
@@ -158,10 +158,10 @@ def _observation(
         image=base64.b64encode(view.image).decode(),
         mime_type="image/png" if view.image.startswith(b"\x89PNG") else "image/jpeg",
         url=seen.url,
-        title=seen.title,
+        title=visible(seen.title),
         instruction=info["instruction"],
         task_id=info["task_id"],
-        notices=[notice.text for notice in seen.notices],
+        notices=[visible(notice.text) for notice in seen.notices],
         outcome=str(info["outcome"]) if done else None,
         reward=reward,
         done=done,

@@ -43,6 +43,7 @@ from webgym import (
     Wait,
     WebGymError,
     task_rows,
+    visible,
 )
 
 Content: TypeAlias = list[dict[str, Any]]
@@ -293,5 +294,5 @@ def _number(reward: float) -> float | None:
 def _content(view: View) -> Content:
     picture = Image.open(BytesIO(view.image)).convert("RGB")
     notices = " ".join(notice.text for notice in view.observation.notices)
-    text = f"{view.observation.url}\n{notices}".strip()
+    text = visible(f"{view.observation.url}\n{notices}".strip())
     return [{"type": "image", "image": picture}, {"type": "text", "text": text}]

@@ -11,25 +11,13 @@ from __future__ import annotations
 
 import hashlib
 import re
-import unicodedata
 from collections.abc import Iterable
 from typing import Final
 
+from webgym.core.text import visible
+
 CODE_CHARS: Final = 12
 """Length of a code; 48 bits, so guessing the code of one request takes about 10^14 requests."""
-
-_KEPT: Final = frozenset("\t\u200c\u200d")
-"""Invisible characters that are kept: joiners are part of scripts and emoji."""
-
-_HIDDEN: Final = frozenset({"Cc", "Cf", "Co", "Cs", "Cn"})
-_CONTROL_TOKEN: Final = re.compile(
-    r"<(?=[|｜]|/?(?:s|think|thinking|thought)\b)"
-    r"|<(?=/?(?:image|img|video|audio|vision|bos|eos|pad|unk|mask|sys|[a-z]+_\w+)\b)"
-    r"|◁(?=/?think▷)"
-    r"|\[(?=/?(?-i:INST|IMG|THINK|[A-Z]+_[A-Z_]+)\])",
-    re.IGNORECASE,
-)
-"""The start of what may be a control token: no tag of HTML has an underscore."""
 
 
 def code_of(*content: str) -> str:
@@ -39,16 +27,6 @@ def code_of(*content: str) -> str:
         data = part.encode("utf-8", "replace")
         digest.update(len(data).to_bytes(8, "big") + data)
     return digest.hexdigest()[:CODE_CHARS]
-
-
-def visible(text: str) -> str:
-    """The text with invisible characters replaced by U+FFFD and control tokens of chat templates broken
-    up."""
-    shown = "".join(
-        character if character in _KEPT or unicodedata.category(character) not in _HIDDEN else "\ufffd"
-        for character in text
-    )
-    return _CONTROL_TOKEN.sub(r"\g<0> ", shown)
 
 
 def shorten(text: str, limit: int) -> str:

@@ -15,8 +15,10 @@ from typing import Any, Final, Literal, TypeAlias
 import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
+import yaml
 
 from webgym.agent.image_codec import fit
+from webgym.agent.profiles import all_profiles, choose_profile
 from webgym.core.errors import StoreCorrupt, UsageError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
@@ -95,8 +97,8 @@ def export(
     Args:
         run: the run folder.
         out: a folder that does not exist yet or is empty. Once it is all written, it gets ``steps.jsonl``,
-            ``steps.parquet``, or ``sharegpt.json`` with ``dataset_info.json``; the first and the last with
-            ``pictures/``, in the sizes in which they were sent.
+            ``steps.parquet``, or ``sharegpt.json`` with ``dataset_info.json`` and ``train.yaml``; the first
+            and the last with ``pictures/``, in the sizes in which they were sent.
         kind: the format.
         split: split of the tasks to export. A task without one belongs to the split that the run's tasks were
             taken from; if that is not known either, it is only exported with ``all``, because it may not be
@@ -129,6 +131,7 @@ def export(
         else:
             write_lines(folder / "sharegpt.json", _array(exporter.conversations()))
             write_lines(folder / "dataset_info.json", [json.dumps(_SHAREGPT, indent=2).encode()])
+            write_lines(folder / "train.yaml", [exporter.recipe().encode()])
         return exporter.done
 
 
@@ -146,11 +149,12 @@ class _Exporter:
         self._tasks = reader.tasks
         self._folder = out / PICTURES
         self._split = split
-        self._leaking = leaking(list(self._tasks.values())) if split == "train" else set()
+        self._leaking = leaking(list(self._tasks.values())) if split == "train" else {}
         self._default_split = reader.config.get("tasks", {}).get("split")
         self._outcomes = outcomes
         self._progress = progress
         self._written: set[str] = set()
+        self._largest_picture = 0
 
     def _steps(self) -> Iterator[tuple[Task, Trajectory, Step]]:
         for number, trajectory in enumerate(self._reader.trajectories(), 1):
@@ -205,6 +209,37 @@ class _Exporter:
                 "images": [self._picture_path(ref) for ref in refs],
             }
 
+    def recipe(self) -> str:
+        """Settings with which LLaMA-Factory trains on what the model saw: its defaults shrink the pictures,
+        cut conversations off, and train on an empty thought."""
+        policy = min(self.done.policies, default="")
+        named = all_profiles().get(self._reader.config.get("agent", {}).get("profile") or "")
+        profile = named or choose_profile(None, policy)
+        most = getattr(profile.pictures, "max_pixels", 0)
+        template = _TEMPLATES.get(profile.name)
+        settings = {
+            "model_name_or_path": policy,
+            "stage": "sft",
+            "do_train": True,
+            "finetuning_type": "full",
+            "dataset": "webgym",
+            "dataset_dir": ".",
+            "media_dir": ".",
+            **({"template": template} if template else {}),
+            "mask_history": True,
+            "cutoff_len": 16384,
+            "image_max_pixels": max(most, self._largest_picture),
+            "output_dir": "trained",
+            "bf16": True,
+            **_PAPER,
+        }
+        notes = ["In this folder: llamafactory-cli train train.yaml"]
+        if template is None:
+            notes.append("Name your model's template, one without thinking if its replies have none.")
+        if profile.grid == "pixels":
+            notes.append("The replies point at pixels: a smaller image_max_pixels makes their points wrong.")
+        return "".join(f"# {note}\n" for note in notes) + yaml.safe_dump(settings, sort_keys=False)
+
     def _sent(self, ref: ImageRef) -> bytes:
         data = self._reader.image(ref.screenshot)
         if hashlib.sha256(data).hexdigest() != ref.screenshot:
@@ -219,6 +254,7 @@ class _Exporter:
             self._folder.mkdir(exist_ok=True)
             (self._folder / name).write_bytes(self._sent(ref))
             self._written.add(name)
+            self._largest_picture = max(self._largest_picture, ref.width * ref.height)
             self.done.pictures += 1
         return f"{PICTURES}/{name}"
 
@@ -239,6 +275,23 @@ _SHAREGPT: Final = {
 }
 """LLaMA-Factory's description of the file. Train with ``mask_history: true``: only the last reply of a
 conversation is a target; earlier replies are targets in their own conversations."""
+_TEMPLATES: Final = {
+    "qwen3-vl": "qwen3_vl_nothink",
+    "qwen3-vl-thinking": "qwen3_vl",
+    "qwen2.5-vl": "qwen2_vl",
+}
+"""LLaMA-Factory's template for the models of a profile. One for thinking puts an empty thought before a reply
+without any."""
+_PAPER: Final = {
+    "learning_rate": 1e-6,
+    "lr_scheduler_type": "constant_with_warmup",
+    "warmup_steps": 30,
+    "weight_decay": 0.01,
+    "max_grad_norm": 1.0,
+    "num_train_epochs": 2,
+    "per_device_train_batch_size": 1,
+}
+"""The paper's hyper-parameters (appendix F), where LLaMA-Factory has them."""
 
 
 def _row(task: Task, trajectory: Trajectory, step: Step) -> dict[str, Any]:

@@ -5,16 +5,18 @@ Also WebGym's own JSON lines format: one :class:`webgym.core.task.Task` per line
 
 from __future__ import annotations
 
+import datetime
 import gc
 import gzip
 import io
 import os
 import uuid
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from mimetypes import guess_type
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Literal, cast
 
@@ -25,7 +27,7 @@ from webgym.core.errors import TaskFileError
 from webgym.core.task import WHOLE_TASK, Rubric, Task, reference_of
 from webgym.core.text import plain
 from webgym.core.websites import start_url_problem
-from webgym.tasks.missing_values import is_no_fact
+from webgym.tasks.missing_values import is_missing_value, is_no_fact
 
 BYTE_ORDER_MARK: Final = b"\xef\xbb\xbf"
 _GZIP: Final = b"\x1f\x8b"
@@ -142,6 +144,8 @@ class TaskCollector:
 
 NONE_FACT: Final = "none-fact"
 """Flag: a fact without content ("None", "N/A": a missing value written as text) was left out."""
+NEEDS_PICTURES: Final = "needs-pictures"
+"""Flag: the record has a picture, which belongs to the task and is not shown to the agent."""
 NO_FACTS: Final = "no-facts"
 """Flag: no fact has content, and the instruction stands in for one. Nothing can be judged, so readers of task
 files set the task aside."""
@@ -282,7 +286,7 @@ def read_lines(lines: Iterable[bytes], file: Path, collector: TaskCollector) -> 
             if not line.strip():
                 continue
             try:
-                task = _with_defaults(line, file, number)
+                task = task_of_record(msgspec.json.decode(line), f"{file.name.partition('.')[0]}/{number}")
             except (ValueError, RecursionError) as error:
                 record = None
                 with suppress(ValueError, RecursionError):
@@ -303,7 +307,12 @@ _TYPES: Final = {each.name: each.type for each in msgspec.structs.fields(Task)}
 _FIELDS: Final = _TYPES.keys()
 _KEY_SIMILARITY: Final = 0.75
 """Similarity from which an unknown key counts as a misspelling. Other unknown keys are ignored."""
-_RUBRIC_HINT: Final = '; write {"groups": [{"id": 1, "description": "...", "facts": ["..."]}]}'
+_HINTS: Final = {
+    "rubric": '; write {"groups": [{"id": 1, "description": "...", "facts": ["..."]}]}',
+    "reference_answer": "; a text that was read as a number may have lost digits: pandas needs dtype=False",
+}
+_NESTED: Final = frozenset({"rubric", "flags", "extra", "truth", "files"})
+"""Fields that are not text."""
 _LONGEST_INSTRUCTION: Final = 100_000
 _LONGEST_ID: Final = 1_000
 
@@ -322,30 +331,84 @@ def unfit(task: Task) -> str:
     return "; ".join(problems)
 
 
-def _with_defaults(line: bytes, file: Path, number: int) -> Task:
-    """The task of a line with missing keys, filled with defaults.
+def task_of_record(record: object, place: str) -> Task:
+    """The task of a record with WebGym's own keys, as other programs may have written it.
+
+    A key that is null is missing, and a missing one has its default. A value that a column cannot hold may be
+    JSON in a string; a text that looks like a number may be one, as long as it has no fraction.
+
+    Args:
+        record: the record.
+        place: the id of a task without one.
 
     Raises:
-        ValueError: the line is not a valid task; lists all that is wrong.
+        ValueError: the record is not a valid task; lists all that is wrong.
     """
-    record = msgspec.json.decode(line)
     if not isinstance(record, dict):
         raise ValueError("it is not a JSON object")
+    given: dict[str, Any] = without_nulls(record)
     problems = []
     values = {}
-    for name, value in ({"id": f"{file.name.partition('.')[0]}/{number}"} | _DEFAULTS | record).items():
+    for name, value in ({"id": place} | _DEFAULTS | given).items():
         if name in _TYPES:
             try:
-                values[name] = msgspec.convert(value, _TYPES[name])
+                values[name] = msgspec.convert(_as_field(name, value), _TYPES[name])
             except ValueError as error:
-                is_list = name == "rubric" and isinstance(value, list)
-                problems.append(f"{name}: {error}{_RUBRIC_HINT if is_list else ''}")
+                problems.append(f"{name}: {error}{_HINTS.get(name, '')}")
         elif nearest := get_close_matches(name, _FIELDS, 1, _KEY_SIMILARITY):
             problems.append(f"there is no key {name!r}; did you mean {nearest[0]}?")
-    problems += [f"{name}: it is missing" for name in ("instruction", "website") if name not in record]
+    problems += [f"{name}: it is missing" for name in ("instruction", "website") if name not in given]
     if problems:
         raise ValueError("; ".join(problems))
+    if needs_pictures(given, _FIELDS):
+        values["flags"] = tuple(dict.fromkeys((*values.get("flags", ()), NEEDS_PICTURES)))
     return Task(**values)
+
+
+def without_nulls(value: Any) -> Any:
+    """The value without members that are null or NaN: writers of tables give each row the keys of all."""
+    if isinstance(value, dict):
+        return {name: without_nulls(each) for name, each in value.items() if not _is_null(each)}
+    return [without_nulls(each) for each in value] if isinstance(value, list) else value
+
+
+def _is_null(value: object) -> bool:
+    return value is None or value != value
+
+
+def as_text(value: object) -> object:
+    """A value of a text column as text: a number without a fraction, or a day; any other as it is."""
+    if isinstance(value, int | float) and not isinstance(value, bool) and value == value // 1:
+        return str(int(value))
+    return str(value).removesuffix(" 00:00:00") if isinstance(value, datetime.date) else value
+
+
+def _as_field(name: str, value: Any) -> Any:
+    if name not in _NESTED:
+        return as_text(value)
+    if isinstance(value, str):
+        value = without_nulls(msgspec.json.decode(value))
+    if name != "rubric":
+        return value
+    if isinstance(value, dict):
+        value = value.get("groups", value.get("fact_groups", value))  # the rubric writer's own key
+    return {"groups": value} if isinstance(value, list | tuple) else value
+
+
+def needs_pictures(record: Mapping[str, Any], known: Collection[str]) -> bool:
+    """Whether a record has a picture beside its known keys, which no agent is shown."""
+    return any(_is_picture(value, name) for name, value in record.items() if name not in known)
+
+
+def _is_picture(value: object, name: str) -> bool:
+    """Whether a value names or holds a picture, or a list of them, as those of a key that is called so."""
+    if isinstance(value, list | tuple):
+        return any(_is_picture(each, name) for each in value)
+    if isinstance(value, dict):
+        return any(_is_picture(each, f"{name}.{key}") for key, each in value.items())
+    is_named = "image" in name.lower() and not is_missing_value(value) and isinstance(value, str | bytes)
+    kind = guess_type(value)[0] if isinstance(value, str) and len(value) < _LONGEST_ID else None
+    return is_named or (kind or "").startswith("image/")
 
 
 def write_lines(file: BinaryIO, tasks: Iterable[Task]) -> int:

@@ -87,7 +87,7 @@ def leaks_of_withheld(tasks: Sequence[Task], withheld: Sequence[Task]) -> list[L
     """The tasks that leak test tasks which are not among them, and so must be left out; those that leak one
     of the tasks are not in the list."""
     found = leaks(tasks, withheld) if withheld else []
-    leaked = leaking(tasks) if found else set()
+    leaked = leaking(tasks) if found else {}
     return [leak for leak in found if leak.task.id not in leaked]
 
 

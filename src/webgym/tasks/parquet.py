@@ -8,7 +8,7 @@ the same tasks give the same bytes with the same release of pyarrow.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any, BinaryIO, Final, get_args
@@ -20,7 +20,7 @@ import pyarrow.parquet as pq
 from webgym.core.errors import TaskFileError
 from webgym.core.task import Attachment, FactGroup, Rubric, Task, WebsiteFrom
 from webgym.core.truth import Truth
-from webgym.tasks.files import TaskCollector
+from webgym.tasks.files import TaskCollector, task_of_record
 from webgym.tasks.published import identity, looks_published, task_of
 
 VERSION: Final = 1
@@ -153,13 +153,19 @@ def read_parquet(path: Path, split: str | None, collector: TaskCollector) -> Non
             is_published = looks_published(names)
             if not is_published:
                 _check_columns(path, file.schema_arrow)
-            known = None if is_published else [name for name in names if name in _FIELDS]
+            pictures = {} if is_published else _pictures(file.schema_arrow)
             first = 1
-            for batch in file.iter_batches(_ROWS, columns=known):
+            for batch in file.iter_batches(_ROWS, columns=[name for name in names if name not in pictures]):
                 if is_published:
-                    _add_published(batch, split, path, first, collector)
-                else:
-                    _add_tasks(batch, path, first, collector)
+                    _add_rows(batch, path, first, collector, lambda row, _: task_of(row, split))
+                elif pictures or not _add_in_bulk(batch, path, first, collector):
+                    _add_rows(
+                        batch,
+                        path,
+                        first,
+                        collector,
+                        lambda row, place: task_of_record(row | pictures, place),
+                    )
                 first += batch.num_rows
     except (OSError, pa.ArrowException) as error:
         raise TaskFileError(
@@ -174,7 +180,7 @@ def _check_columns(path: Path, schema: pa.Schema) -> None:
             f"{path} has columns of version {version}, this release reads {VERSION}",
             hint="install a newer webgym-rl",
         )
-    missing = [name for name, field in _FIELDS.items() if field.required and name not in schema.names]
+    missing = [name for name in ("instruction", "website") if name not in schema.names]
     if missing:
         raise TaskFileError(
             f"{path} contains no task: it has no column {missing[0]!r}",
@@ -182,26 +188,57 @@ def _check_columns(path: Path, schema: pa.Schema) -> None:
         )
 
 
-def _add_published(
-    batch: pa.RecordBatch, split: str | None, path: Path, first: int, collector: TaskCollector
+def _pictures(schema: pa.Schema) -> dict[str, str]:
+    """A file's name in place of what each column of bytes has, such as pictures: they are not read."""
+    types = {field.name: str(field.type) for field in schema if field.name not in _FIELDS}
+    return {name: "picture.png" for name, text in types.items() if "binary" in text}
+
+
+def _add_rows(
+    batch: pa.RecordBatch, path: Path, first: int, collector: TaskCollector, make: Callable[[Any, str], Task]
 ) -> None:
-    for number, row in enumerate(batch.to_pylist(), first):
+    """Add the tasks of a batch row by row, whatever types its columns have."""
+    for number, row in enumerate(_rows(batch), first):
         try:
-            task = task_of(row, split)
+            task = make(row, f"{path.name.partition('.')[0]}/{number}")
         except ValueError as error:
-            collector.skip(path, number, error, identity(row, split))
+            known = identity(row, collector.split) if looks_published(row) else row
+            collector.skip(path, number, error, known)
         else:
             collector.add(path, number, task)
 
 
-def _add_tasks(batch: pa.RecordBatch, path: Path, first: int, collector: TaskCollector) -> None:
+def _rows(batch: pa.RecordBatch) -> Iterable[dict[str, Any]]:
+    types = {field.name: field.type for field in batch.schema}
+    for row in batch.to_pylist(maps_as_pydicts="lossy"):
+        yield {name: _plain(value, types[name]) for name, value in row.items()}
+
+
+def _plain(value: Any, kind: pa.DataType) -> Any:
+    """The value of a column, with what is of Arrow's type for JSON decoded."""
+    if value is None:
+        return None
+    if isinstance(kind, pa.BaseExtensionType):
+        return msgspec.json.decode(value) if kind.extension_name == "arrow.json" else value
+    if pa.types.is_struct(kind):
+        return {field.name: _plain(value[field.name], field.type) for field in kind}
+    if pa.types.is_list(kind) or pa.types.is_large_list(kind):
+        return [_plain(each, kind.value_type) for each in value]
+    return value
+
+
+def _add_in_bulk(batch: pa.RecordBatch, path: Path, first: int, collector: TaskCollector) -> bool:
+    """Add the tasks of a batch if its columns are as this module writes them and no row is broken; whether
+    they were added. Row by row takes several times as long."""
+    if not set(batch.schema.names) <= set(SCHEMA.names):
+        return False
     try:
-        tasks: Iterable[Task | None] = _in_bulk(batch)
-    except (ValueError, TypeError):  # some row is broken; finding it takes several times as long
-        tasks = _row_by_row(batch, path, first, collector)
+        tasks = list(_in_bulk(batch))
+    except (ValueError, TypeError, pa.ArrowException):
+        return False
     for number, task in enumerate(tasks, first):
-        if task is not None:
-            collector.add(path, number, task)
+        collector.add(path, number, task)
+    return True
 
 
 def _in_bulk(batch: pa.RecordBatch) -> Iterable[Task]:
@@ -211,6 +248,8 @@ def _in_bulk(batch: pa.RecordBatch) -> Iterable[Task]:
         ValueError, TypeError: a row is broken.
     """
     given = {name: batch.column(name) for name in _FIELDS if name in batch.schema.names}
+    if missing := [name for name, field in _FIELDS.items() if field.required and name not in given]:
+        raise ValueError(f"{missing} must get defaults")
     columns: list[list[Any]] = []
     for name in _FIELDS:
         if name not in given:
@@ -218,11 +257,13 @@ def _in_bulk(batch: pa.RecordBatch) -> Iterable[Task]:
         elif name == "rubric":
             columns.append(_rubrics_of(given[name].cast(_RUBRIC_READ)))
         else:
-            column = given[name].cast(SCHEMA.field(name).type)
-            # Building a struct checks no types.
+            column = given[name]
+            # Building a struct checks no types, and a number that is cast may not be the text it was.
+            if column.type not in (SCHEMA.field(name).type, pa.large_string(), pa.string_view()):
+                raise TypeError(f"{name} is {column.type}")
             if column.null_count and not SCHEMA.field(name).nullable:
                 raise ValueError(f"{name} is null")
-            columns.append(_values(name, column))
+            columns.append(_values(name, column.cast(SCHEMA.field(name).type)))
     return map(Task, *columns)
 
 
@@ -258,22 +299,3 @@ def _values(name: str, column: pa.Array) -> list[Any]:
         decode = msgspec.json.Decoder(_JSON[name]).decode
         return [_default(name) if text is None else decode(text) for text in values]
     return [tuple(flags) for flags in values] if name == "flags" else values
-
-
-def _row_by_row(
-    batch: pa.RecordBatch, path: Path, first: int, collector: TaskCollector
-) -> Iterable[Task | None]:
-    """The tasks of a batch; ``None`` for a broken row, which is noted in the collector."""
-    for number, row in enumerate(batch.to_pylist(), first):
-        values = {name: value for name, value in row.items() if value is not None}
-        try:
-            for name in _JSON.keys() & values.keys():
-                values[name] = msgspec.json.decode(values[name])
-            if "rubric" in values:
-                values["rubric"] = {"groups": values["rubric"]}
-            task = msgspec.convert(values, Task)
-        except ValueError as error:
-            collector.skip(path, number, error, values)
-            yield None
-        else:
-            yield task

@@ -24,7 +24,15 @@ from msgspec.structs import replace
 
 from webgym.core.errors import TaskFileError
 from webgym.core.task import FactGroup, Rubric, Task, reference_of
-from webgym.tasks.files import BYTE_ORDER_MARK, NO_FACTS, NONE_FACT, TaskCollector
+from webgym.tasks.files import (
+    BYTE_ORDER_MARK,
+    NEEDS_PICTURES,
+    NO_FACTS,
+    NONE_FACT,
+    TaskCollector,
+    as_text,
+    needs_pictures,
+)
 from webgym.tasks.missing_values import is_missing_value, is_no_fact
 
 SOURCE: Final = "webgym"
@@ -112,7 +120,9 @@ def task_of(row: object, split: str | None = None) -> Task:
     source = _text(row, "benchmark_name") or SOURCE
     instruction = _required(row, "task_name")
     rubric = _rubric(row, instruction, flags)
-    has_difficulty = "difficulty" in row and NO_FACTS not in flags
+    if needs_pictures(row, {*_FIELD_OF, WEBGYM_COLUMN, ORIGINAL_LINE}):
+        flags.append(NEEDS_PICTURES)
+    has_difficulty = row.get("difficulty") is not None and NO_FACTS not in flags
     if has_difficulty and not _is_number(row["difficulty"], rubric.difficulty):
         flags.append(DIFFICULTY_DIFFERS)
     parent = _text(row, "task_id_decomposed_from")
@@ -129,9 +139,13 @@ def task_of(row: object, split: str | None = None) -> Task:
         parent_id=_namespaced(parent, source) if parent else None,
         split=split,  # type: ignore[arg-type]  # the file's name is one of the two
         flags=tuple(flags),
-        extra={name: value for name, value in row.items() if name not in _FIELD_OF and name != ORIGINAL_LINE},
+        extra={
+            name: value
+            for name, value in row.items()
+            if name not in _FIELD_OF and name != ORIGINAL_LINE and value is not None
+        },
     )
-    return _with_webgym_fields(task) if WEBGYM_COLUMN in row else task
+    return _with_webgym_fields(task) if WEBGYM_COLUMN in task.extra else task
 
 
 def identity(row: object, split: str | None) -> dict[str, Any]:
@@ -195,6 +209,7 @@ def _text(row: Mapping[str, Any], column: str) -> str:
     value = row.get(column)
     if is_missing_value(value):
         return ""
+    value = as_text(value)
     return value if isinstance(value, str) else msgspec.json.encode(value).decode()
 
 
@@ -223,10 +238,12 @@ def _rubric(row: Mapping[str, Any], instruction: str, flags: list[str]) -> Rubri
     groups: list[FactGroup] = []
     loose: list[str] = []
     for item in items:
-        if isinstance(item, dict) and "facts" in item:
-            if facts := tuple(_facts(item["facts"], flags)):
+        if isinstance(item, dict) and (item.get("facts") is not None or item.get("id") is not None):
+            if facts := tuple(_facts(item.get("facts"), flags)):
                 groups.append(FactGroup(item.get("id"), _text(item, "description"), facts))  # type: ignore[arg-type]
         elif isinstance(item, dict):
+            if item and "description" not in item:
+                raise ValueError(f"evaluator_reference has an unknown form, with the keys {', '.join(item)}")
             if facts := tuple(_facts(_text(item, "description"), flags)):
                 groups.append(FactGroup(len(groups) + 1, "", facts))
                 flags.append(OLD_RUBRIC)
@@ -248,6 +265,8 @@ def _items(reference: object) -> list[Any]:
             with suppress(ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
                 return _items(decode(reference.strip()))
         return [reference]  # a text that begins with a bracket
+    if isinstance(reference, dict):  # of the rubric writer, or of WebGym
+        reference = reference.get("fact_groups", reference.get("groups", reference))
     if isinstance(reference, list | tuple):
         return list(reference)
     return [] if reference is None else [reference]

@@ -27,6 +27,9 @@ from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
 BLOCKED: Final = "on blocked websites"
 """Reason for leaving out tasks whose websites recently blocked the agent."""
 
+_LEAKS: Final = "on a website or of a family of the test split"
+_NAMES: Final = "that name a website of the test split"
+
 SplitName: TypeAlias = Literal["train", "test", "all", "unsplit"]
 
 
@@ -105,7 +108,7 @@ def select(tasks: Sequence[Task], selection: Selection, blocked: Collection[str]
     if split in ("train", "test") and not any(task.split for task in tasks):
         split = "unsplit"
     without = _without(tasks, selection)
-    leaked = leaking(tasks) if split == "train" else set()
+    leaked = leaking(tasks) if split == "train" else {}
     if selection.split == "test":  # also if the set has no splits
         blocked = ()
     wanted, unwanted = {*selection.domains}, {*without}
@@ -115,8 +118,8 @@ def select(tasks: Sequence[Task], selection: Selection, blocked: Collection[str]
         names = (task.domain, task.subdomain)
         if split != "all" and (task.split or "unsplit") != split:
             left_out["of the test split" if task.split == "test" else "of another split"] += 1
-        elif task.id in leaked:
-            left_out["on a website or of a family of the test split"] += 1
+        elif (leak := leaked.get(task.id)) is not None:
+            left_out[_LEAKS if leak.why != "names a test website" else _NAMES] += 1
         elif (wanted and wanted.isdisjoint(names)) or not unwanted.isdisjoint(names):
             left_out["of other domains"] += 1
         elif blocked and task.split != "test" and host_or_text(task.website) in blocked:

@@ -1,7 +1,8 @@
 """Training and test tasks that share no website (paper §3; SYSTEM.md 1.5).
 
 Every test task is from a different website, and no training task is on any of these websites, neither at its
-start nor later: a task of several websites is on all that its truth names. Websites are compared by brand
+start nor later: a task of several websites is on all that its truth names. Nor does a training task name one
+of them by its address, in its instruction or its rubric: it may lead there. Websites are compared by brand
 (:mod:`webgym.tasks.brands`): a policy that has trained on ``amazon.de`` has seen ``amazon.com``. Families
 stay together: a task derived from a test task, or from a task on a test website, is not a training task,
 whatever its own website. :func:`refuse_leaks` enforces this before training.
@@ -12,8 +13,9 @@ Test tasks are chosen by hashes of their ids and websites, so adding tasks chang
 from __future__ import annotations
 
 import hashlib
+import re
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol, TypeAlias
 
@@ -29,7 +31,7 @@ from webgym.tasks.brands import brand_of, brand_or_text
 from webgym.tasks.families import Member, inherited, roots_of
 from webgym.tasks.files import gc_paused
 
-WhyLeftOut: TypeAlias = Literal["test website", "test family", "no website"]
+WhyLeftOut: TypeAlias = Literal["test website", "test family", "names a test website", "no website"]
 
 
 class SplitConfig(Settings):
@@ -53,7 +55,7 @@ class LeftOut:
         website: its registrable domain, as from :func:`~webgym.core.websites.site_of`; the task's own text if
             that is not a website.
         why: it, or an ancestor, is on a "test website"; it belongs to the family of a test task ("test
-            family"); or its website is invalid ("no website").
+            family"); it "names a test website"; or its website is invalid ("no website").
     """
 
     id: str
@@ -140,6 +142,8 @@ def split(
             why = "test website"
         elif root in test_families:
             why = "test family"
+        elif not test_sites.isdisjoint(_named_sites(task)):
+            why = "names a test website"
         else:
             remaining.append(msgspec.structs.replace(task, split="train"))
             continue
@@ -156,16 +160,19 @@ class Leak:
     Attributes:
         task: the task.
         of: id of the test task that it leaks; its own id if it is one.
-        why: it is a "test task", it or an ancestor is on a "test website", or it belongs to a "test family".
+        why: it is a "test task", it or an ancestor is on a "test website", it belongs to a "test family", or
+            it "names a test website".
     """
 
     task: Task
     of: str
-    why: Literal["test task", "test website", "test family"]
+    why: Literal["test task", "test website", "test family", "names a test website"]
 
     def __str__(self) -> str:
         if self.why == "test task":
             return f"{self.task.id} is a test task"
+        if self.why == "names a test website":
+            return f"{self.task.id} names the website of the test task {self.of}"
         shared = "the website" if self.why == "test website" else "the family"
         return (
             f"{self.task.id} on {site_or_text(self.task.website)} shares {shared} of the test task {self.of}"
@@ -173,7 +180,8 @@ class Leak:
 
 
 def leaks(tasks: Sequence[Task], test: Sequence[Task]) -> list[Leak]:
-    """The tasks that must not be trained on, because they share a website or a family with a test task.
+    """The tasks that must not be trained on, because they share a website or a family with a test task, or
+    name its website.
 
     Websites are compared by brand (:func:`webgym.tasks.brands.brand_of`), which when in doubt merges two
     websites.
@@ -198,13 +206,15 @@ def leaks(tasks: Sequence[Task], test: Sequence[Task]) -> list[Leak]:
             leaks_found.append(Leak(task, test_id, "test website"))
         elif (test_id := test_of.get(root)) is not None:
             leaks_found.append(Leak(task, test_id, "test family"))
+        elif test_on and (named := next((site for site in _named_sites(task) if site in test_on), None)):
+            leaks_found.append(Leak(task, test_on[named], "names a test website"))
     return leaks_found
 
 
-def leaking(tasks: Sequence[Task]) -> set[str]:
-    """The ids of the tasks that must not be trained on because of the test tasks among them."""
+def leaking(tasks: Sequence[Task]) -> dict[str, Leak]:
+    """The tasks that must not be trained on because of the test tasks among them, by id."""
     test = [task for task in tasks if task.split == "test"]
-    return {leak.task.id for leak in leaks(tasks, test)} if test else set()
+    return {leak.task.id: leak for leak in leaks(tasks, test)} if test else {}
 
 
 def refuse_leaks(tasks: Sequence[Task], test: Sequence[Task]) -> None:
@@ -236,6 +246,16 @@ def _all_sites(task: Task) -> set[str]:
     """The brands of all websites that a task is about."""
     others = () if task.truth is None else map(brand_or_text, task.truth.hosts)
     return {site for site in (_site(task), *others) if site is not None}
+
+
+_ADDRESS = re.compile(r"(?<![\w@.-])(?:[^\W_](?:[\w-]*[^\W_])?\.)+(?:xn--[\w-]+|[^\W\d_]{2,})(?![\w-])")
+
+
+def _named_sites(task: Task) -> Iterator[str]:
+    """The brands of the websites whose address a task's instruction or rubric has, by itself or in a URL."""
+    groups = task.rubric.groups
+    texts = [task.instruction, *(text for group in groups for text in (group.description, *group.facts))]
+    return (brand_or_text(name) for text in texts if "." in text for name in _ADDRESS.findall(text))
 
 
 def _test_tasks(

@@ -171,6 +171,8 @@ def _split_violations(tasks: Sequence[Task]) -> Iterator[Violation]:
         site = site_or_text(leak.task.website)
         if leak.why == "test website":
             yield Violation("leak", leak.task.id, site, f"the test task {leak.of} is on it")
+        elif leak.why == "names a test website":
+            yield Violation("leak", leak.task.id, site, f"it names the website of the test task {leak.of}")
         else:
             yield Violation("family", leak.task.id, site, f"the test task {leak.of} is of its family")
 

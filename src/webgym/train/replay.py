@@ -191,10 +191,7 @@ class Replay:
             episode = trajectory.episode
             self._guard(task := run.tasks[episode.task_id])
             if task.id in leaks:
-                raise ConfigError(
-                    f"{task.id} shares a website or a family with a test task of its run",
-                    hint="collect with split: train",
-                )
+                raise ConfigError(f"{leaks[task.id]} of its run", hint="collect with split: train")
             if (reward := trajectory.outcome.reward) is not None:
                 rewarded.append(Attempt(episode.attempt_id, episode.task_id, reward))
                 steps[episode.attempt_id] = [self._fault(step) for step in episode.steps]

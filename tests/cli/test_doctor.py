@@ -12,11 +12,14 @@ import pytest
 from rich.console import Console
 from tests.conftest import Calls
 from tests.documented import documented
+from tests.llm.endpoint import serve
 
+from webgym.agent.prompts import render_reply
 from webgym.browser.find import find_browser
 from webgym.cli import doctor
 from webgym.cli._launch_check import SAMPLES, SIZE, LaunchCheck, try_browser
 from webgym.cli.doctor import Check, DoctorLimits
+from webgym.core.action import Answer, LeftClick, Target
 from webgym.core.errors import BrowserError
 
 
@@ -182,3 +185,30 @@ def test_the_table_fits_a_narrow_terminal() -> None:
     assert all(len(line.rstrip()) <= 60 for line in lines)
     assert any(line.startswith("!  Memory") for line in lines)
     assert any("→ use fewer sessions" in line for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("text", "status", "found"),
+    [("K7", "ok", "answers as asked"), ("The code is K7.", "note", "'The code is K7.'")],
+)
+async def test_a_model_that_answers_in_sentences_is_seen(text: str, status: str, found: str) -> None:
+    click = render_reply(LeftClick(Target(coordinate=(920.0, 910.0))), "memory", description="Click")
+    async with serve() as endpoint:
+        endpoint.text = click
+        endpoint.texts = {"Which code": render_reply(Answer(text), "memory", description="Answer")}
+        check = await doctor.check_model(endpoint.url("fine"), "some-model", None)
+    assert (check.name, check.status) == ("Model", status)
+    assert found in check.found
+
+
+async def test_a_model_that_is_not_there_or_points_elsewhere_is_missing() -> None:
+    async with serve() as endpoint:
+        endpoint.text = "I cannot see anything."
+        check = await doctor.check_model(endpoint.url("fine"), "some-model", None)
+    assert check.status == "missing"
+    assert "never with a valid action" in check.found
+
+
+def test_a_model_without_its_endpoint_is_refused(calls: Calls) -> None:
+    code, said = calls.run("doctor", "--model", "some-model")
+    assert (code, "give --base-url and --model" in said) == (2, True)

@@ -26,6 +26,8 @@ class Endpoint:
     def __init__(self, port: int) -> None:
         self.port = port
         self.text = "Hello."
+        self.texts: dict[str, str] = {}
+        """In place of ``text`` for requests that contain the key."""
         self.model = "tiny-1"
         self.behaviour = "fine"
         """Of ``changing``."""
@@ -68,6 +70,8 @@ class Endpoint:
             self.in_flight -= 1
 
     def completion(self, **choice: Any) -> dict[str, Any]:
+        asked = json.dumps(self.requests[-1]) if self.requests else ""
+        text = next((text for key, text in self.texts.items() if key in asked), self.text)
         return {
             "id": "chatcmpl-1",
             "object": "chat.completion",
@@ -77,7 +81,7 @@ class Endpoint:
                 {
                     "index": 0,
                     "finish_reason": "stop",
-                    "message": {"role": "assistant", "content": self.text},
+                    "message": {"role": "assistant", "content": text},
                     **choice,
                 }
             ],

@@ -16,10 +16,11 @@ from webgym.agent.agent import Agent
 from webgym.agent.context import thinking_of
 from webgym.agent.parser import ParsedReply, parse_reply
 from webgym.agent.profiles import all_profiles
-from webgym.core.action import GRID, LeftClick, Target
+from webgym.core.action import GRID, Answer, LeftClick, Target
 from webgym.core.errors import ConfigError
 from webgym.core.observation import Element, Observation
 from webgym.core.task import FactGroup, Rubric, Task
+from webgym.core.text import fold
 from webgym.core.trajectory import Step
 
 TRIES = 3
@@ -29,6 +30,8 @@ occasionally."""
 _BUTTON: Final = (0.86, 0.86, 0.98, 0.96)
 """Left, top, right and bottom of the button, as shares of the page: so far right and low that a point on a
 0-1000 grid that is read as pixels misses it, and the other way round."""
+
+_CODE: Final = "K7"
 
 
 async def check_policy(agent: Agent, viewport: tuple[int, int]) -> None:
@@ -43,22 +46,8 @@ async def check_policy(agent: Agent, viewport: tuple[int, int]) -> None:
         ConfigError: none of the replies contains an action, or one points at the button by another scale than
             the agent's profile.
     """
-    width, height = viewport
-    left, top, right, bottom = _BUTTON
-    box = (left * width, top * height, (right - left) * width, (bottom - top) * height)
-    image = _page(viewport, box)
-    seen = Observation(
-        hashlib.sha256(image).hexdigest(),
-        "https://example.com/",
-        "Example",
-        viewport,
-        text="Start",
-        elements=(Element(1, "button", "Start", box),),
-    )
-    rubric = Rubric((FactGroup(1, "click", ("The button was clicked",)),))
-    task = Task("preflight", "Click the button Start.", seen.url, "Misc.", "Other", rubric, "offline")
     for number in range(TRIES):
-        step = await agent.begin(task, number, 10).turn(seen, image, 0.0)
+        step = await _ask(agent, "Click the button Start.", "Start", viewport, number)
         _refuse_other_scale(agent, step, viewport)
         if step.action is not None:
             return
@@ -67,6 +56,47 @@ async def check_policy(agent: Agent, viewport: tuple[int, int]) -> None:
         f"{step.parse_error}",
         hint="is it a chat model that sees pictures, and the right --profile? policy.check: false skips this",
     )
+
+
+async def answer_in_words(agent: Agent, viewport: tuple[int, int]) -> str:
+    """Ask what stands on a synthetic page, for the value alone.
+
+    Args:
+        agent: the agent, entered.
+        viewport: width and height of the page, CSS pixels.
+
+    Returns:
+        The answer, if it is more than the value; empty if it is not, or if there was none.
+
+    Raises:
+        PolicyError: there was no reply.
+    """
+    for number in range(TRIES):
+        step = await _ask(
+            agent, "Which code is on the button? Answer with the code alone.", _CODE, viewport, number
+        )
+        if isinstance(step.action, Answer):
+            return "" if fold(step.action.text).strip(".") == fold(_CODE) else step.action.text
+    return ""
+
+
+async def _ask(agent: Agent, instruction: str, label: str, viewport: tuple[int, int], seed: int) -> Step:
+    """The agent's first step at a task on a synthetic page with one button."""
+    width, height = viewport
+    left, top, right, bottom = _BUTTON
+    box = (left * width, top * height, (right - left) * width, (bottom - top) * height)
+    image = _page(viewport, box, label)
+    seen = Observation(
+        hashlib.sha256(image).hexdigest(),
+        "https://example.com/",
+        "Example",
+        viewport,
+        text=label,
+        elements=(Element(1, "button", label, box),),
+    )
+    rubric = Rubric((FactGroup(1, "click", ("The button was clicked",)),))
+    task = Task("preflight", instruction, seen.url, "Misc.", "Other", rubric, "offline")
+    return await agent.begin(task, seed, 10).turn(seen, image, 0.0)
 
 
 def _refuse_other_scale(agent: Agent, step: Step, viewport: tuple[int, int]) -> None:
@@ -106,12 +136,12 @@ def _hits(agent: Agent, step: Step, screen: tuple[int, int]) -> bool:
     return False
 
 
-def _page(size: tuple[int, int], box: tuple[float, float, float, float]) -> bytes:
+def _page(size: tuple[int, int], box: tuple[float, float, float, float], label: str) -> bytes:
     picture = Image.new("RGB", size, "white")
     left, top, width, height = box
     draw = ImageDraw.Draw(picture)
     draw.rectangle((left, top, left + width, top + height), fill="#1a56db")
-    draw.text((left + width / 2, top + height / 2), "Start", fill="white", anchor="mm", font_size=height / 3)
+    draw.text((left + width / 2, top + height / 2), label, fill="white", anchor="mm", font_size=height / 3)
     out = io.BytesIO()
     picture.save(out, "PNG")
     return out.getvalue()

@@ -31,7 +31,8 @@ from rich.text import Text
 from webgym.browser.find import FoundBrowser, find_browser, run_bounded
 from webgym.browser.sandbox import remedy
 from webgym.cli._launch_check import LaunchCheck, try_browser
-from webgym.core.errors import BrowserError, BrowserNotFound
+from webgym.core.errors import BrowserError, BrowserNotFound, ConfigError, WebGymError
+from webgym.core.text import plain
 from webgym.settings import Settings
 
 Status: TypeAlias = Literal["ok", "note", "missing"]
@@ -95,17 +96,30 @@ def command(
     browser: Annotated[
         Path | None, typer.Option(help="Check this executable instead of searching for one.")
     ] = None,
+    base_url: Annotated[
+        str | None, typer.Option(help="Check a model, too: its OpenAI-compatible endpoint.")
+    ] = None,
+    model: Annotated[str, typer.Option(help="Name of the model.", show_default=False)] = "",
+    profile: Annotated[
+        str | None, typer.Option(help="Profile of the model's family.", show_default="by the model's name")
+    ] = None,
 ) -> None:
     """Check this machine: what is installed, what is missing, and how to fix it.
 
-    Starts the browser and renders a page. Exits with 1 if something essential is missing.
+    Starts the browser and renders a page. With --base-url and --model, a model is asked about test pages:
+    whether it acts, points by the scale of its profile, and answers in the form that it is asked for. Exits
+    with 1 if something essential is missing.
     """
     # The table contains the same problems, with their fixes.
     logging.getLogger("webgym.browser").setLevel(logging.ERROR)
+    if bool(base_url) != bool(model):
+        raise ConfigError("a model to check has an endpoint and a name", hint="give --base-url and --model")
     console = Console(highlight=False)
     busy = contextlib.nullcontext() if as_json else console.status("starting the browser")
     with busy:
         checks = list(examine(browser))
+        if base_url:
+            checks.append(asyncio.run(check_model(base_url, model, profile)))
     missing = [check.name for check in checks if check.status == "missing"]
     if as_json:
         print(json.dumps({"ready": not missing, "checks": msgspec.to_builtins(checks)}, indent=2))
@@ -310,6 +324,33 @@ def check_gpu(limits: DoctorLimits) -> Check:
         message = " ".join((answer.stderr or answer.stdout).split()) or "no output"
         return Check("GPU", "note", f"nvidia-smi failed: {message}", "see the output of `nvidia-smi`")
     return Check("GPU", "ok", "; ".join(cards))
+
+
+async def check_model(base_url: str, model: str, profile: str | None) -> Check:
+    """A model: whether it acts, points by its profile's scale, and answers in the form asked for."""
+    from webgym.agent.agent import Agent
+    from webgym.agent.config import AgentConfig
+    from webgym.agent.openai_policy import OpenAIPolicy
+    from webgym.agent.preflight import answer_in_words, check_policy
+    from webgym.agent.profiles import choose_profile
+    from webgym.llm.config import ChatConfig
+    from webgym.rollout.config import AttemptConfig
+
+    viewport = AttemptConfig().viewport
+    try:
+        chosen = choose_profile(profile, model)
+        policy = OpenAIPolicy(ChatConfig(base_url=base_url, model=model), chosen)
+        async with Agent(policy, AgentConfig(profile=profile), chosen) as agent:
+            await check_policy(agent, viewport)
+            words = await answer_in_words(agent, viewport)
+    except WebGymError as error:
+        return Check("Model", "missing", error.message, error.hint)
+    if words:
+        fix = "answers of the offline web are the values alone: this model will fail by form"
+        return Check(
+            "Model", "note", f"{model} answers {plain(words)!r} where the value alone is asked for", fix
+        )
+    return Check("Model", "ok", f"{model} acts on a test page and answers as asked (profile {chosen.name})")
 
 
 def _sudo() -> str:

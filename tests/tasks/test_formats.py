@@ -401,3 +401,14 @@ def test_a_run_takes_its_tasks_from_any_format(tmp_path: Path, name: str) -> Non
     found = choose_tasks(RunConfig(tasks=TaskChoice(file=tmp_path / name, split="train")))
     assert {each.id for each in found.tasks} == {each.id for each in tasks}
     assert (found.broken, len(found.set_aside)) == ([], 1)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_words_for_no_reference_answer_are_none_in_any_format(tmp_path: Path, name: str) -> None:
+    words = ["nan", "NaN", "null", "N/A", "undefined", "None", "-", " "]
+    answers = ["none", "0", "No", "Na"]
+    given = enumerate([*words, *answers])
+    tasks = [task(number, split="train", reference_answer=text) for number, text in given]
+    write_tasks(tmp_path / name, tasks, format=NAMES[name])
+    found = [each.reference_answer for each in read_tasks(tmp_path / name).tasks]
+    assert found == [*[None] * len(words), *answers]

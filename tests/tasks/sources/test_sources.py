@@ -90,6 +90,21 @@ def test_an_answer_is_the_answer_only_if_it_is_golden(tmp_path: Path) -> None:
     assert (distance.domain, distance.subdomain) == ("", ""), "a map is for anything"
 
 
+@pytest.mark.parametrize(
+    ("text", "answer"),
+    [("nan", None), ("N/A", None), ("null", None), ("-", None), ("None", None), ("none", "none"), ("0", "0")],
+)
+def test_words_for_no_reference_answer_are_none_in_any_source(
+    tmp_path: Path, text: str, answer: str | None
+) -> None:
+    (gaia,) = whole("gaia-web", tmp_path / "gaia.jsonl", [native.GAIA[0] | {"Final answer": text}])
+    (comp,) = whole("browsecomp", tmp_path / "comp.jsonl", [native.browsecomp("Who?", text)])
+    said = {"Google Map": {"answers": [{"id": 1, "type": "golden", "ans": text}]}}
+    (tmp_path / "reference_answer.json").write_text(json.dumps(said))
+    (distance,) = whole("pae-webvoyager", tmp_path / "map.jsonl", [native.WEBVOYAGER[1]])
+    assert [task.reference_answer for task in (gaia, comp, distance)] == [answer] * 3
+
+
 @pytest.mark.parametrize(("beside", "answered"), [(True, []), (False, ["Find a soup."])])
 def test_an_answer_is_to_one_text(tmp_path: Path, beside: bool, answered: list[str]) -> None:
     """PAE's tasks have the ids of WebVoyager's."""

@@ -6,6 +6,7 @@ import asyncio
 import dataclasses
 import functools
 import gc
+import json
 from pathlib import Path
 
 import msgspec
@@ -259,3 +260,6 @@ def test_rows_of_a_dataset_hold_nothing_that_judges_see(tmp_path: Path) -> None:
     assert [set(row) for row in rows] == [{"task_id", "instruction", "website", "split"}] * 4
     assert {row["split"] for row in rows} == {"train"}
     assert rows == webgym.task_rows(str(path), count=4)
+    line = json.dumps({"instruction": "What does <|im_end|> do?", "website": "a.example"})
+    path.write_text(line)
+    assert webgym.task_rows(str(path), split="all")[0]["instruction"] == "What does < |im_end|> do?"

@@ -23,7 +23,7 @@ async def play(env: webgym.Environment, seed: int) -> float:
 
 async def main() -> None:
     """Eight episodes, all at the same time."""
-    async with webgym.make_many(8, "offline-small-v1") as envs:
+    async with webgym.make_many(8, "offline-small-v2") as envs:
         rewards = await asyncio.gather(*(play(env, seed) for seed, env in enumerate(envs)))
     print(f"{len(rewards)} attempts, {sum(rewards):g} of them successful")
 

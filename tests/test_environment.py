@@ -156,10 +156,10 @@ async def test_what_is_used_wrongly_is_told() -> None:
         assert info["step"] == 1, "a wrong call costs no episode"
     with pytest.raises(ConfigError, match="no tasks named 'online-v1'"):
         webgym.make("online-v1")
-    with pytest.raises(ConfigError, match="did you mean offline-small-v1"):
+    with pytest.raises(ConfigError, match="did you mean offline-small-v2"):
         webgym.make("offline-smal-v1")
     with pytest.raises(ConfigError, match="a seed is an integer, not inf"):
-        webgym.make("offline-v1", seed=float("inf"))
+        webgym.make("offline-v2", seed=float("inf"))
     with pytest.raises(ConfigError, match="there is no task"):
         await Environment([]).__aenter__()
     with pytest.raises(ConfigError, match="split is one of train, test, all, unsplit, not 'tran'"):
@@ -237,11 +237,18 @@ async def test_a_server_that_is_away_is_waited_for_and_costs_no_task(
 async def test_an_episode_without_a_reward_may_be_an_error() -> None:
     async with stand_in_environment(on_fault="raise") as env:
         await env.reset()
-        for _ in range(3):
-            await env.step("no")
-        with pytest.raises(EpisodeLost, match="policy_error: none of 4 replies holds an action"):
-            await env.step("no")
+        env._judge.fault = "judge"  # type: ignore[union-attr]
+        with pytest.raises(EpisodeLost, match="judge_error: the judge of the check gives no verdict"):
+            await env.step(Answer("right"))
         await env.reset()
+
+
+async def test_replies_without_an_action_spend_the_budget() -> None:
+    async with stand_in_environment(on_fault="raise") as env:
+        await env.reset()
+        results = [await env.step("no") for _ in range(4)]
+        assert [each[1:4] for each in results] == [(0.0, False, False)] * 3 + [(0.0, False, True)]
+        assert results[-1][4]["outcome"] == "truncated"
 
 
 async def test_a_second_step_at_the_same_time_is_refused_and_the_episode_goes_on(
@@ -449,18 +456,18 @@ def test_a_forked_process_ends_and_is_told_to_make_its_own() -> None:
 
 def test_a_name_replaces_the_task_file_of_a_config() -> None:
     config = RunConfig(tasks=TaskChoice(file=Path("tasks.jsonl")))
-    assert webgym.make("offline-small-v1", config=config).config.tasks.file is None
+    assert webgym.make("offline-small-v2", config=config).config.tasks.file is None
 
 
 def test_one_environment_starts_one_browser_unless_more_are_asked_for() -> None:
-    assert webgym.make("offline-small-v1").config.collector.sessions == 1
+    assert webgym.make("offline-small-v2").config.collector.sessions == 1
     three = RunConfig(collector=CollectorConfig(sessions=3))
-    assert webgym.make("offline-small-v1", config=three).config.collector.sessions == 3
+    assert webgym.make("offline-small-v2", config=three).config.collector.sessions == 3
 
 
 @pytest.fixture(scope="module")
 def real() -> Iterator[SyncEnvironment]:
-    with SyncEnvironment(webgym.make("offline-small-v1", config=SMALL)) as env:
+    with SyncEnvironment(webgym.make("offline-small-v2", config=SMALL)) as env:
         yield env
 
 

@@ -166,17 +166,17 @@ def test_tasks_are_named_where_a_file_is(
     of_python: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    tasks = {"file": Path("offline-small-v1"), "split": "test"}
+    tasks = {"file": Path("offline-small-v2"), "split": "test"}
     config = (
         RunConfig(tasks=TaskChoice.model_validate(tasks))
         if of_python
         else _run.settings([], {"tasks": tasks, "sites": {"latency": 0}})
     )
     assert (config.sites.collection, config.tasks.file, config.tasks.split) == ("small", None, "test")
-    with pytest.raises(ConfigError, match=r"offline-small-v1 have their own websites: leave out sites\.seed"):
+    with pytest.raises(ConfigError, match=r"offline-small-v2 have their own websites: leave out sites\.seed"):
         _run.settings([], {"tasks": tasks, "sites": {"seed": 3}})
-    (tmp_path / "offline-small-v1").touch()
-    assert _run.settings([], {"tasks": tasks}).tasks.file == Path("offline-small-v1")
+    (tmp_path / "offline-small-v2").touch()
+    assert _run.settings([], {"tasks": tasks}).tasks.file == Path("offline-small-v2")
 
 
 def test_merging_changes_neither_side() -> None:

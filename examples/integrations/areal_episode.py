@@ -14,7 +14,7 @@ from webgym.integrations.areal import WebGymWorkflow
 
 
 async def main(
-    engine: Any, tokenizer: Any, processor: Any, name: str = "offline-small-v1"
+    engine: Any, tokenizer: Any, processor: Any, name: str = "offline-small-v2"
 ) -> dict[str, Any] | None:
     """Tensors of an episode; none if it has no reward.
 

@@ -11,7 +11,7 @@ import webgym
 import webgym.integrations.gymnasium  # makes the ids known
 
 
-def main(name: str = "WebGym/OfflineSmall-v1", seed: int = 1, steps: int = 5) -> float:
+def main(name: str = "WebGym/OfflineSmall-v2", seed: int = 1, steps: int = 5) -> float:
     """Its reward; NaN if it has none."""
     env = gymnasium.make(name)
     try:

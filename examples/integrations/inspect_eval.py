@@ -14,7 +14,7 @@ from webgym.integrations.inspect_ai import webgym_task
 
 
 def main(
-    model: Any, name: str = "offline-small-v1", count: int = 8, browsers: int = 4, **given: Any
+    model: Any, name: str = "offline-small-v2", count: int = 8, browsers: int = 4, **given: Any
 ) -> float:
     """The success rate of the samples that have a score; NaN if none has."""
     task = webgym_task(name, count=count, browsers=browsers)

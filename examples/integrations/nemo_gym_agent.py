@@ -14,7 +14,7 @@ from typing import Any
 from webgym.integrations.nemo_gym import WebGymAgent, nemo_gym_rows
 
 
-def main(path: str, name: str = "offline-v1", **given: Any) -> None:
+def main(path: str, name: str = "offline-v2", **given: Any) -> None:
     """A line for each task."""
     rows = nemo_gym_rows(name, **{"count": "all", **given})
     Path(path).write_text("".join(json.dumps(row) + "\n" for row in rows))

@@ -11,7 +11,7 @@ import sys
 
 from webgym.integrations.openenv import WebGymAction, WebGymClient, create_app
 
-app = create_app("offline-small-v1", size=4)  # no browser starts before the first episode
+app = create_app("offline-small-v2", size=4)  # no browser starts before the first episode
 
 
 async def main(url: str) -> float | None:

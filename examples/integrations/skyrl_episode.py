@@ -15,7 +15,7 @@ from webgym.integrations.skyrl_gym import NoReward, skyrl_rows
 skyrl_gym.register(id="webgym", entry_point="webgym.integrations.skyrl_gym:WebGymEnv")
 
 
-def main(url: str, model: str, name: str = "offline-small-v1") -> float | None:
+def main(url: str, model: str, name: str = "offline-small-v2") -> float | None:
     """Its reward; none if it has none. ``WEBGYM_TASKS`` names the same tasks."""
     [row] = skyrl_rows(name, count=1)
     env = skyrl_gym.make("webgym", env_config={}, extras=row)

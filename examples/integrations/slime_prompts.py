@@ -17,7 +17,7 @@ FLAGS = """--prompt-data {path} --input-key prompt --metadata-key metadata \\
 --dynamic-sampling-filter-path webgym.integrations.slime.has_rewards"""
 
 
-def main(path: str, name: str = "offline-v1", **given: Any) -> None:
+def main(path: str, name: str = "offline-v2", **given: Any) -> None:
     """A line for each task; ``WEBGYM_TASKS`` has to name the same tasks where slime runs."""
     rows = webgym.task_rows(name, **{"count": "all", **given})
     lines = [{"prompt": row["instruction"], "metadata": {"task_id": row["task_id"]}} for row in rows]

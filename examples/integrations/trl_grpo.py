@@ -15,7 +15,7 @@ from webgym.integrations.trl import Browsers
 
 
 def main(
-    model: Any, name: str = "offline-v1", count: int = 200, trainer: Any = GRPOTrainer, **given: Any
+    model: Any, name: str = "offline-v2", count: int = 200, trainer: Any = GRPOTrainer, **given: Any
 ) -> Any:
     """Returns the trainer; ``given`` is its own."""
     args = given.pop("args", None) or GRPOConfig(

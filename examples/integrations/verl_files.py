@@ -22,7 +22,7 @@ actor_rollout_ref.rollout.mode=async \\
 actor_rollout_ref.rollout.agent.agent_loop_config_path={folder}/agent_loop.yaml"""
 
 
-def main(folder: Path, name: str = "offline-v1", size: int = 64, count: Any = "all") -> None:
+def main(folder: Path, name: str = "offline-v2", size: int = 64, count: Any = "all") -> None:
     """And print the options of ``verl.trainer.main_ppo`` that name them."""
     folder.mkdir(parents=True, exist_ok=True)
     loops = ""

@@ -144,8 +144,6 @@ class _StandIns:
             return "check-2", [*[Scroll("down")] * 3, Answer("wrong")]
         if case == "spent":
             return "check-3", [Scroll("down")] * BUDGET
-        if case == "unreadable":
-            return "check-3", ["I would click there."] * BUDGET
         return "check-1", [Scroll("down"), Answer("right")]
 
     def open_browsers(self) -> int:

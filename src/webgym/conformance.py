@@ -29,7 +29,7 @@ from webgym.server.messages import SessionOptions, View
 _SIZE: Final = (64, 48)
 BUDGET: Final = 4
 _RIGHT: Final = "right"
-FAULTS: Final = ("browser", "judge", "no_reward", "blocked", "unreadable")
+FAULTS: Final = ("browser", "judge", "no_reward", "blocked")
 """What can keep an episode from a reward."""
 
 
@@ -149,8 +149,8 @@ class _Check:
         for answer, wanted in ((_RIGHT, 1.0), ("wrong", 0.0), (None, 0.0)):
             async with self._opened() as (env, _, _):
                 await _call(env.reset, seed=1)
-                last = Scroll("down") if answer is None else Answer(answer)
-                actions = [Scroll("down")] * (BUDGET - 1) + [last]
+                last: Action | str = "I would click there." if answer is None else Answer(answer)
+                actions: list[Action | str] = [*[Scroll("down")] * (BUDGET - 1), last]
                 results = [await _call(env.step, action) for action in actions]
                 rewards = [each[1] for each in results]
                 self.expect(rewards[:-1] == [0.0] * (BUDGET - 1), f"a reward before the end: {rewards}")
@@ -167,11 +167,9 @@ class _Check:
             async with self._opened() as (env, browsers, judge):
                 await _call(env.reset, seed=1)
                 judge.fault, browsers.fails = fault, fault == "browser"
-                actions: list[Action | str] = [Scroll("down"), Answer(_RIGHT)]
+                actions: list[Action] = [Scroll("down"), Answer(_RIGHT)]
                 if fault in ("judge", "no_reward", "blocked"):
                     actions = [Answer(_RIGHT)]
-                elif fault == "unreadable":
-                    actions = ["I would click there."] * BUDGET
                 reward, terminated, truncated, info = 0.0, False, False, {}
                 for action in actions:
                     _, reward, terminated, truncated, info = await _call(env.step, action)

@@ -1,6 +1,6 @@
 """The environment, to run your own policy or trainer: reset, step, and a reward at the end::
 
-    async with webgym.make("offline-v1", split="train") as env:
+    async with webgym.make("offline-v2", split="train") as env:
         view, info = await env.reset(seed=7)
         while not info["is_over"]:
             view, reward, terminated, truncated, info = await env.step(act(info["messages"], info["images"]))
@@ -581,13 +581,13 @@ def random_action(seed: int) -> Action:
 
 
 def make(
-    name: str = "offline-v1", *, split: SplitName = "train", config: RunConfig | None = None, **given: Any
+    name: str = "offline-v2", *, split: SplitName = "train", config: RunConfig | None = None, **given: Any
 ) -> Environment:
     """An environment by the name of its tasks.
 
     Args:
-        name: ``offline-v1`` (655 websites as on the real web), ``offline-small-v1`` (360 websites of a few
-            large signs), ``offline-cross-v1`` (tasks over two of the large collection's websites), or a task
+        name: ``offline-v2`` (655 websites as on the real web), ``offline-small-v2`` (360 websites of a few
+            large signs), ``offline-cross-v2`` (tasks over two of the large collection's websites), or a task
             file's path.
         split: ``train`` (excludes all test tasks), ``test``, ``all``, or ``unsplit`` for tasks of a file that
             have no split.
@@ -637,10 +637,10 @@ def with_browsers(config: RunConfig, count: int) -> RunConfig:
 
 
 @asynccontextmanager
-async def make_many(count: int, name: str = "offline-v1", **given: Any) -> AsyncIterator[list[Environment]]:
+async def make_many(count: int, name: str = "offline-v2", **given: Any) -> AsyncIterator[list[Environment]]:
     """Several environments on the same browsers, websites and judge, each with its own order of tasks::
 
-        async with webgym.make_many(8, "offline-v1") as envs:
+        async with webgym.make_many(8, "offline-v2") as envs:
             views = await asyncio.gather(*(env.reset() for env in envs))
 
     Args:

@@ -24,7 +24,7 @@ class EnvironmentPool:
 
     They are opened for the first episode, on the calling event loop, and stay open until :meth:`close`::
 
-        pool = webgym.EnvironmentPool("offline-v1", size=32)
+        pool = webgym.EnvironmentPool("offline-v2", size=32)
 
         async def episode(task_id):
             async with pool.environment() as env:
@@ -44,7 +44,7 @@ class EnvironmentPool:
 
     def __init__(
         self,
-        name: str = "offline-v1",
+        name: str = "offline-v2",
         *,
         size: int = 8,
         split: SplitName = "train",
@@ -117,7 +117,7 @@ class EnvironmentPool:
 
 
 def task_rows(
-    name: str = "offline-v1",
+    name: str = "offline-v2",
     *,
     split: SplitName = "train",
     count: int | Literal["all"] = 20,

@@ -40,7 +40,7 @@ class TaskChoice(Selection):
     """Which tasks; by default training tasks."""
 
     file: Path | None = None
-    """Task file of any format, a folder of them, or the name of tasks, such as ``offline-small-v1``; without
+    """Task file of any format, a folder of them, or the name of tasks, such as ``offline-small-v2``; without
     one, the offline web's tasks."""
 
     count: Annotated[int, Field(ge=1)] | Literal["all"] | None = None

@@ -23,7 +23,7 @@ from webgym.browser.config import Cookie
 from webgym.browser.find import find_browser
 from webgym.browser.process import PICTURE_FLAGS
 from webgym.core.action import BrowserAction, Navigate
-from webgym.core.errors import NavigationFailed, PolicyBadReply, PolicyError
+from webgym.core.errors import NavigationFailed, PolicyError
 from webgym.core.trajectory import Episode
 from webgym.offline.static_browser import StaticBrowser, read_page
 from webgym.offline.web import OfflineWeb
@@ -230,7 +230,7 @@ class StaticCollector:
         """Make an attempt.
 
         Raises:
-            PolicyError: the attempt ended early, for a reason other than replies without a valid action.
+            PolicyError: the attempt ended early.
         """
         attempt = Attempt(self._context, planned)
         session = await self._browsers.open(attempt.options())
@@ -239,9 +239,7 @@ class StaticCollector:
         finally:
             await session.close()
         episode = attempt.episode()
-        failure = episode.failure
-        # A model early in training may never give a valid action.
-        has_no_action = failure is not None and failure.code == PolicyBadReply.code
-        if episode.ending not in JUDGED and not has_no_action:
+        if episode.ending not in JUDGED:
+            failure = episode.failure
             raise PolicyError(f"{planned.attempt_id}: {failure.message if failure else episode.ending}")
         return episode

@@ -104,7 +104,7 @@ async def _close(closing: Callable[[], Coroutine[Any, Any, object]]) -> None:
 class SyncEnvironment:
     """A blocking :class:`~webgym.environment.Environment`, on an event loop in its own thread::
 
-        with webgym.SyncEnvironment(webgym.make("offline-v1")) as env:
+        with webgym.SyncEnvironment(webgym.make("offline-v2")) as env:
             view, info = env.reset(seed=7)
             view, reward, terminated, truncated, info = env.step(Scroll("down"))
 

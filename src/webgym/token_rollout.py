@@ -1,6 +1,6 @@
 """Episodes for trainers that hand token ids to an inference engine, and train on what was sampled::
 
-    async with webgym.EnvironmentPool("offline-v1", size=8) as pool, pool.environment() as env:
+    async with webgym.EnvironmentPool("offline-v2", size=8) as pool, pool.environment() as env:
         rollout = await webgym.roll_out(env, generate, renderer, task_id=task_id)
         for row in rollout.rows:
             ...  # row.prompt_ids, row.reply_ids, row.logprobs, row.images

@@ -133,8 +133,8 @@ def degraded_solutions(task: Task, solved: Episode) -> Iterator[tuple[str, Episo
     if task.truth.answer.required:
         yield "a wrong answer", change(solved, answer="It is the other one, 987654321.")
         yield "an answer that gives up", change(solved, answer="I could not find it.")
-        if task.truth.answer.forbidden:
-            wrong = f"{solved.answer} Or {task.truth.answer.forbidden[0]}."
+        if task.truth.answer.others:
+            wrong = f"{solved.answer}\n{task.truth.answer.others[0]}"
             yield "an answer that names another candidate too", change(solved, answer=wrong)
     yield "no answer", change(solved, answer=None, ending=Ending.BUDGET_SPENT)
     yield "a right answer at first sight", change(solved, steps=solved.steps[:1], final=None)

@@ -232,7 +232,7 @@ async def test_without_a_solution_or_without_elements(play: Play) -> None:
 # --- mistakes -------------------------------------------------------------------------------------
 
 LONG = (*SEARCH, Click("Mug 31"), See(("£31.50",)), Click("Details"), See(("3100 g",)), Click("Cart"))
-TRUTH = AnswerTruth(required=(("£31.50",),), forbidden=("£30.50",))
+TRUTH = AnswerTruth(required=(("£31.50",),), others=("£30.50",))
 
 
 async def play_mistake(
@@ -244,7 +244,7 @@ async def play_mistake(
 
 async def test_wrong_answer(play: Play) -> None:
     steps = await play_mistake(play, "wrong_answer")
-    assert answer_of(steps) == "The answer is £30.50."
+    assert answer_of(steps) == "£30.50"
     assert {step.reply.sampling["mistake"] for step in steps} == {"wrong_answer"}
     steps = await play_mistake(play, "wrong_answer", answer=AnswerTruth(required=(("£31.50",),)))
     answer = answer_of(steps)
@@ -339,7 +339,7 @@ def test_the_rate_of_mistakes_is_kept_and_all_kinds_occur() -> None:
 
 @pytest.mark.parametrize(
     ("right", "required"),
-    [("It costs £9.", "£9"), ("It opens at 09:30.", "09:30"), ("Ada wrote it.", "Ada"), ("10", "10")],
+    [("£9", "£9"), ("09:30", "09:30"), ("Ada", "Ada"), ("10", "10")],
 )
 def test_wrong_answers_are_wrong(right: str, required: str) -> None:
     import random

@@ -15,11 +15,9 @@ from tests.judge.judge_model import Asked, serve_judge
 from tests.judge.test_both_judges import Reader
 
 from webgym.core.outcome import Outcome
-from webgym.core.text import fold, says
-from webgym.core.truth import Give
+from webgym.judge.answers import compare
 from webgym.judge.config import JudgeChoice
 from webgym.judge.factory import open_judge
-from webgym.judge.hedging import other_candidate
 from webgym.offline.config import SitesConfig
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
@@ -42,11 +40,8 @@ class Strict(Reader):
             return super().__call__(asked)
         task = self.tasks[asked.quotes["task"]]
         assert task.truth is not None
-        *_, last = task.truth.moves
-        assert isinstance(last, Give)
-        required, answer = task.truth.answer.required, asked.quotes["answer"]
-        is_said = all(any(says(fold(answer), option) for option in options) for options in required)
-        return asked.verdict(is_said and not other_candidate(answer, required, (task.instruction, last.text)))
+        _, value = compare(task.truth.answer, asked.quotes["answer"])
+        return asked.verdict(bool(value and value.passed))
 
 
 @pytest.mark.browser
@@ -71,7 +66,8 @@ async def test_no_hack_gains_with_either_judge(tmp_path: Path) -> None:
     texts = {}
     for trajectory in reader.trajectories():
         way = ways[trajectory.episode.task_id]
-        expected = Outcome.TRUNCATED if way == "waits at a challenge" else Outcome.FAILURE
+        never_answers = way in ("waits at a challenge", "replies garbage")
+        expected = Outcome.TRUNCATED if never_answers else Outcome.FAILURE
         assert trajectory.outcome is expected, way
         for seen in trajectory.episode.observations:
             texts[seen.screenshot] = seen.text or ""
@@ -115,5 +111,5 @@ def test_lists_hold_the_right_answer_and_a_rival() -> None:
         said = candidates(task, ["It costs 12.50 or 13.50."], random.Random(task.id))
         assert right_answer(task) in said
         assert said != right_answer(task)
-        kinds[bool(task.truth and task.truth.answer.forbidden)] += 1
+        kinds[bool(task.truth and task.truth.answer.others)] += 1
     assert kinds[True]

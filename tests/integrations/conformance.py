@@ -28,7 +28,7 @@ def in_browsers() -> tuple[dict[str, Any], list[tuple[str, Sequence[Action | str
         assert site is not None
         steps = webgym.testing.play(site, task, web.collection.viewport).steps
         solved.append((task.id, [step.action for step in steps if step.action is not None]))
-    return {"name": "offline-small-v1", "size": 2, "split": "train", "config": config}, solved
+    return {"name": "offline-small-v2", "size": 2, "split": "train", "config": config}, solved
 
 
 async def check_in_browsers(adapt: Adapt) -> list[Told]:

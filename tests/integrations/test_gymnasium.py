@@ -173,7 +173,7 @@ def test_what_it_takes_and_what_is_refused_before_any_environment_acts(tmp_path:
 
 @pytest.mark.browser
 def test_several_browsers_at_once_and_the_next_episode_after_an_end() -> None:
-    envs = gymnasium.make_vec("WebGym/OfflineSmall-v1", num_envs=2)
+    envs = gymnasium.make_vec("WebGym/OfflineSmall-v2", num_envs=2)
     assert isinstance(envs.unwrapped, WebGymVectorEnv)
     assert envs.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
     try:

@@ -196,10 +196,10 @@ async def test_a_reply_that_the_model_did_not_end_is_no_step_of_its_own(
 @pytest.mark.browser
 async def test_the_example_in_a_real_browser(tmp_path: Path) -> None:
     served = example("nemo_gym_agent")
-    served.main(str(tmp_path / "rows.jsonl"), "offline-small-v1", count=1)
+    served.main(str(tmp_path / "rows.jsonl"), "offline-small-v2", count=1)
     row = json.loads((tmp_path / "rows.jsonl").read_text())
     model = ModelServer(texts_of([Scroll("down"), Answer("no idea")]))
-    async with webgym.EnvironmentPool("offline-small-v1", size=1) as pool:
+    async with webgym.EnvironmentPool("offline-small-v2", size=1) as pool:
         told = await ran(agent(pool, model), row["task_id"])
     assert (told["reward"], told["outcome"]) == (0.0, "failure")
     assert served.WebGymAgent is WebGymAgent

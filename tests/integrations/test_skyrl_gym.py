@@ -152,7 +152,7 @@ def test_rows_name_the_environment(tmp_path: Path) -> None:
 
 @pytest.mark.browser
 async def test_the_example(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setenv("WEBGYM_TASKS", "offline-small-v1")
+    monkeypatch.setenv("WEBGYM_TASKS", "offline-small-v2")
     monkeypatch.setenv("WEBGYM_BROWSERS", "1")
     skyrl_gym.registry.pop(ENV_CLASS, None)
     async with endpoint.serve() as served:

@@ -201,14 +201,14 @@ async def test_a_reply_that_the_endpoint_withheld_is_an_error(
 async def test_the_documented_command(tmp_path: Path) -> None:
     words = documented(
         "vf-eval verifiers-tasks --model MODEL --client.base-url http://127.0.0.1:8000/v1 --max-concurrent 8 "
-        "--env.taskset.tasks offline-v1 --env.taskset.split test --env.taskset.count 50 --env.browsers 8 "
+        "--env.taskset.tasks offline-v2 --env.taskset.split test --env.taskset.count 50 --env.browsers 8 "
         "--no-push"
     )
     shutil.copy(EXAMPLES / "verifiers_tasks.py", tmp_path)
     path = os.pathsep.join([".", os.environ.get("PYTHONPATH", "")])
     async with endpoint.serve() as served:
         served.text = reply_text(Answer("no idea"))
-        smaller = {"offline-v1": "offline-small-v1", "50": "2", "8": "1", words[4]: served.url()}
+        smaller = {"offline-v2": "offline-small-v2", "50": "2", "8": "1", words[4]: served.url()}
         command = await asyncio.create_subprocess_exec(
             Path(sys.executable).with_name("vf-eval"),
             *(smaller.get(word, word) for word in words),

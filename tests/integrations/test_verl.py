@@ -169,10 +169,10 @@ async def test_a_reply_that_the_engine_aborted_is_no_action_of_the_agents(tmp_pa
 
 async def test_episodes_of_the_same_entry_share_their_browsers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(verl, "_pools", {})
-    entry: dict[str, Any] = {"tasks": "offline-small-v1", "size": 3}
+    entry: dict[str, Any] = {"tasks": "offline-small-v2", "size": 3}
     one, other = (loop(Server(), **entry) for _ in range(2))
     assert one._pool is other._pool
-    assert list(verl._pools) == [("offline-small-v1", 3, "train")]
+    assert list(verl._pools) == [("offline-small-v2", 3, "train")]
     assert loop(Server(), **entry, split="test")._pool is not one._pool
 
 
@@ -186,7 +186,7 @@ def test_the_dataset_holds_nothing_that_judges_see(tmp_path: Path) -> None:
 
 
 def test_the_example(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    example("verl_files").main(tmp_path / "data", "offline-small-v1", size=2, count=3)
+    example("verl_files").main(tmp_path / "data", "offline-small-v2", size=2, count=3)
     entries = OmegaConf.load(tmp_path / "data" / "agent_loop.yaml")
     for split, entry in zip(("train", "test"), entries, strict=True):
         rows = pq.read_table(tmp_path / "data" / f"{split}.parquet").to_pylist()

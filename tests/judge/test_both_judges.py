@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -11,9 +12,10 @@ from tests.judge.judge_model import Asked, serve_judge
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.text import fold, says
+from webgym.judge.answers import compare as answer_check
+from webgym.judge.answers import items
 from webgym.judge.config import JudgeChoice
 from webgym.judge.factory import open_judge
-from webgym.judge.numbers import numbers
 from webgym.judge.offline import OfflineJudge
 from webgym.llm.cache import ReplyCache
 from webgym.llm.ledger import Ledger
@@ -67,23 +69,20 @@ class Reader:
             passed = bool(where) or not proofs
             return asked.verdict(passed, f"It stands at {where[0]}." if where else "No screenshot shows it.")
         if asked.stage == "response":
-            known = [
-                task.instruction,
-                *(option for options in task.truth.answer.required for option in options),
+            known = fold(" ".join(option for options in task.truth.answer.values for option in options))
+            given = items(asked.quotes["answer"])
+            invented = [
+                each for each in given if not any(says(text, each) for text in (known, *shown.values()))
             ]
-            grounded = set().union(*map(numbers, known), *map(numbers, shown.values()))
-            invented = [number for number in numbers(asked.quotes["answer"]) - grounded if number >= 10]
             return asked.verdict(
                 not invented, f"Not visible: {invented}." if invented else "All of it is visible."
             )
-        answer = fold(asked.quotes["answer"])
-        return asked.verdict(
-            all(any(says(answer, option) for option in options) for options in task.truth.answer.required)
-        )
+        _, value = answer_check(task.truth.answer, asked.quotes["answer"])
+        return asked.verdict(bool(value and value.passed))
 
     def _matters(self, seen: str, proofs: list[tuple[str, ...]]) -> bool:
         """When in doubt, yes: a number may be what the answer needs."""
-        return any(self._shows(seen, texts) for texts in proofs) or any(each >= 10 for each in numbers(seen))
+        return any(self._shows(seen, texts) for texts in proofs) or bool(re.search("[0-9]{2}", seen))
 
     @staticmethod
     def _shows(seen: str, texts: tuple[str, ...]) -> bool:

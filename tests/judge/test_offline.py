@@ -34,8 +34,8 @@ TASK = Task(
             FactTruth(1, 0, evidence=(Evidence(("Blue Mug", "$12.50"), r"/p/"),)),
             FactTruth(1, 1, state=(StateCheck(("cart", "Blue Mug"), 1),)),
         ),
-        answer=AnswerTruth(required=(("$12.50", "12.50 dollars"),), forbidden=("$9.00",)),
-        moves=(Give("It costs $12.50."),),
+        answer=AnswerTruth(required=(("$12.50", "12.50 dollars"),), others=("$9.00",)),
+        moves=(Give("$12.50"),),
     ),
 )
 
@@ -53,7 +53,7 @@ PRODUCT = Observation(
 CHALLENGE = Observation(
     "c" * 64, f"http://{HOST}/", "Just a moment", (1280, 768), status=403, text="Verify you are human"
 )
-RIGHT = "The Blue Mug costs $12.50."
+RIGHT = "$12.50"
 CART = {"cart": {"Blue Mug": 1}}
 
 
@@ -79,37 +79,20 @@ async def test_everything_shown_done_and_said_is_a_success() -> None:
     assert verdict.facts[0].judgement.steps == (1,)
 
 
-@pytest.mark.parametrize(
-    "answer",
-    [
-        "It costs $9.00.",
-        "It costs $12.",
-        "It costs $112.50.",
-        "It costs $12.50 or $9.00.",
-        "It costs $9.00, not $12.50.",
-        "Not $9.00, not $12.50.",
-        "$9.00, not $12.50. $12.50, not $9.00.",
-        "It costs $12.50, if not $8.00, $9.00.",
-        "I could not find it.",
-        "",
-        "   ",
-    ],
-)
-async def test_a_wrong_answer_fails(answer: str) -> None:
-    assert (await judged(episode(FRONT, PRODUCT, answer=answer))).reward == 0
-
-
-@pytest.mark.parametrize(
-    "answer",
-    [
-        "It costs $12.50, not $9.00.",
-        "The Blue Mug costs $12.50 rather than $9.00.",
-        "It isn’t $9.00: it costs $12.50.",
-        "It costs $12.50; $9.00 is wrong.",
-    ],
-)
-async def test_a_wrong_value_that_is_denied_is_not_claimed(answer: str) -> None:
-    assert (await judged(episode(FRONT, PRODUCT, answer=answer))).reward == 1
+async def test_a_failure_says_what_was_wrong() -> None:
+    """The answer's fault comes first: a model that answers in sentences is seen to do so."""
+    made = {
+        None: episode(FRONT, PRODUCT),
+        "form": episode(FRONT, PRODUCT, answer="The Blue Mug costs $12.50."),
+        "wrong value": episode(FRONT, PRODUCT, answer="$9.00"),
+        "no evidence": episode(FRONT),
+        "state": episode(FRONT, PRODUCT, state={}),
+    }
+    assert {fault: (await judged(each)).fault for fault, each in made.items()} == {
+        each: each for each in made
+    }
+    assert (await judged(episode(FRONT, answer="I could not find it.", state={}))).fault == "form"
+    assert (await judged(episode(FRONT, answer=None, state={}))).fault is None
 
 
 async def test_evidence_of_another_website_counts_there_alone() -> None:
@@ -149,9 +132,6 @@ async def test_evidence_on_another_website_or_path_does_not_count() -> None:
 async def test_what_stands_in_fields_proves_nothing() -> None:
     typed = msgspec.structs.replace(PRODUCT, text="Blue Mug", fields=("Blue Mug", "$12.50 and 381 pieces"))
     assert (await judged(episode(FRONT, typed))).reward == 0
-    verdict = await judged(episode(PRODUCT, typed, answer="It costs $12.50 and 381 people bought it."))
-    assert verdict.response is not None
-    assert not verdict.response.passed
 
 
 async def test_evidence_must_stand_in_one_screenshot() -> None:
@@ -166,22 +146,6 @@ async def test_a_server_that_holds_something_else_fails(state: dict[str, Any]) -
 
 
 @pytest.mark.parametrize(
-    ("answer", "reward"),
-    [
-        ("At Fernhill Mugs it is wood.", 1),
-        ("Wood (source: http://fernhill-mugs.webgym.test/p/1).", 1),
-        ("Wood or mugs", 0),
-        ("Fernhill Mugs", 0),
-    ],
-)
-async def test_the_name_of_the_website_names_no_candidate(answer: str, reward: int) -> None:
-    assert TASK.truth is not None
-    one = AnswerTruth((("Wood",),), ("Mugs",))
-    task = msgspec.structs.replace(TASK, truth=msgspec.structs.replace(TASK.truth, answer=one, moves=()))
-    assert (await judged(episode(FRONT, PRODUCT, answer=answer), task)).reward == reward
-
-
-@pytest.mark.parametrize(
     ("others", "reward"), [({}, 1), ({"saved": {}}, 1), ({"saved": {"Red Mug": True}}, 0)]
 )
 async def test_what_must_be_empty_may_be_absent(others: dict[str, Any], reward: int) -> None:
@@ -190,17 +154,6 @@ async def test_what_must_be_empty_may_be_absent(others: dict[str, Any], reward: 
     alone = msgspec.structs.replace(done, state=(*done.state, StateCheck(("saved",), None)))
     task = msgspec.structs.replace(TASK, truth=msgspec.structs.replace(TASK.truth, facts=(shown, alone)))
     assert (await judged(episode(FRONT, PRODUCT, state=CART | others), task)).reward == reward
-
-
-async def test_an_invented_number_fails_though_the_reference_is_met() -> None:
-    verdict = await judged(episode(FRONT, PRODUCT, answer="It costs $12.50 and 381 people bought it."))
-    assert verdict.reward == 0
-    assert verdict.response is not None
-    assert "381" in verdict.response.reason
-
-
-async def test_a_visible_number_and_a_small_count_are_no_inventions() -> None:
-    assert (await judged(episode(PRODUCT, answer="1 mug for $12.50, rated 4.7."))).reward == 1
 
 
 async def test_what_happens_after_the_budget_is_no_success() -> None:
@@ -277,81 +230,3 @@ async def test_a_website_that_the_agent_never_opened_has_no_state_to_lose(answer
     task = msgspec.structs.replace(TASK, truth=msgspec.structs.replace(TASK.truth, facts=(there, done)))
     product = msgspec.structs.replace(PRODUCT, url=f"http://{other}/p/1")
     assert (await judged(episode(product, answer=answer, state=None), task)).reward == 0
-
-
-@pytest.mark.parametrize(
-    ("answer", "reward"),
-    [
-        ("7, 12", 1),
-        ("The star has 7 and the moon has 12.", 1),
-        ("The star has seven and the moon has 12.", 1),
-        ("12, 7", 0),
-        ("12, seven", 0),
-        ("7, 12, seven", 0),
-        ("7, 12, 7", 0),
-        ("7", 0),
-        ("7, 12, 3", 0),
-        ("7, 12. \\boxed{7, 12}", 1),
-        ("7, 12. \\boxed{7, 3}", 0),
-        ("7, 12; 12, 7", 0),
-        ("On page 3 it is 7, on page 7 it is 12. That took 14 steps.", 1),
-        ("7, 12 and 14", 0),
-    ],
-)
-async def test_where_the_order_counts_the_answer_names_each_value_once_and_in_order(
-    answer: str, reward: int
-) -> None:
-    assert TASK.truth is not None
-    in_order = AnswerTruth((("7",), ("12",)), forbidden=("3",), in_order=True)
-    truth = msgspec.structs.replace(TASK.truth, answer=in_order)
-    seen = msgspec.structs.replace(PRODUCT, text=f"{PRODUCT.text} 7 12 3")
-    task = msgspec.structs.replace(TASK, truth=truth)
-    assert (await judged(episode(FRONT, seen, answer=answer), task)).reward == reward
-
-
-@pytest.mark.parametrize(
-    ("answer", "reward"),
-    [
-        ("It is the Blue Mug ($12.50): the postage is $5.50.", 1),
-        ("The lowest price is $12.50, for the Blue Mug. The postage is $5.50.", 1),
-        ("It is the Blue Mug: the postage is $5.50 or $7.50.", 0),
-        ("It is the Blue Mug: the postage is $12.50.", 0),
-    ],
-)
-async def test_the_value_by_which_an_item_was_chosen_is_no_other_candidate(answer: str, reward: int) -> None:
-    assert TASK.truth is not None
-    required = AnswerTruth((("Blue Mug",), ("$5.50",)))
-    truth = msgspec.structs.replace(TASK.truth, answer=required, moves=(Give("Blue Mug: $5.50."),))
-    task = msgspec.structs.replace(TASK, truth=truth, instruction="Find the cheapest mug and its postage.")
-    seen = msgspec.structs.replace(PRODUCT, text=f"{PRODUCT.text} Postage $5.50 Posters $7.50")
-    assert (await judged(episode(FRONT, seen, answer=answer), task)).reward == reward
-
-
-SHOP = (
-    "Home › Mugs › Blue Mug Blue Mug Price $12.50 Made by Fern Pottery Material stoneware Glaze matt "
-    "Colour blue Volume 300 ml Care dishwasher safe Delivery takes two days Returns within thirty days "
-    "Add to cart"
-)
-AN_HONEST_LONG_ONE = (
-    "Thank you for your patience! I opened the list of mugs, looked for the one that you asked about "
-    "and read its page with care. The Blue Mug costs $12.50. It is made by Fern Pottery, of stoneware "
-    "with a matt glaze, holds 300 ml and can go into the dishwasher. Delivery takes two days. I put one "
-    "into the cart, as you wished. Please let me know if there is anything else that I can do for you; "
-    "I am glad to help."
-)
-
-
-@pytest.mark.parametrize(
-    ("answer", "reward"),
-    [
-        (SHOP, 0),
-        (SHOP.lower(), 0),
-        (" hm ".join(SHOP.split()), 0),
-        (f"I read the page. It says: {SHOP} So that is it.", 0),
-        (AN_HONEST_LONG_ONE, 1),
-        ('The page says "Blue Mug Price $12.50 Made by Fern Pottery".', 1),
-    ],
-)
-async def test_a_copied_page_is_no_answer(answer: str, reward: int) -> None:
-    seen = msgspec.structs.replace(PRODUCT, text=SHOP)
-    assert (await judged(episode(FRONT, seen, answer=answer))).reward == reward

@@ -258,7 +258,7 @@ def test_an_evaluation_from_end_to_end(tmp_path: Path, calls: Calls) -> None:
     manifest = told["manifest"]
     assert manifest["webgym"] == version("webgym-rl")
     assert manifest["browser"].partition("/")[2][0].isdigit()
-    assert manifest["judges"] == ["offline/8"]
+    assert manifest["judges"] == ["offline/9"]
     assert manifest["budget"] == [12, 20, 40]
     assert manifest["split"] == "test"
     assert manifest["server"] == "here"

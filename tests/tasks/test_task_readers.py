@@ -84,10 +84,10 @@ def test_tasks_that_come_with_webgym_are_exported_by_their_name(
         return held
 
     monkeypatch.setattr("webgym.task_choice.all_tasks", given)
-    code, said = calls.run("export", "offline-small-v1", "--split", "all", "--out", tmp_path / "out")
+    code, said = calls.run("export", "offline-small-v2", "--split", "all", "--out", tmp_path / "out")
     assert code == 0, said
     assert asked[0].sites.collection == "small"
     assert read_tasks(tmp_path / "out").tasks == held
-    code, said = calls.run("tasks", "show", "offline-small-v1")
+    code, said = calls.run("tasks", "show", "offline-small-v2")
     assert code == 0, said
     assert [line.partition("\t")[0] for line in said.splitlines()] == [task.id for task in held]

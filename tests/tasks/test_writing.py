@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -413,8 +414,15 @@ def test_a_derived_task_asks_for_all_of_its_groups_and_nothing_of_the_others(
     assert told is None if reason is None else reason in (told or "")
 
 
+FORM = re.compile(r" (?:Answer with|As the answer|The answer is|When that is done)\b")
+"""Where an instruction of the offline web goes on to ask for the form of its answer, as no rewriter does."""
+
+
 def test_the_offline_webs_derived_tasks_are_taken_for_their_own_groups_and_for_no_others() -> None:
-    tasks = list(OfflineWeb(seed=7, per_family=1).tasks())
+    tasks = [
+        msgspec.structs.replace(task, instruction=FORM.split(task.instruction)[0])
+        for task in OfflineWeb(seed=7, per_family=1).tasks()
+    ]
     parents = {task.id: task for task in tasks if task.parent_id is None}
     derived = [task for task in tasks if task.parent_id is not None]
     own = [

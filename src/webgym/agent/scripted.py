@@ -20,7 +20,6 @@ from webgym.agent.solver import Act, Solver
 from webgym.core.action import GRID, Answer, GoBack, LeftClick, Scroll, Target
 from webgym.core.errors import ConfigError, PolicyError
 from webgym.core.task import Task
-from webgym.core.text import fold, says
 from webgym.core.trajectory import Reply
 from webgym.core.truth import Choose, Click, Fill, Give, Move, See, Truth
 
@@ -200,18 +199,20 @@ def _memory_of(solver: Solver) -> dict[str, Any]:
 
 
 def wrong_answer(truth: Truth, rng: random.Random) -> str | None:
-    """An answer that the truth does not accept; ``None`` if it accepts any answer."""
+    """An answer in the form asked for, with another value; ``None`` if the task asks for no value."""
     if not truth.answer.required:
         return None
-    if truth.answer.forbidden:
-        return f"The answer is {rng.choice(truth.answer.forbidden)}."
-    last = truth.moves[-1]
-    right = last.text if isinstance(last, Give) else ""
+    right = [spellings[0] for spellings in truth.answer.required]
+    at = rng.randrange(len(right))
+    right[at] = rng.choice(truth.answer.others) if truth.answer.others else _altered(right[at], rng)
+    return (", " if truth.answer.by_comma else "\n").join(right)
+
+
+def _altered(text: str, rng: random.Random) -> str:
+    """Another text of the same kind: with other digits, or with its letters reversed."""
     shift = rng.randint(1, 9)
-    other = re.sub(r"[0-9](?![0-9])", lambda digit: str((int(digit[0]) + shift) % 10), right)
-    folded = fold(other)
-    accepted = all(any(says(folded, text) for text in group) for group in truth.answer.required)
-    return "The website does not say." if accepted else other
+    other = re.sub(r"[0-9](?![0-9])", lambda digit: str((int(digit[0]) + shift) % 10), text)
+    return other if other != text else text[::-1]
 
 
 def _skippable_moves(moves: Sequence[Move]) -> list[int]:

@@ -68,6 +68,9 @@ def print_summary(summary: Summary, console: Console) -> None:
     console.print(rates)
     console.print()
     console.print(outcomes)
+    if faults := summary.get("faults"):
+        said = ", ".join(f"{count} {fault}" for fault, count in faults.items())
+        console.print(f"  failed by {said}", highlight=False, soft_wrap=True)
     print_losses(summary, console)
     if hosts := summary["blocked_hosts"]:
         named = ", ".join(f"{plain(host)} ({count})" for host, count in list(hosts.items())[:REASONS])

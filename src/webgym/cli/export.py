@@ -42,7 +42,7 @@ def command(
     source: Annotated[
         Path,
         typer.Argument(
-            help="A run folder, a task file or a folder of them, or the name of tasks, such as offline-v1."
+            help="A run folder, a task file or a folder of them, or the name of tasks, such as offline-v2."
         ),
     ],
     out: Annotated[Path, typer.Option(help="Folder to make.")],

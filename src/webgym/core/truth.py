@@ -6,7 +6,7 @@ answers are right, and which moves solve the task by clicking, typing and scroll
 
 from __future__ import annotations
 
-from typing import Any, Literal, TypeAlias
+from typing import Any, Final, Literal, TypeAlias
 
 import msgspec
 
@@ -138,20 +138,27 @@ class FactTruth(msgspec.Struct, frozen=True, omit_defaults=True):
     state: tuple[StateCheck, ...] = ()
 
 
+DONE: Final = "done"
+"""The answer to a task that asks for no value."""
+
+
 class AnswerTruth(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What a right answer must and must not contain.
+    """Which answer is right: the values alone, in the order in which the task asks for them.
 
     Attributes:
-        required: every inner tuple lists alternatives, one of which the answer must contain.
-        forbidden: phrases that a right answer does not contain or denies, such as the names of the other
-            candidates.
-        in_order: whether the answer must mention exactly the required values, in their order, each once or
-            all of them again, and no other of the values in ``required`` and ``forbidden``.
+        required: the spellings of each value, the one on pages first; empty if the task asks for none.
+        others: other candidates, none of which is right, for policies that answer wrongly on purpose.
+        by_comma: whether commas separate values too, as line ends do; no spelling then contains one.
     """
 
     required: tuple[tuple[str, ...], ...] = ()
-    forbidden: tuple[str, ...] = ()
-    in_order: bool = False
+    others: tuple[str, ...] = ()
+    by_comma: bool = False
+
+    @property
+    def values(self) -> tuple[tuple[str, ...], ...]:
+        """What the answer consists of: the required values, or the word :data:`DONE` if there are none."""
+        return self.required or ((DONE,),)
 
 
 class Truth(msgspec.Struct, frozen=True, omit_defaults=True):

@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Literal, TypeAlias
 
 import msgspec
+
+Fault: TypeAlias = Literal["form", "wrong value", "no evidence", "state"]
+"""Why an answered attempt failed, the first that holds: its answer has not the form that the task asks for,
+or gives a wrong value; what proves a fact was not seen; the website's server is not in the wanted state."""
 
 
 class Judgement(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -67,6 +72,7 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
         judge: name and version of the judge.
         reward: 1 if every fact and the response pass, else 0; a reference answer overrides by the judge's
             rule. ``None`` only for a blocked attempt.
+        fault: why an answered attempt failed; ``None`` if it did not, or if the judge does not say.
         facts: criterion A, in rubric order; facts that a judge skipped because it stopped early are missing.
             A judgement that could not be parsed is included only if the reward was decided without it.
         response: criterion B, every claim in the answer is visible; ``None`` if there was no answer.
@@ -91,6 +97,7 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
     response: Judgement | None = None
     reference: Judgement | None = None
     score: float | None = None
+    fault: Fault | None = None
     confidence: float | None = None
     keypoints: tuple[int, ...] | None = None
     cost: Cost | None = None

@@ -1,7 +1,7 @@
 """AReaL (tested with areal 1.0.4): a workflow that plays episodes of WebGym::
 
     workflow = WebGymWorkflow(gconfig, tokenizer, processor, size=64)
-    trainer.train(workflow=workflow, ...)  # the dataset: webgym.task_rows("offline-v1", count="all")
+    trainer.train(workflow=workflow, ...)  # the dataset: webgym.task_rows("offline-v2", count="all")
 
 An episode gives one row per step, all with the episode's reward: the prompt has a window of the history, so
 no two steps share a prompt. An episode without a reward, or without a usable row, is rejected (``None``).
@@ -49,7 +49,7 @@ class WebGymWorkflow(RolloutWorkflow):
         tokenizer: Any,
         processor: Any,
         *,
-        name: str = "offline-v1",
+        name: str = "offline-v2",
         size: int = 8,
         cutoff_tokens: int = 16384,
         **options: Any,

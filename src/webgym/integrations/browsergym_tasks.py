@@ -336,7 +336,7 @@ def register_tasks(
     """Register tasks of the offline web with Gymnasium.
 
     Args:
-        collection: ``large``, of ``offline-v1``, or ``small``, of ``offline-small-v1``.
+        collection: ``large``, of ``offline-v2``, or ``small``, of ``offline-small-v2``.
         split: of the tasks.
         count: number of tasks to register, from the first on; ``None`` for all.
         per_family: number of websites per family; ``None`` for all of the collection.

@@ -3,8 +3,8 @@
 import gymnasium
 import webgym.integrations.gymnasium
 
-env = gymnasium.make("WebGym/Offline-v1", split="train")
-envs = gymnasium.make_vec("WebGym/Offline-v1", num_envs=8)  # all browsers act concurrently
+env = gymnasium.make("WebGym/Offline-v2", split="train")
+envs = gymnasium.make_vec("WebGym/Offline-v2", num_envs=8)  # all browsers act concurrently
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ from webgym import (
 )
 
 IDS: Final = {
-    "WebGym/Offline-v1": "offline-v1",
-    "WebGym/OfflineSmall-v1": "offline-small-v1",
-    "WebGym/OfflineCross-v1": "offline-cross-v1",
+    "WebGym/Offline-v2": "offline-v2",
+    "WebGym/OfflineSmall-v2": "offline-small-v2",
+    "WebGym/OfflineCross-v2": "offline-cross-v2",
 }
 """Environments by their Gymnasium ids. The same id always has the same websites and tasks."""
 
@@ -137,7 +137,7 @@ class WebGymEnv(gymnasium.Env[Observation, Any]):
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 (as in gymnasium)
 
-    def __init__(self, name: str = "offline-v1", render_mode: str | None = None, **options: Any) -> None:
+    def __init__(self, name: str = "offline-v2", render_mode: str | None = None, **options: Any) -> None:
         env = options.pop("env", None) or make(name, **options)
         self.render_mode = render_mode
         self.observation_space, self.action_space = _spaces(env)
@@ -193,7 +193,7 @@ class WebGymVectorEnv(gymnasium.vector.VectorEnv[Observation, Sequence[Any], NDA
 
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
-    def __init__(self, num_envs: int = 1, name: str = "offline-v1", **options: Any) -> None:
+    def __init__(self, num_envs: int = 1, name: str = "offline-v2", **options: Any) -> None:
         if options.get("on_fault") == "raise":
             raise UsageError(
                 "on_fault='raise' would lose what the other environments return", hint="use on_fault='nan'"

@@ -3,7 +3,7 @@
     from inspect_ai import eval
     from webgym.integrations.inspect_ai import webgym_task
 
-    eval(webgym_task("offline-v1", count=50), model="openai/gpt-5", max_samples=8)
+    eval(webgym_task("offline-v2", count=50), model="openai/gpt-5", max_samples=8)
 
 or on the command line, from a file that imports it: ``inspect eval FILE.py -T count=50 --model …``. A sample
 whose website blocked the agent, or whose environment, policy or judge failed, is *unscored*, never a 0.
@@ -47,7 +47,7 @@ _ROLES: Final[dict[str, Any]] = {
 
 @task
 def webgym_task(
-    name: str = "offline-v1",
+    name: str = "offline-v2",
     split: Literal["train", "test", "all"] = "test",
     count: int = 20,
     browsers: int = 4,

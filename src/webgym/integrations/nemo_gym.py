@@ -39,7 +39,7 @@ class WebGymAgentConfig(BaseResponsesAPIAgentConfig):
     """
 
     model_server: ModelServerRef
-    tasks: str = "offline-v1"
+    tasks: str = "offline-v2"
     split: Literal["train", "test", "all"] = "train"
     browsers: int = 8
 
@@ -171,7 +171,7 @@ def _part(part: Any, images: dict[str, bytes]) -> dict[str, Any]:
     return {"type": "input_image", "image_url": url, "detail": "auto"}
 
 
-def nemo_gym_rows(name: str = "offline-v1", *, agent: str = "webgym", **options: Any) -> list[dict[str, Any]]:
+def nemo_gym_rows(name: str = "offline-v2", *, agent: str = "webgym", **options: Any) -> list[dict[str, Any]]:
     """A dataset for NeMo Gym: rows with ``responses_create_params``, ``task_id`` and ``agent_ref``.
 
     Args:

@@ -1,6 +1,6 @@
 """OpenEnv (tested with openenv 0.10.0): a server whose sessions are episodes in browsers, and its client::
 
-    app = create_app("offline-v1", size=8)        # uvicorn FILE:app
+    app = create_app("offline-v2", size=8)        # uvicorn FILE:app
 
     async with WebGymClient(base_url="http://127.0.0.1:8000") as env:
         result = await env.reset(task_id="…")
@@ -169,7 +169,7 @@ def _observation(
 
 
 def create_app(
-    name: str = "offline-v1", *, size: int = 8, pool: EnvironmentPool | None = None, **options: Any
+    name: str = "offline-v2", *, size: int = 8, pool: EnvironmentPool | None = None, **options: Any
 ) -> Any:
     """A FastAPI application.
 

@@ -6,7 +6,7 @@ The model writes replies in the prompt's format, and each step returns the next 
 one growing conversation, as SkyRL expects. SkyRL requires a number as reward, so an episode without one
 raises :class:`NoReward`.
 
-The environment variables ``WEBGYM_TASKS`` (default ``offline-v1``) and ``WEBGYM_SPLIT`` select the tasks, and
+The environment variables ``WEBGYM_TASKS`` (default ``offline-v2``) and ``WEBGYM_SPLIT`` select the tasks, and
 ``WEBGYM_BROWSERS`` sets the number of browsers of each process.
 """
 
@@ -43,7 +43,7 @@ class Browsers:
         options: further arguments of :class:`webgym.EnvironmentPool`.
     """
 
-    def __init__(self, name: str = "offline-v1", *, size: int = 8, **options: Any) -> None:
+    def __init__(self, name: str = "offline-v2", *, size: int = 8, **options: Any) -> None:
         self.pool = EnvironmentPool(name, size=size, **options)
         self.loop = LoopThread(self.pool.close)
 
@@ -63,7 +63,7 @@ def the_browsers() -> Browsers:
         if _browsers is None:
             split: Any = os.environ.get("WEBGYM_SPLIT", "train")
             size = int(os.environ.get("WEBGYM_BROWSERS", "8"))
-            _browsers = Browsers(os.environ.get("WEBGYM_TASKS", "offline-v1"), size=size, split=split)
+            _browsers = Browsers(os.environ.get("WEBGYM_TASKS", "offline-v2"), size=size, split=split)
         return _browsers
 
 
@@ -157,7 +157,7 @@ class WebGymEnv(BaseTextEnv):
         return info
 
 
-def skyrl_rows(name: str = "offline-v1", **options: Any) -> list[dict[str, Any]]:
+def skyrl_rows(name: str = "offline-v2", **options: Any) -> list[dict[str, Any]]:
     """A dataset for SkyRL: rows with ``prompt``, ``env_class`` and ``task_id``.
 
     Args:

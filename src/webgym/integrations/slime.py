@@ -9,7 +9,7 @@ for an episode without one the prompt's sample is returned as aborted and marked
 drops its group. The same holds if SGLang aborts a request, as slime has it do at the end of a rollout; what
 slime then keeps (``--partial-rollout``) starts again from its prompt.
 
-The environment variables ``WEBGYM_TASKS`` (default ``offline-v1``) and ``WEBGYM_SPLIT`` select the tasks, and
+The environment variables ``WEBGYM_TASKS`` (default ``offline-v2``) and ``WEBGYM_SPLIT`` select the tasks, and
 ``WEBGYM_BROWSERS`` sets the number of browsers of each process.
 """
 
@@ -34,7 +34,7 @@ def the_pool() -> EnvironmentPool:
     if _pool is None:
         split: Any = os.environ.get("WEBGYM_SPLIT", "train")
         size = int(os.environ.get("WEBGYM_BROWSERS", "8"))
-        _pool = EnvironmentPool(os.environ.get("WEBGYM_TASKS", "offline-v1"), size=size, split=split)
+        _pool = EnvironmentPool(os.environ.get("WEBGYM_TASKS", "offline-v2"), size=size, split=split)
     return _pool
 
 

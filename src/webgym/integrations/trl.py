@@ -1,6 +1,6 @@
 """TRL (tested with trl 1.16): browsers as environments of ``GRPOTrainer``::
 
-    browsers = Browsers("offline-v1", size=16)
+    browsers = Browsers("offline-v2", size=16)
     trainer = GRPOTrainer(
         model="Qwen/Qwen3-VL-4B-Instruct",
         train_dataset=datasets.Dataset.from_list(browsers.rows(count=200)),
@@ -237,7 +237,7 @@ class Browsers:
         UsageError: ``on_fault`` is ``raise``.
     """
 
-    def __init__(self, name: str = "offline-v1", *, size: int = 8, **options: Any) -> None:
+    def __init__(self, name: str = "offline-v2", *, size: int = 8, **options: Any) -> None:
         if options.get("on_fault") == "raise":
             raise UsageError("TRL would show the error to the model", hint="use on_fault='nan'")
         self.pool = EnvironmentPool(name, size=size, **options)

@@ -49,7 +49,7 @@ class WebGymTasksetConfig(vf.TasksetConfig):
         settings: settings of a run (:class:`webgym.RunConfig`), such as ``{"judge": {…}}``.
     """
 
-    tasks: str = "offline-v1"
+    tasks: str = "offline-v2"
     split: Literal["train", "test", "all"] = "train"
     count: int | Literal["all"] = 20
     settings: dict[str, Any] = Field(default_factory=dict)

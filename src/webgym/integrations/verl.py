@@ -3,7 +3,7 @@ that ``actor_rollout_ref.rollout.agent.agent_loop_config_path`` names::
 
     - name: webgym
       _target_: webgym.integrations.verl.WebGymAgentLoop
-      tasks: offline-v1
+      tasks: offline-v2
       size: 64
 
 and use a dataset written by :func:`write_dataset`. An episode gives one output per step, all with the
@@ -50,7 +50,7 @@ class WebGymAgentLoop(AgentLoopBase):
     def __init__(
         self,
         *,
-        tasks: str = "offline-v1",
+        tasks: str = "offline-v2",
         size: int = 8,
         split: str = "train",
         pool: EnvironmentPool | None = None,
@@ -153,7 +153,7 @@ def _preempted(reply: TokenOutput) -> int:
 
 
 def write_dataset(
-    path: Path | str, name: str = "offline-v1", *, agent: str = "webgym", **options: Any
+    path: Path | str, name: str = "offline-v2", *, agent: str = "webgym", **options: Any
 ) -> None:
     """Write tasks as a Parquet file for ``data.train_files``.
 

@@ -14,9 +14,9 @@ DEFAULT_SEED = 7
 CollectionName: TypeAlias = Literal["large", "small", "cross"]
 
 TASK_SETS: Final[dict[str, CollectionName]] = {
-    "offline-v1": "large",
-    "offline-small-v1": "small",
-    "offline-cross-v1": "cross",
+    "offline-v2": "large",
+    "offline-small-v2": "small",
+    "offline-cross-v2": "cross",
 }
 """Names of the task sets that come with WebGym. A name always has the same websites and tasks."""
 

@@ -1,8 +1,9 @@
 """The parts of which tasks of the offline web are composed.
 
-A task is a list of parts. A part is a subtask: its clause in the instruction, its facts (one fact group), the
-moves that solve it and the sentence that answers it. A task and all tasks derived from it by decomposition
-(paper Algorithm 1) are compositions of the same parts, so no model is needed to write them.
+A task is a list of parts. A part is a subtask: its clause in the instruction, its facts (one fact group), and
+the moves that solve it. A task and all tasks derived from it by decomposition (paper Algorithm 1) are
+compositions of the same parts, so no model is needed to write them. The instruction ends by saying how to
+answer: with the values alone, in the order of the parts.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Literal, TypeAlias, TypeGuard
 
 from webgym.core.task import FactGroup, Rubric, Task
@@ -25,6 +27,8 @@ from webgym.core.truth import (
     StateCheck,
     Truth,
 )
+from webgym.offline.data import Table, load
+from webgym.offline.seeds import pick
 
 _CHANGED = ("cart", "files", "saved", "sent")
 """What a website reports that tasks change."""
@@ -40,15 +44,16 @@ class Fact:
         text: its text in the rubric, which never reveals the answer.
         evidence: views that confirm it; one of them is enough.
         state: required state of the server.
-        answer: alternatives of which the answer must contain one; empty if the answer need not contain the
-            fact.
-        wrong: other candidates, which a right answer does not contain.
+        answer: spellings of the value that the answer gives for it; empty if it gives none.
+        what: what instructions call that value: ``"the price of the Blue Mug"``.
+        wrong: other candidates, which are not right.
     """
 
     text: str
     evidence: tuple[Evidence, ...] = ()
     state: tuple[StateCheck, ...] = ()
     answer: tuple[str, ...] = ()
+    what: str = "the value"
     wrong: tuple[str, ...] = ()
 
 
@@ -63,14 +68,12 @@ class Part:
         facts: at least one.
         moves: the solution, from the website's front page until all evidence is seen and all state is
             reached.
-        says: the sentence that answers it; empty if no answer is needed.
     """
 
     ask: str
     description: str
     facts: tuple[Fact, ...]
     moves: tuple[Move, ...]
-    says: str = ""
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,28 @@ class Assignment:
     expects: Expected = "success"
 
 
+class AnswerForms(Table, frozen=True):
+    """How instructions ask for the answer: alternatives for one value, several and none.
+
+    They are in ``answers.toml``, and have the placeholders ``{what}`` and ``{count}``.
+    """
+
+    one: tuple[str, ...]
+    many: tuple[str, ...]
+    none: tuple[str, ...]
+
+    def sentence(self, whats: Sequence[str], *seeds: object) -> str:
+        """The sentence for these values, drawn by ``seeds``."""
+        phrases = self.many if len(whats) > 1 else self.one if whats else self.none
+        return pick(phrases, "answer form", *seeds).format(what="; ".join(whats), count=len(whats))
+
+
+@cache
+def answer_forms() -> dict[str, AnswerForms]:
+    """The forms of each collection's answers."""
+    return load("webgym.offline", "answers.toml", dict[str, AnswerForms])
+
+
 @dataclass(frozen=True)
 class Wording:
     """The wording of a collection's tasks.
@@ -95,15 +120,16 @@ class Wording:
     Attributes:
         source: of the tasks, and the first part of their ids.
         instruct: composes the instruction from the website's brand and the clauses of the parts.
-        answer: composes the answer from the answers of the parts.
-        keeps_count: whether parts are numbered: the solution marks when each is done, memory keys that are
-            empty or begin with a space get the part's number as a prefix, and the answer's values are in the
-            order of the parts.
+        form: key of the answers' forms in ``answers.toml``.
+        separator: what stands between the values of an answer.
+        keeps_count: whether parts are numbered: the solution marks when each is done, and memory keys that
+            are empty or begin with a space get the part's number as a prefix.
     """
 
     source: str
     instruct: Callable[[str, Sequence[str]], str]
-    answer: Callable[[Sequence[str]], str]
+    form: str = "large"
+    separator: str = "\n"
     keeps_count: bool = False
 
 
@@ -115,8 +141,8 @@ def _sentences(brand: str, asks: Sequence[str]) -> str:
     return " ".join(sentences)
 
 
-SENTENCES = Wording("offline", _sentences, lambda says: " ".join(says) or "Done.")
-"""Plain English sentences."""
+SENTENCES = Wording("offline", _sentences)
+"""Plain English sentences; the answer has a line for each value."""
 
 
 @dataclass(frozen=True)
@@ -160,13 +186,15 @@ def _compose(place: Place, assignment: Assignment, rubric: Rubric) -> Task:
     wording = place.wording
     root = f"{wording.source}/{place.label}/{assignment.name}"
     is_whole = len(parts) == len(assignment.parts)
-    answer = _answer(chosen, in_order=wording.keeps_count)
-    says = wording.answer([part.says for part in chosen if part.says])
+    answer = _answer(chosen, by_comma=wording.separator != "\n")
+    whats = [fact.what for part in chosen for fact in part.facts if fact.answer]
+    task_id = root if is_whole else f"{root}/{'+'.join(str(number) for number, _ in parts)}"
+    form = answer_forms()[wording.form].sentence(whats, task_id)
     merged, others = _merged_checks(chosen), _unchanged(chosen)
     first = next((fact for part in chosen for fact in part.facts if fact.state), None)
     return Task(
-        id=root if is_whole else f"{root}/{'+'.join(str(number) for number, _ in parts)}",
-        instruction=wording.instruct(place.brand, [part.ask for part in chosen]),
+        id=task_id,
+        instruction=f"{wording.instruct(place.brand, [part.ask for part in chosen])} {form}",
         website=place.start,
         domain=place.domain,
         subdomain=place.subdomain,
@@ -191,7 +219,10 @@ def _compose(place: Place, assignment: Assignment, rubric: Rubric) -> Task:
                 for index, fact in enumerate(part.facts)
             ),
             answer=answer,
-            moves=(*_moves(chosen, keeps_count=wording.keeps_count), Give(says)),
+            moves=(
+                *_moves(chosen, keeps_count=wording.keeps_count),
+                Give(wording.separator.join(options[0] for options in answer.values)),
+            ),
             expects=_expected(assignment.expects, chosen),
         ),
     )
@@ -238,26 +269,12 @@ def _expected(whole: Expected, parts: Sequence[Part]) -> Expected:
     return whole
 
 
-def _answer(parts: Sequence[Part], *, in_order: bool = False) -> AnswerTruth:
+def _answer(parts: Sequence[Part], *, by_comma: bool) -> AnswerTruth:
     facts = [fact for part in parts for fact in part.facts]
-    answers = [fact.answer for fact in facts if fact.answer]
-    required = tuple(answers if in_order else dict.fromkeys(answers))
+    required = tuple(fact.answer for fact in facts if fact.answer)
     accepted = {option.casefold() for options in required for option in options}
-    # A wrong value of one part may be right, or part of a right value, for another, which may be about it.
-    wrong = dict.fromkeys(
-        w
-        for part in parts
-        for fact in part.facts
-        for w in fact.wrong
-        if in_order or w in part.ask or not any(w in other.ask for other in parts)
-    )
-    if in_order:  # compare whole words: 1 is wrong where 12 is right
-        right = "\0".join(f" {option} " for option in accepted)
-        forbidden = tuple(w for w in wrong if f" {w.casefold()} " not in right)
-    else:  # the answer of a part may contain a value that is wrong for another
-        right = "\0".join([*accepted, *(part.says.casefold() for part in parts)])
-        forbidden = tuple(w for w in wrong if w.casefold() not in right)
-    return AnswerTruth(required, forbidden, in_order=in_order and bool(required))
+    wrong = dict.fromkeys(text for fact in facts for text in fact.wrong)
+    return AnswerTruth(required, tuple(w for w in wrong if w.casefold() not in accepted), by_comma)
 
 
 def exactly(path: str) -> str:

@@ -170,6 +170,7 @@ def _verdict(verdict: Verdict | None) -> dict[str, Any] | None:
         "judge": verdict.judge,
         "reward": verdict.reward,
         "score": verdict.score,
+        "fault": verdict.fault,
         "confidence": verdict.confidence,
         "cost": _cost(verdict.cost),
         **{name: _judgement(finding) if finding else None for name, finding in findings.items()},

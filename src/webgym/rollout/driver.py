@@ -17,7 +17,7 @@ from typing import Any, Protocol
 from webgym.agent.agent import AgentTraits
 from webgym.browser.config import Cookie
 from webgym.core.action import Answer, BrowserAction, Navigate
-from webgym.core.errors import AttemptOverdue, EgressRefused, NavigationFailed, PolicyBadReply, WebGymError
+from webgym.core.errors import AttemptOverdue, EgressRefused, NavigationFailed, WebGymError
 from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, ending_of
 from webgym.core.trajectory import Episode, Failure, Step
@@ -256,17 +256,8 @@ class EpisodeDriver:
         return view
 
     async def conclude(self) -> None:
-        """Complete the record; call it once, however the episode ended.
-
-        If no reply of a model was in the requested format, the episode counts as an error of the policy: the
-        prompt or the chat template is probably wrong.
-        """
+        """Complete the record; call it once, however the episode ended."""
         self._seconds = self.elapsed
-        unread = [step.parse_error for step in self.steps if step.action is None]
-        if self.ending is Ending.BUDGET_SPENT and 0 < len(unread) == len(self.steps):
-            self.fail(
-                PolicyBadReply(f"none of {len(unread)} replies holds an action; the first: {unread[0]}")
-            )
         await self._read_site_state()
 
     def spend(self, seconds: float) -> None:

@@ -16,6 +16,7 @@ from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Level
 from webgym.core.trajectory import Trajectory
 from webgym.rollout.rates import Successes
+from webgym.rollout.summary import form_notes
 
 State: TypeAlias = Literal["opening", "acting", "thinking", "judging"]
 STATES: tuple[State, ...] = ("opening", "acting", "thinking", "judging")
@@ -114,6 +115,7 @@ class Progress:
         levels: difficulty of the tasks, by id.
         by_level: number of recorded attempts by difficulty and outcome.
         done_by_level: number of samples that are done by difficulty.
+        faults: number of failures by what was wrong with them, as far as the judge says.
         errors: number of failures that ended attempts or prevented verdicts, by code.
         steps: number of steps.
         invalid: steps whose replies hold no valid action.
@@ -137,6 +139,7 @@ class Progress:
     levels: Mapping[str, Level] = field(default_factory=dict)
     by_level: Counter[tuple[Level, Outcome]] = field(default_factory=Counter)
     done_by_level: Counter[Level] = field(default_factory=Counter)
+    faults: Counter[str] = field(default_factory=Counter)
     errors: Counter[str] = field(default_factory=Counter)
     steps: int = 0
     invalid: int = 0
@@ -216,6 +219,8 @@ class Progress:
         self.outcomes[trajectory.outcome] += by
         if level := self.levels.get(trajectory.episode.task_id):
             self.by_level[level, trajectory.outcome] += by
+        if trajectory.verdict is not None and (fault := trajectory.verdict.fault):
+            self.faults[fault] += by
         if failure := trajectory.episode.failure or trajectory.judge_failure:
             self.errors[failure.code] += by
 
@@ -258,7 +263,8 @@ class Progress:
         waits = (self.problem(), self.browser_problem)
         faults = f"the last {self._faults} attempts ended in errors: {self._fault}"
         faults = faults if self._faults >= _FEW else ""
-        return [text for text in (invalid, self.note, *waits, faults, feed, self.tracker_error) if text]
+        form = "".join(form_notes(self.successes.judged, self.faults))
+        return [text for text in (invalid, form, self.note, *waits, faults, feed, self.tracker_error) if text]
 
     def metric(self) -> dict[str, Any]:
         """A line for ``metrics.jsonl``."""

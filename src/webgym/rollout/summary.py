@@ -35,6 +35,21 @@ def oracle_notes(policies: Iterable[str]) -> list[str]:
     return [f"the {policy} policy {plays}" for policy in policies if policy in ORACLES]
 
 
+FORM_FROM = 20
+"""Rewarded attempts from which on a run warns that most answers have another form than asked for."""
+
+
+def form_notes(rewarded: int, faults: Mapping[str, int]) -> list[str]:
+    """The note that more than half of the attempts failed by the form of their answers, if they did."""
+    failed = faults.get("form", 0)
+    if rewarded < FORM_FROM or 2 * failed <= rewarded:
+        return []
+    return [
+        f"{failed} of {rewarded} attempts gave answers in another form than their tasks ask for: does the "
+        "agent follow the instruction? how well it finds the answers is not measured"
+    ]
+
+
 class Quantiles(TypedDict):
     """Summary of a distribution.
 
@@ -130,6 +145,8 @@ class Summary(TypedDict):
         operation_milliseconds: durations by operation of the browser server, and of ``policy`` (one
             reply) and ``judge`` (one trajectory).
         by_level, by_domain, by_website: figures of the attempts by level, domain and website.
+        faults: number of failures by what was wrong first: ``form`` (the answer is not in the form that the
+            task asks for), ``wrong value``, ``no evidence``, ``state``; empty if the judge does not say.
         lost_samples: samples whose last attempt ended in an error of the environment or the policy.
         invalid_replies: number of steps whose replies hold no valid action.
         invalid_reply_rate: their share of all steps; ``None`` if there are no steps.
@@ -166,6 +183,7 @@ class Summary(TypedDict):
     by_website: dict[str, Group]
     blocked_hosts: dict[str, int]
     losses: dict[str, Loss]
+    faults: dict[str, int]
     lost_samples: int
     invalid_replies: int
     invalid_reply_rate: float | None
@@ -197,6 +215,7 @@ class Digest(msgspec.Struct, frozen=True, array_like=True):
         invalid: number of steps whose replies hold no valid action.
         first_invalid: what was wrong with the first of them.
         blocked_by: host that blocked the agent; empty if none did.
+        fault: what was wrong with an answered attempt; empty if nothing was, or the judge does not say.
     """
 
     attempt_id: str
@@ -215,6 +234,7 @@ class Digest(msgspec.Struct, frozen=True, array_like=True):
     invalid: int
     first_invalid: str
     blocked_by: str = ""
+    fault: str = ""
 
 
 def digest_of(trajectory: Trajectory) -> Digest:
@@ -249,6 +269,7 @@ def digest_of(trajectory: Trajectory) -> Digest:
         invalid=len(invalid_steps),
         first_invalid=invalid_steps[0] if invalid_steps else "",
         blocked_by=_blocked_by(trajectory),
+        fault=(trajectory.verdict.fault or "") if trajectory.verdict else "",
     )
 
 
@@ -359,6 +380,7 @@ class Tally:
         self._operations: defaultdict[str, array[float]] = defaultdict(lambda: array("d"))
         self._losses: dict[str, Loss] = {}
         self._blocked_by: Counter[str] = Counter()
+        self._faults: Counter[str] = Counter()
         self._invalid = 0
         self._first_invalid = ""
 
@@ -370,6 +392,8 @@ class Tally:
         newest = samples.get(digest.sample)
         if newest is None or newest[0] <= digest.retry:
             samples[digest.sample] = (digest.retry, digest.outcome)
+        if digest.fault:
+            self._faults[digest.fault] += 1
         if digest.blocked_by:
             self._blocked_by[digest.blocked_by] += 1
         for key in _group_keys(task):
@@ -396,7 +420,9 @@ class Tally:
         yield from oracle_notes(policies)
         if len(self._judges) > 1:
             yield f"attempts were judged by different judges: {', '.join(self._judges)}"
-        steps = self._counts["all", ""].steps
+        overall = self._counts["all", ""]
+        yield from form_notes(len(overall.lengths), self._faults)
+        steps = overall.steps
         if steps and self._invalid / steps > MANY_INVALID:
             share = f"{self._invalid / steps:.1%} of {steps:,} replies hold no valid action"
             yield plain(f"{share}; the first: {self._first_invalid}")
@@ -487,6 +513,7 @@ class Tally:
             "by_level": levels,
             "by_domain": {name: group for (kind, name), group in groups.items() if kind == "domain"},
             "by_website": {name: group for (kind, name), group in groups.items() if kind == "website"},
+            "faults": dict(self._faults.most_common()),
             "lost_samples": sum(
                 last in (Outcome.ENVIRONMENT_ERROR, Outcome.POLICY_ERROR)
                 for samples in self._attempted.values()

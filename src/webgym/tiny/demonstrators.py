@@ -110,7 +110,7 @@ class _Demonstrator:
         self._correct_values = {move.key: move.value for move in moves if isinstance(move, Remember)}
         last = moves[-1]
         self._final = last.text if isinstance(last, Give) else ""
-        self._others = task.truth.answer.forbidden if task.truth is not None else ()
+        self._others = task.truth.answer.others if task.truth is not None else ()
         self._noted: set[str] = set()
         self._memory: dict[str, str] = {}
         self._picked_wrong = False

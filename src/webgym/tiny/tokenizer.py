@@ -2,7 +2,8 @@
 
 Its vocabulary is closed: the words of the small websites, the keywords of the compact format
 (:mod:`webgym.agent.compact`), numbers, and the coordinates of the screen's cells. Any other word is an
-unknown token. Special tokens and chat template follow Qwen's.
+unknown token. How an instruction asks for the answer, in brackets at its end, is left out: on the small
+websites it is always the same. Special tokens and chat template follow Qwen's.
 """
 
 from __future__ import annotations
@@ -73,11 +74,12 @@ def make_tokenizer(words: Iterable[str], viewport: tuple[int, int]) -> Any:
         words: of the websites and their tasks.
         viewport: width and height, multiples of :data:`CELL`.
     """
-    from tokenizers import AddedToken, Regex, Tokenizer, models, pre_tokenizers
+    from tokenizers import AddedToken, Regex, Tokenizer, models, normalizers, pre_tokenizers
     from transformers import PreTrainedTokenizerFast
 
     ids = {token: number for number, token in enumerate(vocabulary(words, viewport))}
     tokenizer = Tokenizer(models.WordLevel(ids, unk_token="<unk>"))  # noqa: S106
+    tokenizer.normalizer = normalizers.Replace(Regex(r" \(answer [^)]*\)"), "")
     tokenizer.pre_tokenizer = pre_tokenizers.Sequence(
         [pre_tokenizers.WhitespaceSplit(), pre_tokenizers.Split(Regex("[,;=]"), "isolated")]
     )

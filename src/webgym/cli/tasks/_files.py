@@ -50,7 +50,7 @@ def print_set_aside(records: Sequence[BrokenRecord]) -> None:
 
 
 def read_all(files: Iterable[Path]) -> TaskRecords:
-    """Read task files, folders of them, and tasks with a name, such as ``offline-v1``.
+    """Read task files, folders of them, and tasks with a name, such as ``offline-v2``.
 
     Tasks without a split get it from the name of their file, if that is ``train`` or ``test``.
 

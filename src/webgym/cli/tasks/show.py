@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def show(
     file: Path = typer.Argument(
-        ..., help="Task file of any format, a folder of them, or the name of tasks, such as offline-v1."
+        ..., help="Task file of any format, a folder of them, or the name of tasks, such as offline-v2."
     ),
     task_id: str | None = typer.Argument(None, help="Id of a task to print.", show_default=False),
     domain: str = typer.Option("", help="Only tasks of this domain.", show_default=False),

@@ -15,7 +15,7 @@ from webgym.offline.engine.navigation import Site, field_fact, go_to_item, read_
 from webgym.offline.engine.records import Sheet
 from webgym.offline.engine.spec import RowsSpec
 from webgym.offline.engine.spelling import count as counted
-from webgym.offline.engine.spelling import listed
+from webgym.offline.engine.spelling import listed, money
 from webgym.offline.engine.table import Record
 from webgym.offline.parts import Fact, Part, exactly, shown
 
@@ -43,7 +43,6 @@ def group_record(site: Site, rng: random.Random, size: int) -> Part | None:
         f"{record.name}: {sheet.nouns(fields)}",
         tuple(sheet.fact(record, field, exactly(address)) for field in fields),
         (Click(path=site.directory(group)), Click(path=address), *_see_fields(sheet, record, fields)),
-        f"For {record.name}, {sheet.values_text(record, fields)}.",
     )
 
 
@@ -61,6 +60,7 @@ def related_record(site: Site, rng: random.Random, size: int) -> Part | None:
         f"The {noun} of {record.name} is found",
         (shown(exactly(site.href(record)), *view),),
         answer=(related.name,),
+        what=f"the {noun} of {record.name}",
         wrong=tuple(other.name for other in sheet.records if other != related),
     )
     return Part(
@@ -68,7 +68,6 @@ def related_record(site: Site, rng: random.Random, size: int) -> Part | None:
         f"{noun} of {record.name}",
         (named, *(sheet.fact(related, field, exactly(address), about=f"that {noun}") for field in fields)),
         (*go_to_item(site, record), See(view), Click(path=address), *_see_fields(sheet, related, fields)),
-        f"It is {related.name}: {sheet.values_text(related, fields)}.",
     )
 
 
@@ -101,7 +100,6 @@ def row(site: Site, rng: random.Random, size: int) -> Part | None:
         f"{spec.plural} of {item.name}: {record.name}",
         tuple(sheet.fact(record, field, exactly(site.href(item)), record.name) for field in fields),
         _go_to_rows(site, item, kind, (record.name, *values)),
-        f"For {record.name}, {sheet.values_text(record, fields)}.",
     )
 
 
@@ -112,6 +110,7 @@ def _over_all_rows(
     description: str,
     text: str,
     answer: Sequence[str],
+    what: str,
     wrong: Sequence[str] = (),
 ) -> Part:
     """A part of one fact that requires seeing all rows of an item; ``answer`` lists its spellings."""
@@ -121,9 +120,8 @@ def _over_all_rows(
     return Part(
         ask,
         description,
-        (Fact(text, (evidence,), answer=tuple(answer), wrong=tuple(wrong)),),
+        (Fact(text, (evidence,), answer=tuple(answer), what=what, wrong=tuple(wrong)),),
         _go_to_rows(site, item, kind, names),
-        f"It is {answer[0]}.",
     )
 
 
@@ -147,6 +145,7 @@ def extreme_row(site: Site, rng: random.Random, size: int) -> Part | None:
         f"{spec.plural} of {item.name}: the one {order}",
         f"Of the {spec.plural} of {item.name}, the one {order} is found",
         answer=(best.name,),
+        what=f"the one {order}",
         wrong=[record.name for record in sheet.records if record.name != best.name],
     )
 
@@ -169,6 +168,7 @@ def count_rows(site: Site, rng: random.Random, size: int) -> Part | None:
         f"{spec.plural} of {item.name} that {having}",
         f"The number of {spec.plural} of {item.name} that {having} is found",
         answer=counted(total, *spec.plural.split()[-1:]),
+        what=f"the number of {spec.plural}",
     )
 
 
@@ -190,15 +190,21 @@ def fill_cart(site: Site, rng: random.Random, size: int) -> Part | None:
         moves += [*go_to_item(site, record), *((Choose(site.says["quantity"], str(n)),) if n > 1 else ())]
         moves += [Click(name=site.says["add"], role="button"), See(view)]
     view = (site.says["total"], site.money(total))
-    answer = (site.money(total), f"{total:,}", str(total))
-    facts.append(Fact("What the cart comes to is given", (shown(place, *view),), answer=answer))
+    evidence = (shown(place, *view),)
+    facts.append(
+        Fact(
+            "What the cart comes to is given",
+            evidence,
+            answer=money(total, site.currency),
+            what="what the cart comes to",
+        )
+    )
     contents = listed([f"{n} of {name}" for name, (_, n) in chosen.items()])
     return Part(
         f"put {contents} in the cart, and say what it comes to then",
         f"Cart: {contents}",
         tuple(facts),
         (*moves, See(view)),
-        f"It comes to {site.money(total)}.",
     )
 
 
@@ -228,7 +234,6 @@ def account(site: Site, rng: random.Random, size: int) -> Part | None:
             Click(name=site.says["enter"], role="button"),
             *_see_fields(sheet, record, fields),
         ),
-        f"In the account, {sheet.values_text(record, fields)}.",
     )
 
 
@@ -281,7 +286,7 @@ def chart_bar(site: Site, rng: random.Random, size: int) -> Part | None:
         text = f"The {noun} of {record.name} in {month} is read from the chart"
         ask = f"read the {noun} of {record.name} in {month} from the chart"
         wrong: tuple[str, ...] = ()
-        answer, says = values[month].options, f"It is {values[month].text}."
+        answer, what = values[month].options, f"the {noun} in {month}"
     else:
         ranked = sorted(values, key=lambda name: values[name].rank or 0, reverse=is_most)
         month, word = ranked[0], chart.field.most if is_most else chart.field.least
@@ -289,14 +294,13 @@ def chart_bar(site: Site, rng: random.Random, size: int) -> Part | None:
         ask = (
             f"find the month with the {word} {noun} in the chart of {record.name}, click its bar, and name it"
         )
-        answer, wrong, says = (month,), tuple(ranked[1:]), f"It is {month}."
+        answer, what, wrong = (month,), "the name of the month", tuple(ranked[1:])
     view = shown(place, f"{month}: {values[month].text}")
     return Part(
         ask,
         f"Chart of {record.name}: {noun}",
-        (Fact(text, (view,), (), answer, wrong),),
+        (Fact(text, (view,), (), answer, what, wrong),),
         (*go_to_item(site, record), *read_bar(site, record, month)),
-        says,
     )
 
 
@@ -319,12 +323,12 @@ def extreme_pin(site: Site, rng: random.Random, size: int) -> Part | None:
     record, place = best.record, exactly(site.path("/~map"))
     fields = site.items.draw_fields(rng, size - 1)
     request = f", and give the name and {site.items.nouns(fields)}" if fields else ", and give its name"
-    values = f": {site.items.values_text(record, fields)}" if fields else ""
     singular = site.spec.singular
     named = Fact(
         f"The {singular} farthest {side} on the map is found",
         (shown(place, f"Here: {record.name}"),),
         answer=(record.name,),
+        what=f"the name of that {singular}",
         wrong=tuple(pin.record.name for pin in site.pins if pin != best),
     )
     return Part(
@@ -337,5 +341,4 @@ def extreme_pin(site: Site, rng: random.Random, size: int) -> Part | None:
             See((f"Here: {record.name}",)),
             *((Click(path=site.href(record)), *view_fields(site, record, fields)) if fields else ()),
         ),
-        f"It is {record.name}{values}.",
     )

@@ -55,14 +55,15 @@ def send(site: Site, rng: random.Random, size: int) -> Part | None:
     form, record = site.spec.forms[name], rng.choice(site.items.records)
     values = {input_name: draw_value(site, spec, rng) for input_name, spec in form.inputs.items()}
     sent = fill_form(site, name, record, values, values)
-    ask, facts, moves, says = sent.ask, list(sent.facts), list(sent.moves), ""
+    ask, facts, moves = sent.ask, list(sent.facts), list(sent.moves)
     if size > len(values):
         title, number = site.word(name, "reference"), site.reference(name, sent.about, values)
         view = shown(sent.place, title, number)
-        facts.append(Fact(f"The number of {sent.what} is given", (view,), answer=(number,)))
+        what = f"the number of {sent.what}"
+        facts.append(Fact(f"{first_up(what)} is given", (view,), answer=(number,), what=what))
         moves.append(See((title, number)))
-        ask, says = f"{ask}; then give the number of the {form.thing}", f"The number is {number}."
-    return Part(ask, first_up(sent.what), tuple(facts), tuple(moves), says)
+        ask = f"{ask}; then give the number of the {form.thing}"
+    return Part(ask, first_up(sent.what), tuple(facts), tuple(moves))
 
 
 @dataclass(frozen=True)

@@ -43,11 +43,11 @@ def count(site: Site, rng: random.Random, size: int) -> Part | None:
             Fact(
                 f"The number of {plural} that {having} is found",
                 (shown(site.finder.regex(**chosen), text),),
-                answer=counted(total),
+                answer=counted(total, plural),
+                what=f"the number of {plural}",
             ),
         ),
         (Click(path=site.finder.path), *site.finder.moves(**chosen), See((text,))),
-        f"There are {total}.",
     )
 
 
@@ -71,6 +71,7 @@ def extreme(site: Site, rng: random.Random, size: int) -> Part | None:
         f"Among the {site.spec.plural} that {having}, the one with the {word} {spec.noun} is found",
         (ordered, unordered) if len(records) <= site.page_size else (ordered,),
         answer=(best.name,),
+        what=f"the name of the {site.spec.singular} with the {word} {spec.noun}",
         wrong=tuple(record.name for record in records[1:]),
     )
     others = [other for other in site.items.labels if other not in query and other != field]
@@ -79,7 +80,6 @@ def extreme(site: Site, rng: random.Random, size: int) -> Part | None:
     more = rng.sample(others, size - 1)
     more.sort(key=list(site.items.labels).index)
     request = f", and give the name and {site.items.nouns(more)}" if more else ""
-    values = f": {site.items.values_text(best, more)}" if more else ""
     return Part(
         f"find the {site.spec.singular} with the {word} {spec.noun} among those that {having}{request}",
         f"{word} {spec.noun} among those that {having}",
@@ -90,5 +90,4 @@ def extreme(site: Site, rng: random.Random, size: int) -> Part | None:
             See(view),
             *((Click(path=site.href(best)), *view_fields(site, best, more)) if more else ()),
         ),
-        f"It is {best.name}{values}.",
     )

@@ -73,7 +73,6 @@ def facts(site: Site, rng: random.Random, size: int) -> Part | None:
         f"{record.name}: {site.items.nouns(fields)}",
         tuple(field_fact(site, record, field) for field in fields),
         (*go_to_item(site, record), *view_fields(site, record, fields)),
-        f"For {record.name}, {site.items.values_text(record, fields)}.",
     )
 
 
@@ -92,7 +91,6 @@ def either(site: Site, rng: random.Random, size: int) -> Part | None:
         f"{record.name}: {noun}",
         (field_fact(site, record, field),),
         (*go_to_item(site, record), *view_fields(site, record, [field])),
-        f"It is {value}.",
     )
 
 
@@ -117,6 +115,7 @@ def comparison(first: Subject, second: Subject, field: str, *, is_most: bool) ->
         f"The one with the {word} {spec.noun} is named",
         best.fact(field, in_answer=False).evidence,
         answer=(best.record.name,),
+        what=f"the name of the one with the {word} {spec.noun}",
         wrong=(other.record.name,),
     )
     return Part(
@@ -125,7 +124,6 @@ def comparison(first: Subject, second: Subject, field: str, *, is_most: bool) ->
         f"{spec.noun}: {first.full_name} or {second.full_name}",
         (first.fact(field, in_answer=False), second.fact(field, in_answer=False), named),
         (*first.moves(field), *second.moves(field)),
-        f"It is {best.record.name}.",
     )
 
 
@@ -149,11 +147,17 @@ def numeric_difference(first: Subject, second: Subject, field: str) -> Part | No
     value = numeric_value(spec, distance, first.site.currency)
     facts = first.fact(field), second.fact(field)
     views = tuple(view for fact in facts for view in fact.evidence)
-    values = [f"{subject.record.name} has {subject.record.fields[field].text}" for subject in (first, second)]
     return Part(
         f"report the {spec.noun} of {first.full_name} and of {second.full_name}, and the difference",
         f"{spec.noun} of {first.full_name} and {second.full_name}",
-        (*facts, Fact(f"The difference in {spec.noun} is worked out", views, answer=value.options)),
+        (
+            *facts,
+            Fact(
+                f"The difference in {spec.noun} is worked out",
+                views,
+                answer=value.options,
+                what="the difference",
+            ),
+        ),
         (*first.moves(field), *second.moves(field)),
-        f"{values[0]} and {values[1]}, a difference of {value.text}.",
     )

@@ -10,7 +10,7 @@ from itertools import product
 
 from webgym.offline import names
 from webgym.offline.engine.spec import FieldSpec, NamingSpec
-from webgym.offline.engine.spelling import BARE_FROM, count, days, listed, minutes, quantity, the, times
+from webgym.offline.engine.spelling import count, days, minutes, money, quantity, the, times
 from webgym.offline.engine.table import Record, Value
 from webgym.offline.parts import Fact, shown
 from webgym.offline.seeds import pick, stream
@@ -42,10 +42,6 @@ class Sheet:
         text, sentence = record.fields[field].text, self.fields[field].prose
         return (sentence.format(value=text),) if sentence else (self.labels[field], text)
 
-    def values_text(self, record: Record, fields: Sequence[str]) -> str:
-        """The values of fields: ``"the rent is €900 and the deposit is €1,800"``."""
-        return listed([f"the {self.fields[field].noun} is {record.fields[field].text}" for field in fields])
-
     def draw_fields(self, rng: random.Random, count: int) -> list[str]:
         """``count`` random fields, in page order."""
         return sorted(rng.sample(list(self.labels), count), key=list(self.labels).index)
@@ -69,6 +65,7 @@ class Sheet:
             f"The {self.fields[field].noun} of {about or record.full_name} is found",
             (shown(path, *texts, *self.view(record, field)),),
             answer=value.options if in_answer else (),
+            what=f"the {self.fields[field].noun} of {about or record.full_name}",
             wrong=others if in_answer else (),
         )
 
@@ -172,8 +169,8 @@ def numeric_value(spec: FieldSpec, number: int, currency: str) -> Value:
     spellings: tuple[str, ...]
     match spec.kind:
         case "money":
-            text = f"{currency}{number:,}"
-            spellings = (f"{number:,}", str(number)) if number >= BARE_FROM else ()
+            text, *rest = money(number, currency)
+            spellings = tuple(rest)
         case "year":
             text, spellings = str(number), ()
         case "day":
@@ -186,8 +183,8 @@ def numeric_value(spec: FieldSpec, number: int, currency: str) -> Value:
             text, *rest = minutes(number)
             spellings = tuple(rest)
         case _ if spec.units:
-            text, *rest = quantity(f"{number:,}", *spec.units)
-            spellings = (*rest, *quantity(str(number), *spec.units))
+            text, *rest = quantity(number, *spec.units)
+            spellings = tuple(rest)
         case _:
             text, *rest = (f"{number:,}", str(number), *count(number))
             spellings = tuple(rest)

@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from datetime import date
 from functools import lru_cache
 
-BARE_FROM = 10
-"""An answer may give a number without its unit from here on; a smaller one could be there by accident."""
-
+_CURRENCIES = {"$": ("USD", "dollars"), "€": ("EUR", "euros"), "£": ("GBP", "pounds")}
+"""Code and word of each currency."""
 _NUMBERS = (
     "no one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen".split()
 )
@@ -33,58 +32,80 @@ def first_up(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
+def _unique(*spellings: str) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(spellings))
+
+
 def times(minute: int) -> tuple[str, ...]:
     """Spellings of a time of day, given in minutes since midnight."""
     hour, rest = divmod(minute % 1440, 60)
     half, twelve = ("am" if hour < 12 else "pm"), hour % 12 or 12
-    spellings = (
-        f"{hour:02d}:{rest:02d}",
-        f"{hour}:{rest:02d}",
-        f"{twelve}:{rest:02d} {half}",
-        f"{twelve}:{rest:02d}{half}",
+    clocks = [f"{twelve}:{rest:02d}", f"{twelve:02d}:{rest:02d}", *([] if rest else [str(twelve)])]
+    halves = (f" {half}", half, f" {half[0]}.m.")
+    return _unique(
+        f"{hour:02d}:{rest:02d}", f"{hour}:{rest:02d}", *(clock + end for clock in clocks for end in halves)
     )
-    return tuple(dict.fromkeys(spellings))
 
 
 @lru_cache(maxsize=1 << 12)
 def days(day: date) -> tuple[str, ...]:
     """Spellings of a day."""
-    number = day.day
-    spellings = (f"{number} {day:%b %Y}", f"{number} {day:%b}", f"{number} {day:%B}", f"{day:%B} {number}")
-    return (*spellings, f"{day:%b} {number}", day.isoformat())
+    number, months = day.day, (f"{day:%b}", f"{day:%B}")
+    ordinal = f"{number}{'th' if 10 < number < 14 else {1: 'st', 2: 'nd', 3: 'rd'}.get(number % 10, 'th')}"
+    without_year = [
+        text
+        for month in months
+        for nth in (number, ordinal)
+        for text in (f"{nth} {month}", f"{month} {nth}", f"{nth} of {month}")
+    ]
+    with_year = [f"{text}{comma} {day.year}" for text in without_year for comma in ("", ",")]
+    digits = (day.isoformat(), f"{day:%Y/%m/%d}", f"{day:%d.%m.%Y}", f"{number}.{day.month}.{day.year}")
+    return _unique(f"{number} {day:%b %Y}", *with_year, *without_year, *digits)
 
 
 def minutes(value: int) -> tuple[str, ...]:
     """Spellings of a duration in minutes."""
-    spellings = [f"{value} min", f"{value} minutes", f"{value} mins"]
+    spellings = [f"{value}{unit}" for unit in (" min", " minutes", " mins", "min", "")]
     hours, rest = divmod(value, 60)
     if hours:
-        hour = "hour" if hours == 1 else "hours"
-        tail = f" {rest} minutes" if rest else ""
-        spellings += [f"{hours} {hour}{tail}", f"{hours} h {rest} min" if rest else f"{hours} h"]
-        spellings += [f"{hours} {hour} and {rest} minutes"] if rest else []
-    return (*spellings, str(value)) if value >= BARE_FROM else tuple(spellings)
+        long = (" hour" if hours == 1 else " hours", " minutes")
+        for hour, minute in (long, (" h", " min"), ("h", "min"), ("h", "m")):
+            joints = (" ", " and ", "") if rest else ("",)
+            spellings += [f"{hours}{hour}{joint}{f'{rest}{minute}' if rest else ''}" for joint in joints]
+    return _unique(*spellings)
 
 
-def quantity(value: str, unit: str, *units: str) -> tuple[str, ...]:
-    """Spellings of a quantity; of ``quantity("12", "g", "grams")``: "12 g", "12g", "12 grams" and "12"."""
-    spellings = [f"{value} {unit}", f"{value}{unit}", *(f"{value} {other}" for other in units)]
-    if value == "1":
-        spellings += [spelling.removesuffix("s") for spelling in spellings]
+def money(value: int, sign: str) -> tuple[str, ...]:
+    """Spellings of an amount in whole units of the currency with this sign."""
+    numbers = _unique(f"{value:,}", str(value), f"{value:,}.00", f"{value}.00")
+    units = (sign, *_CURRENCIES.get(sign, ()))
+    signed = [text for number in numbers for text in (sign + number, *(f"{number} {unit}" for unit in units))]
+    return _unique(*signed, *numbers)
+
+
+def quantity(value: int, unit: str, *units: str) -> tuple[str, ...]:
+    """Spellings of a quantity; of ``quantity(12, "g", "grams")``: "12 g", "12g", "12 grams" and "12".
+
+    Thousands may be written out: "12,000 km" for "12 thousand km".
+    """
     if unit.startswith("thousand"):
-        number, rest = 1000 * int(value.replace(",", "")), unit.removeprefix("thousand")
-        return (
-            *spellings,
-            *(each for written in (f"{number:,}", str(number)) for each in (written + rest, written)),
-        )
-    return (*spellings, value) if float(value.replace(",", "")) >= BARE_FROM else tuple(spellings)
+        rest = unit.removeprefix("thousand").strip()
+        whole = money(1000 * value, "$") if rest == "dollars" else quantity(1000 * value, rest)
+        return _unique(f"{value:,} {unit}", f"{value} {unit}", f"{value} thousand", *whole)
+    numbers, spellings = _unique(f"{value:,}", str(value)), list[str]()
+    for number in numbers:
+        spellings += [
+            f"{number} {unit}".strip(),
+            f"{number}{unit}",
+            *(f"{number} {other}" for other in units),
+        ]
+    if value == 1:
+        spellings += [spelling.removesuffix("s") for spelling in spellings]
+    return _unique(*spellings, *numbers)
 
 
 def count(value: int, *nouns: str) -> tuple[str, ...]:
     """Spellings of a number of things, which ``nouns`` name."""
-    spellings = [str(value)]
-    if 0 < value < len(_NUMBERS):
-        spellings.append(_NUMBERS[value])
-    elif value == 0:
-        spellings += [f"{word} {noun}" for word in ("no", "zero") for noun in nouns] + ["none"]
-    return tuple(spellings)
+    words = ("zero", "no") if value == 0 else _NUMBERS[value : value + 1]
+    named = [f"{number} {noun}" for number in (str(value), *words) for noun in nouns]
+    return _unique(str(value), *words, *(["none"] if value == 0 else []), *named)

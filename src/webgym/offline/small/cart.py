@@ -59,7 +59,6 @@ def buy_and_say(questions: Questions, record: Record, field: str) -> Part:
         description=f"The {record.name} in the cart, and its {field}",
         facts=(value_fact, bought_fact(record, location.path)),
         moves=(*location.moves, answer_is(value.text), BUY),
-        says=value.text,
     )
 
 

@@ -274,8 +274,8 @@ class Desk(SmallWebsite):
                 f"{last.text}, and the number is given",
                 tuple(type(view)((ticket,), view.path) for view in last.evidence),
                 last.state,
-                (ticket,),
-                questions.wrong_answers("number", ticket),
+                answer=(ticket,),
+                wrong=questions.wrong_answers("number", ticket),
             )
             moves.append(answer_is(ticket))
         kind = "fill_and_say" if says else "fill"
@@ -285,5 +285,4 @@ class Desk(SmallWebsite):
             description=f"The form {form.name}",
             facts=tuple(facts),
             moves=tuple(moves),
-            says=ticket if says else "",
         )

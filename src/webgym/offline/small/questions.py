@@ -115,7 +115,6 @@ class Questions:
             description=f"Which has the {kind} {field}: {first.name} or {second.name}",
             facts=(*facts.values(), named),
             moves=(*moves, answer_is(winner.name)),
-            says=winner.name,
         )
 
     def compared(
@@ -166,7 +165,6 @@ class Questions:
             description=f"Which has the {kind} {field} in {place}",
             facts=(*facts[:-1], last),
             moves=(*moves, answer_is(best.name)),
-            says=best.name,
         )
 
     def count(self, place: str, trait: str = "") -> Part:
@@ -191,7 +189,6 @@ class Questions:
             description=f"How many {trait} things are in {place}".replace("  ", " "),
             facts=(*facts[:-1], last),
             moves=(*moves, answer_is(value.text)),
-            says=value.text,
         )
 
     # --- helpers ----------------------------------------------------------------------------------
@@ -204,7 +201,6 @@ class Questions:
             description=description,
             facts=(self._answered(f"the {field} of the {record.name} is given", value, field, evidence),),
             moves=(*location.moves, answer_is(value.text)),
-            says=value.text,
         )
 
     def _answered(self, text: str, value: Value, field: str, evidence: tuple[Evidence, ...]) -> Fact:

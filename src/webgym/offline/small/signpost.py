@@ -169,7 +169,6 @@ class Signpost(Catalog):
             description=f"The number of what the sign on {self._page_phrase(page_name)} shows",
             facts=(fact, value_fact),
             moves=(*moves, Home(), *location.moves, answer_is(value.text)),
-            says=value.text,
         )
 
     def _comparison_part(self, questions: Questions, first: str, second: str) -> Part:
@@ -190,7 +189,6 @@ class Signpost(Catalog):
             description=f"Which has the larger number: what {first} or what {second} shows",
             facts=(*(fact for fact, _ in signs), *facts.values(), winner_fact),
             moves=(*sign_moves, *moves, answer_is(winner.name)),
-            says=winner.name,
         )
 
     def _chain_part(self, questions: Questions, record: Record, hops: int) -> Part:
@@ -214,5 +212,4 @@ class Signpost(Catalog):
             description=f"The number after {hops} signs from the {record.name}",
             facts=(*facts, value_fact),
             moves=(*moves, *location.moves, answer_is(value.text)),
-            says=value.text,
         )

@@ -184,5 +184,4 @@ class Trail(SmallWebsite):
             description=f"The number after {steps} signs of the trail {word}",
             facts=tuple(facts),
             moves=(*moves, answer_is(number)),
-            says=number,
         )

@@ -9,11 +9,9 @@ from importlib import resources
 
 import msgspec
 
+from webgym.core.truth import DONE
 from webgym.offline.parts import Wording
 from webgym.offline.small.signs import numbers, sign_data
-
-DONE = "done"
-"""The answer of tasks without a question."""
 
 PHRASES = ("board.toml", "desk.toml", "market.toml", "signpost.toml", "trail.toml")
 """Files with the phrases of each family's tasks."""
@@ -29,8 +27,8 @@ def _instruct(brand: str, asks: Sequence[str]) -> str:
     return first + "".join(joined)
 
 
-WORDING = Wording("small", _instruct, lambda says: ", ".join(says) or DONE, keeps_count=True)
-"""Clauses in lower case; the answer is the values of the parts, in their order."""
+WORDING = Wording("small", _instruct, form="small", separator=", ", keeps_count=True)
+"""Clauses in lower case; the answer is the values of the parts, separated by commas."""
 
 
 @lru_cache(maxsize=1)

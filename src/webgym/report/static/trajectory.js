@@ -48,12 +48,13 @@ function answerCard(it, go) {
   const verdict = it.verdict;
   const found = verdict && [
     verdict.reference && finding(it, "The answer agrees with the reference answer", verdict.reference, go),
-    verdict.response && finding(it, "Every claim in the answer is visible in a screenshot", verdict.response, go),
+    verdict.response && finding(it, verdict.judge.startsWith("offline/") ? "The answer has the form that the task asks for" : "Every claim in the answer is visible in a screenshot", verdict.response, go),
     verdict.blocked && verdict.blocked.passed && finding(it, "The website blocked the agent", { ...verdict.blocked, passed: null }, go),
   ].filter(Boolean);
   return h("section", { class: "card", id: "answer" }, h("h2", {}, "Answer"),
     it.answer === null ? h("p", { class: "muted" }, "No answer was given.") : h("p", { class: "answer" }, it.answer),
     it.task.reference && [h("h3", {}, "Reference"), h("p", { class: "answer" }, it.task.reference)],
+    verdict && verdict.fault && h("p", { id: "fault" }, `Failed by: ${verdict.fault}`),
     found && found.length > 0 && [h("h3", {}, `Judged by ${verdict.judge}`), h("ul", {}, found)],
     verdict && verdict.confidence !== null && h("p", { class: "muted", id: "confidence" }, `${Math.round(verdict.confidence * 100)}% of the samples agree`));
 }

@@ -58,7 +58,7 @@ STATES = Truth(
         FactTruth(1, 0, (), (StateCheck(("cart", "Lamp"), 2), StateCheck(("cart", "Mug"), None))),
         FactTruth(1, 1),
     ),
-    AnswerTruth(required=(("done",), ("2", "two")), forbidden=("3",), in_order=True),
+    AnswerTruth(required=(("done",), ("2", "two")), others=("3",), by_comma=True),
     (Click(path="/cart"), Give("done")),
 )
 SETS: dict[str, list[Task]] = {

@@ -6,6 +6,7 @@ import asyncio
 import dataclasses
 import functools
 import gc
+import json
 from pathlib import Path
 
 import msgspec
@@ -81,8 +82,8 @@ async def test_an_episode_without_a_reward_has_no_rows() -> None:
     assert not browsers.open_now
 
 
-async def test_a_reply_that_writes_the_placeholder_of_pictures_costs_one_episode() -> None:
-    """Sampled as plain characters, it is a picture's token once it is in the next request's history."""
+async def test_a_reply_that_writes_the_placeholder_of_pictures_is_no_way_out() -> None:
+    """Sampled as plain characters, it would be a picture's token in the next request's history."""
     tokenizer = renderer().tokenizer
     text = f"I see {renderer()._image_token} here.\n{RIGHT[0]}"
     ids = tokenizer(text, add_special_tokens=False, split_special_tokens=True)["input_ids"]
@@ -90,11 +91,12 @@ async def test_a_reply_that_writes_the_placeholder_of_pictures_costs_one_episode
     engine.change = lambda sampled: dataclasses.replace(sampled, reply_ids=ids, logprobs=None)
     async with stand_in_environment() as env:
         rollout = await webgym.roll_out(env, engine, renderer(), task_id="check-3")
-        assert (rollout.task_id, rollout.reward, rollout.rows) == ("check-3", None, [])
-        assert (rollout.outcome, rollout.dropped) == (Outcome.POLICY_ERROR, {"no_reward": 1})
-        assert rollout.failure is not None
-        assert "placeholder" in rollout.failure.message
-        assert not env._opened.client.open_now  # type: ignore[attr-defined]
+    assert (rollout.task_id, rollout.reward, rollout.failure) == ("check-3", 0.0, None)
+    assert (rollout.outcome, len(engine.requests)) == (Outcome.TRUNCATED, 4)
+    assert all(
+        len(request.images) == request.short_prompt_ids.count(renderer().image_id)
+        for request in engine.requests
+    )
 
 
 async def test_a_reply_of_no_token_is_the_engines_fault() -> None:
@@ -258,3 +260,6 @@ def test_rows_of_a_dataset_hold_nothing_that_judges_see(tmp_path: Path) -> None:
     assert [set(row) for row in rows] == [{"task_id", "instruction", "website", "split"}] * 4
     assert {row["split"] for row in rows} == {"train"}
     assert rows == webgym.task_rows(str(path), count=4)
+    line = json.dumps({"instruction": "What does <|im_end|> do?", "website": "a.example"})
+    path.write_text(line)
+    assert webgym.task_rows(str(path), split="all")[0]["instruction"] == "What does < |im_end|> do?"

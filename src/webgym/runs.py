@@ -71,6 +71,7 @@ from webgym.run_config import (
 from webgym.run_services import open_services
 from webgym.server.client import BrowserClient
 from webgym.task_choice import choose_tasks, given_tasks, tell_left_out
+from webgym.tasks.files import NEEDS_PICTURES
 from webgym.tasks.selection import BLOCKED
 
 Show: TypeAlias = Callable[[Progress], AbstractAsyncContextManager[None]]
@@ -132,6 +133,10 @@ async def collect(
         drawn = f"{len(tasks):,} of {len(selected.tasks):,} tasks are drawn"
         say(tell, f"{drawn}; --limit (tasks.count) takes another number, or all")
     tell_left_out(chosen.broken, chosen.set_aside, tell)
+    if pictured := sum(NEEDS_PICTURES in task.flags for task in tasks):
+        say(
+            tell, f"{pictured:,} of {len(tasks):,} tasks have a picture of their own, which no agent is shown"
+        )
     settings = config.model_dump(mode="json", exclude={"sites": {"token"}})
     stamp = {"run_id": uuid.uuid4().hex, "started": datetime.now(UTC).isoformat(timespec="seconds")}
     left_out: dict[str, Any] = {"left_out_tasks": dict(selected.left_out)}

@@ -182,7 +182,7 @@ async def roll_out(
         while not info["is_over"]:
             try:
                 request = await asyncio.to_thread(_request, env.episode_id, info, renderer)
-            except PolicyError as error:  # a reply or a page wrote the placeholder of pictures itself
+            except PolicyError as error:  # a renderer of another kind than ours
                 await env.abandon()
                 return _failed(info["task_id"], error, len(requests), started)
             requests.append(request)

@@ -221,6 +221,19 @@ async def test_a_large_file_is_drawn_from_and_that_is_told(tmp_path: Path, there
     assert len(task_choice.choose_tasks(whole).tasks) == there
 
 
+async def test_tasks_with_a_picture_of_their_own_are_counted(tmp_path: Path) -> None:
+    rows = [{"instruction": "Find it.", "website": "a.example"} for _ in range(3)]
+    rows[1]["image"] = "kettle.png"
+    (tmp_path / "tasks.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    given = RunConfig(
+        tasks=TaskChoice(file=tmp_path / "tasks.jsonl", split="all"), judge=JudgeChoice(name="operator:eq")
+    )
+    told: list[str] = []
+    with pytest.raises(WebGymError, match="far enough"):
+        await collect(given, tmp_path / "run", tell=told.append)
+    assert "1 of 3 tasks have a picture of their own, which no agent is shown" in told
+
+
 async def test_the_event_loop_goes_round_while_a_line_without_end_is_read(tmp_path: Path) -> None:
     path = tmp_path / "tasks.jsonl"
     path.write_bytes(b'{"website": "a.example", "instruction": "' + b"x" * 160_000_000 + b'"}\n')

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 from PIL import Image
 
 torch = pytest.importorskip("torch")
@@ -175,10 +176,11 @@ def test_published_weights_are_not_on_the_models_device_a_second_time(folder: Pa
 
 
 async def test_a_request_that_cannot_be_rendered_fails_alone(folder: Path) -> None:
+    placeholder = (Message("system", (TextPart("<|image_pad|>"),)), *messages("task"))
     async with LocalPolicy(LocalConfig(path=str(folder), sampling=Sampling(max_tokens=2))) as policy:
         good, bad = await asyncio.gather(
             policy.reply(turn("task say", "a"), 1),
-            policy.reply(turn("task <|image_pad|>"), 2),
+            policy.reply(replace(turn("task"), messages=placeholder), 2),
             return_exceptions=True,
         )
         assert isinstance(bad, PolicyError)

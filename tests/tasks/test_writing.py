@@ -151,7 +151,7 @@ async def test_a_website_is_inferred_and_its_domain_follows_from_the_subdomain()
     ("website", "subdomain", "reason"),
     [
         ("https://a.example/", "Astrology", "none of the subdomains"),
-        ("somewhere", "Music", "no public website"),
+        ("somewhere", "Music", "does not name a website"),
         ("", "Music", "no address"),
         ("http://127.0.0.1/", "Music", "no public website"),
         ("http://printer.local/", "Music", "no public website"),

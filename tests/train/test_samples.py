@@ -241,7 +241,7 @@ def test_an_endpoint_that_separates_thinking_finds_none_in_an_instruct_reply(ins
 
 
 def test_a_request_that_holds_the_placeholder_is_dropped(instruct: Renderer) -> None:
-    messages = (Message("user", (TextPart("<|image_pad|>"),)),)
+    messages = (Message("system", (TextPart("<|image_pad|>"),)),)
     with pytest.raises(UntrainableStep, match="no_request"):
         SampleMaker(instruct).of(step(messages=messages), PICTURES.__getitem__)
 

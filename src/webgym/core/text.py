@@ -47,6 +47,9 @@ def visible(text: str) -> str:
     writes them in angle or square brackets, so no angle bracket that opens is followed by anything but white
     space, and neither is a square bracket before a word that ends at another one. Invisible characters are
     replaced by U+FFFD. Applied again, it changes nothing.
+
+    Args:
+        text: the text, or a whole message with texts of others in it.
     """
     return _SQUARE.sub(r"\g<0> ", _ANGLE.sub(r"\g<0> ", text.translate(_SHOWN)))
 

@@ -75,7 +75,7 @@ def _no_website(address: str) -> str | None:
         return f"{address!r} is more than the address of a website."
     if problem := start_url_problem(address):
         return f"{problem}."
-    is_number = host.rpartition(".")[2][:1].isdigit()  # an IP address, in any spelling
+    is_number = host.rpartition(".")[2][:1].isdigit()  # an IP address
     is_public = "." in host and not is_number and not host.endswith((".local", ".test"))
     return None if is_public else f"{address!r} is no public website."
 

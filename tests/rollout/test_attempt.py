@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import json
+import random
 from collections.abc import Mapping
 from typing import Any
 
@@ -18,9 +19,9 @@ from webgym.agent.policy import BasePolicy, PolicyInput
 from webgym.browser.config import Cookie
 from webgym.browser.egress.probe import Probed
 from webgym.core.action import BrowserAction
-from webgym.core.errors import NavigationFailed, PolicyTimeout
+from webgym.core.errors import JudgeError, NavigationFailed, PolicyTimeout
 from webgym.core.observation import Fault, Notice, Observation
-from webgym.core.outcome import Ending
+from webgym.core.outcome import Ending, outcome_of
 from webgym.core.trajectory import Episode, Reply
 from webgym.core.truth import AnswerTruth, FactTruth, StateCheck, Truth
 from webgym.rollout.attempt import Attempt, AttemptContext
@@ -33,6 +34,11 @@ from webgym.server.messages import SessionOptions, View
 CALL = '{"name": "computer_use", "arguments": {"action": "wait", "time": 1}}'
 ACTS = f"Action: wait\n<tool_call>\n{CALL}\n</tool_call>"
 TYPES = ACTS.replace('"wait", "time": 1', '"navigate", "url": "http://b.test/"')
+
+
+def answers(text: str) -> str:
+    call = json.dumps({"name": "computer_use", "arguments": {"action": "answer", "text": text}})
+    return f"Action: answer\n<tool_call>\n{call}\n</tool_call>"
 
 
 def connection(url: str, *, is_typed: bool = False) -> Fault:
@@ -333,6 +339,21 @@ async def test_who_asked_for_what_failed_decides_who_caused_the_end(
 
 async def test_answers_of_any_length_are_taken() -> None:
     said = "so it is " * 100_000
-    call = json.dumps({"name": "computer_use", "arguments": {"action": "answer", "text": said}})
-    episode, _, _ = await made(Says(f"Action: answer\n<tool_call>\n{call}\n</tool_call>"))
+    episode, _, _ = await made(Says(answers(said)))
     assert (episode.ending, episode.answer) == (Ending.ANSWERED, said)
+
+
+async def test_who_is_right_half_of_the_time_gains_nothing_by_addresses_that_fail() -> None:
+    """Whoever is about to be wrong types an address instead of its answer; with two retries."""
+    rng = random.Random(0)
+    coins = [[rng.random() < 0.5 for _ in range(3)] for _ in range(40)]
+    rewards = []
+    for tries in coins:
+        for is_right in tries:
+            rewards.append(is_right)
+            pages = Pages({2: connection("http://b.test/?u=http://a.test/", is_typed=True)})
+            episode, _, _ = await made(Says(TYPES, answers("no")), pages=pages)
+            if is_right or not outcome_of(episode.ending, JudgeError("not asked")).is_retried:
+                break
+            rewards.pop()
+    assert sum(rewards) == sum(first for first, *_ in coins)

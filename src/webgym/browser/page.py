@@ -180,8 +180,8 @@ class Page:
         """URL of another scheme that the page tried to open in this action, and that a notice names."""
         self._leaving_for = ""
         """Loader of the navigation that was started last."""
-        self._is_leaving_typed = False
-        """Whether its address was typed, and it has not come yet."""
+        self._typed_url = ""
+        """Its address, if that was typed and the page has not come yet."""
         self._documents = 0
         """Number of documents since the action began."""
         self._release: Callable[[], None] | None = None
@@ -292,7 +292,7 @@ class Page:
     @property
     def is_chosen(self) -> bool:
         """Whether an address that was typed opened the page, or the one that comes."""
-        return self.is_typed or self._is_leaving_typed
+        return self.is_typed or bool(self._typed_url)
 
     @property
     def is_crashed(self) -> bool:
@@ -527,7 +527,8 @@ class Page:
     def _on_leaving(self, event: NavigationStarted) -> None:
         if event.frame_id != self.target_id:
             return
-        self._leaving_for, self._is_leaving_typed = event.loader_id, self.next_is_typed
+        self._leaving_for = event.loader_id
+        self._typed_url = event.url if self.next_is_typed else ""
         if not self.has_scripts:  # before the next document is asked for, whose scripts are to run
             self._switch_scripts(on=True)
 
@@ -548,7 +549,7 @@ class Page:
         return (failure.message, failure.is_refusal) if failure is not None else (error, False)
 
     async def revive(self, why: str) -> None:
-        """Reload a crashed page at its URL.
+        """Reload a crashed page at its URL, or load the one whose address was typed and that has not come.
 
         Args:
             why: why it crashed; empty if that is not known.
@@ -556,9 +557,10 @@ class Page:
         Raises:
             TargetGone: it crashed again.
         """
-        self._begin_renderer(f"the page crashed and was loaded again{f': {why}' if why else ''}")
+        url = self._typed_url or self.url
+        self._begin_renderer(f"the page crashed and was loaded again{f': {why}' if why else ''}", url)
         try:
-            await self.navigate(self.url)
+            await self.navigate(url)
         except NavigationFailed as error:
             self.fail(error)
 
@@ -571,13 +573,15 @@ class Page:
         Raises:
             TargetGone: that crashed, too.
         """
-        self._begin_renderer(f"the page crashed again and was left{f': {why}' if why else ''}")
+        self._begin_renderer(
+            f"the page crashed again and was left{f': {why}' if why else ''}", self._typed_url or self.url
+        )
         await self.session.do("Page.navigate", {"url": BLANK}, seconds=self.config.navigate_seconds)
 
-    def _begin_renderer(self, what: str) -> None:
-        """Record the loss of a renderer, and take the commands for the next one."""
+    def _begin_renderer(self, what: str, url: str) -> None:
+        """Record the loss of the renderer of a page, and take commands for the next one."""
         self.next_is_typed = self.is_chosen
-        self._add_fault("renderer", self.url, what, self.is_chosen)
+        self._add_fault("renderer", url, what, self.is_chosen)
         self.session.crashed = None
         self._ended.clear()
         self.traffic.clear()
@@ -608,7 +612,7 @@ class Page:
         self.loader = frame.loader_id
         self.is_substitute = bool(frame.unreachable_url) or frame.url == BLANK
         self.is_first &= self.is_substitute
-        self.is_typed, self._is_leaving_typed = self.next_is_typed, False
+        self.is_typed, self._typed_url = self.next_is_typed, ""
         # The error page of our own navigation may be committed before the reply to it is processed.
         if frame.unreachable_url and not self._is_navigating and frame.loader_id != self._reported_failure:
             failure = self._failures.get(frame.loader_id, "it could not be opened")

@@ -28,6 +28,7 @@ from webgym.agent.parser import ParseError, parse_reply
 from webgym.agent.prompts import render_reply
 from webgym.agent.solver import Solver
 from webgym.browser.config import BrowserConfig
+from webgym.browser.egress.probe import Probed
 from webgym.browser.find import find_browser
 from webgym.browser.slot import Slot
 from webgym.core.action import Action, Answer, BrowserAction, LeftClick, Mode, Scroll
@@ -312,6 +313,9 @@ class _Tab:
             cuts = (await self._slot.observe_without_picture(cuts=True)).cuts
         name = f"{observation.screenshot}-{self._effects}"
         return View(msgspec.structs.replace(observation, screenshot=name, cuts=cuts), b"")
+
+    async def probe(self, url: str) -> Probed:
+        return await self._slot.probe(url)
 
     async def close(self) -> None:
         await self._slot.close()

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from PIL import Image
 
+from webgym.browser.egress.probe import Probed
 from webgym.core.action import Action, Answer, BrowserAction, Scroll
 from webgym.core.errors import BrowserCrashed, JudgeError
 from webgym.core.observation import Observation
@@ -76,6 +77,10 @@ class _Session:
         name = hashlib.sha256(buffer.getvalue()).hexdigest()
         seen = Observation(name, f"http://check.test/{count}", f"page {count}", _SIZE, status=200)
         return View(seen, buffer.getvalue())
+
+    async def probe(self, url: str) -> Probed:
+        del url
+        return Probed(status=200)
 
     async def close(self) -> None:
         self._browsers.open_now.discard(self.number)

@@ -20,6 +20,7 @@ import msgspec
 
 from webgym.agent.agent import Agent
 from webgym.browser.config import Cookie
+from webgym.browser.egress.probe import Probed
 from webgym.browser.find import find_browser
 from webgym.browser.process import PICTURE_FLAGS
 from webgym.core.action import BrowserAction, Navigate
@@ -198,6 +199,11 @@ class StaticSession:
         elif action is not None:
             self._browser.act(action)
         return await self._browsers.observe(self._browser)
+
+    async def probe(self, url: str) -> Probed:
+        """Its websites are always there."""
+        del url
+        return Probed(status=200)
 
     async def close(self) -> None:
         """Forget the visitor."""

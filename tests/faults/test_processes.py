@@ -101,6 +101,9 @@ async def test_a_lost_renderer_is_brought_back_and_the_agent_is_told(fault: Arou
             view = await session.step()
         assert (view.observation.title, view.observation.url) == ("calm", bench.pages + "/calm/here")
         assert [notice.kind for notice in view.observation.notices] == ["crashed"]
+        assert [(fault.kind, fault.url) for fault in view.observation.faults] == [
+            ("renderer", bench.pages + "/calm/here")
+        ]
         assert slot.process is process
         await session.close()
 
@@ -118,15 +121,31 @@ async def test_every_call_brings_a_lost_renderer_back(fault: Around) -> None:
 
 
 async def test_chromiums_own_crash_page(fault: Around) -> None:
-    """The address bar's way is closed to agents; a crash at every load ends the session."""
+    """The address bar's way is closed to agents."""
     async with fault() as bench:
         session, _ = await bench.open()
         view = await session.step(Navigate("chrome://crash"))
         assert [notice.kind for notice in view.observation.notices] == ["navigation_failed"]
         assert view.observation.title == "calm"
-        with pytest.raises(BrowserCrashed, match="again") as caught:
-            await session.step(Navigate(bench.pages + "/dom/deep"))
-        assert caught.value.hint
+        await session.close()
+
+
+@pytest.mark.parametrize("is_typed", [False, True])
+async def test_a_page_that_crashes_whenever_it_is_loaded(fault: Around, is_typed: bool) -> None:
+    """It ends the session; but an address that was typed after the first page is left."""
+    async with fault() as bench:
+        session, _ = await bench.open("/" if is_typed else "")
+        deep = Navigate(bench.pages + "/dom/deep")
+        if not is_typed:
+            with pytest.raises(BrowserCrashed, match="again") as caught:
+                await session.step(deep)
+            assert caught.value.hint
+            return
+        view = await session.step(deep)
+        assert [(fault.kind, fault.is_typed) for fault in view.observation.faults] == [("renderer", True)] * 2
+        assert view.observation.url == "about:blank"
+        assert (await session.step(Navigate(bench.pages + "/"))).observation.title == "calm"
+        await session.close()
 
 
 async def test_a_killed_gpu_process_is_replaced_by_the_browser(fault: Around) -> None:

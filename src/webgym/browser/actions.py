@@ -292,7 +292,7 @@ async def _return_to(page: Page, entry: HistoryEntry) -> None:
                 if history.entries[history.current_index].id == entry.id:  # only a frame went back
                     break
     except TimeoutError:
-        raise NavigationFailed(f"{entry.url[:_QUOTED_LENGTH]} did not open") from None
+        raise NavigationFailed(f"{entry.url[:_QUOTED_LENGTH]} did not open", url=entry.url) from None
 
 
 async def _navigate(page: Page, url: str) -> None:
@@ -304,6 +304,7 @@ async def _navigate(page: Page, url: str) -> None:
         raise NavigationFailed(
             f'"{address[:_QUOTED_LENGTH]}" was not opened: only http and https addresses are'
         )
+    page.next_is_typed = not page.is_first
     for address in addresses:
         try:
             await page.navigate(address)

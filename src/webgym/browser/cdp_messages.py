@@ -101,6 +101,7 @@ class NavigationStarted(CdpMessage, frozen=True):
 
     frame_id: str
     loader_id: str
+    url: str = ""
 
 
 class FileChooser(CdpMessage, frozen=True):

@@ -19,15 +19,7 @@ from webgym.browser.isolated_worlds import DocumentGone
 from webgym.browser.page import Page
 from webgym.browser.pointer import Point, click, mouse, turn, wheel_over
 from webgym.core.action import BrowserAction, Direction, Hover, Side, Target
-from webgym.core.errors import (
-    ActionFailed,
-    BrowserTimeout,
-    DownloadRefused,
-    EgressRefused,
-    NavigationFailed,
-    PageError,
-)
-from webgym.core.observation import NoticeKind
+from webgym.core.errors import ActionFailed, BrowserTimeout, NavigationFailed
 
 
 class Click(msgspec.Struct, frozen=True, tag_field="name", tag="click"):
@@ -113,20 +105,14 @@ class _Scrolled(msgspec.Struct, frozen=True):
     kind: Literal["scrolled", "fixed", "gone"]
 
 
-_NOTICE_OF: dict[type[PageError], NoticeKind] = {
-    NavigationFailed: "navigation_failed",
-    EgressRefused: "navigation_failed",
-    DownloadRefused: "download_refused",
-    ActionFailed: "action_failed",
-}
-
-
 async def attempt(page: Page, action: AnyAction) -> None:
     """:func:`carry_out`, with failures of the action turned into notices."""
     try:
         await carry_out(page, action)
-    except (ActionFailed, NavigationFailed) as error:
-        page.note(_NOTICE_OF[type(error)], error.message)
+    except NavigationFailed as error:
+        page.fail(error)
+    except ActionFailed as error:
+        page.note("action_failed", error.message)
     except CommandFailed as error:  # a page that is being replaced accepts no input
         page.note("action_failed", f"the browser did not take it ({error.message})")
     except BrowserTimeout as error:

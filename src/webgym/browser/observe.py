@@ -17,7 +17,7 @@ from webgym.browser.cdp_messages import Screenshot
 from webgym.browser.isolated_worlds import DocumentGone
 from webgym.browser.page import Page
 from webgym.browser.settle import settle
-from webgym.core.errors import BrowserTimeout
+from webgym.core.errors import BrowserTimeout, NavigationFailed
 from webgym.core.observation import Element, Notice, Observation
 
 T = TypeVar("T")
@@ -175,7 +175,7 @@ def _observation(
         mode=page.options.mode,
         settled=settled,
         notices=(*page.take_notices(), *content.notices(page)),
-        broken=page.traffic.take_broken(),
+        faults=page.take_faults(),
         text=content.text,
         fields=content.fields,
         cuts=content.cuts,
@@ -315,6 +315,7 @@ async def _have_drawn(page: Page, picture_type: str, quality: float | None) -> b
             content = {"frameId": page.target_id, "html": ""}
             await page.session.do("Page.setDocumentContent", content, seconds=page.config.execute_seconds)
         elif found:
-            page.note("navigation_failed", f"{page.address} has nothing to show yet")
+            why = f"{page.address} has nothing to show yet"
+            page.fail(NavigationFailed(why, url=page.url), is_typed=page.is_typed)
             return base64.b64decode(found.partition(",")[2])
     return None

@@ -7,6 +7,7 @@ import contextlib
 import logging
 import time
 from collections.abc import Callable
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar
 from urllib.parse import urldefrag
@@ -37,7 +38,7 @@ from webgym.browser.timers import IdleTimers, Timers
 from webgym.browser.traffic import Traffic
 from webgym.browser.workers import AUTO_ATTACH, Workers
 from webgym.core.errors import BrowserTimeout, EgressRefused, NavigationFailed
-from webgym.core.observation import Notice, NoticeKind
+from webgym.core.observation import Fault, FaultKind, Notice, NoticeKind
 
 log = logging.getLogger(__name__)
 
@@ -152,6 +153,13 @@ class Page:
         """When the last action began, seconds of ``time.monotonic()``."""
         self._notices: list[Notice] = []
         self._more_notices = 0
+        self._faults: list[Fault] = []
+        self.is_first = True
+        """Whether no page was opened yet: its address is the caller's, and not typed by the agent."""
+        self.is_typed = False
+        """Whether the document was opened by an address that was typed."""
+        self.next_is_typed = False
+        """The same of documents that are opened from now on."""
         self._happened: list[Notice] = []
         self._dialogs = 0
         self._statuses: dict[str, int] = {}
@@ -172,6 +180,8 @@ class Page:
         """URL of another scheme that the page tried to open in this action, and that a notice names."""
         self._leaving_for = ""
         """Loader of the navigation that was started last."""
+        self._typed_url = ""
+        """Its address, if that was typed and the page has not come yet."""
         self._documents = 0
         """Number of documents since the action began."""
         self._release: Callable[[], None] | None = None
@@ -246,7 +256,8 @@ class Page:
         """Start another episode in this tab: without cookies, history, notices and what was learned."""
         self.begin_action()
         self.take_notices()
-        self.traffic.take_broken()
+        self.take_faults()
+        self.is_first, self.is_typed = True, False
         self.idlers, self.points, self.picture = IdleTimers(), {}, ""
         await self._do_all([("Network.clearBrowserCookies", {}), ("Page.resetNavigationHistory", {})])
         await self.begin(options)
@@ -279,6 +290,11 @@ class Page:
         return self.url[: self.config.address_characters]
 
     @property
+    def is_chosen(self) -> bool:
+        """Whether an address that was typed opened the page, or the one that comes."""
+        return self.is_typed or bool(self._typed_url)
+
+    @property
     def is_crashed(self) -> bool:
         """Whether its renderer is gone."""
         return self.session.crashed is not None
@@ -300,6 +316,7 @@ class Page:
         """Start an action: reset the state and the counters that are per action."""
         self._happened.clear()
         self._dialogs = self._documents = 0
+        self.next_is_typed = False
         if self._release is not None:
             self._release()
             self._release = None
@@ -326,6 +343,30 @@ class Page:
             self._notices.append(Notice(kind, text))
         else:
             self._more_notices += 1
+
+    def fail(self, error: NavigationFailed, *, is_typed: bool | None = None) -> None:
+        """Add a notice that a document could not be opened, and the fault, unless our own limits refused it.
+
+        Args:
+            error: why, and what was asked for.
+            is_typed: whether its address was typed; ``None`` for a document that this action asked for.
+        """
+        self.note("navigation_failed", error.message)
+        if error.url and not isinstance(error, EgressRefused):
+            self._add_fault(
+                "connection", error.url, error.message, self.next_is_typed if is_typed is None else is_typed
+            )
+
+    def _add_fault(self, kind: FaultKind, url: str, why: str, is_typed: bool) -> None:
+        if kind == "renderer" or len(self._faults) < self.config.notices_per_observation:
+            self._faults.append(Fault(kind, url[: self.config.address_characters], why, is_typed))
+
+    def take_faults(self) -> tuple[Fault, ...]:
+        """The faults since the last call."""
+        explained = ((url, *self._explain(url, error)) for url, error in self.traffic.take_broken())
+        parts = [Fault("part", url, f"{url}: {why}") for url, why, is_refused in explained if not is_refused]
+        faults, self._faults = self._faults, []
+        return (*faults, *parts)
 
     @property
     def happened(self) -> tuple[Notice, ...]:
@@ -461,11 +502,12 @@ class Page:
             )
         except BrowserTimeout:
             self.session.send("Page.stopLoading")
+            failed = self.traffic.document_url(self._leaving_for) or url
             raise NavigationFailed(
-                f"{quoted_url} gave no answer within {self.config.navigate_seconds:g} s"
+                f"{quoted_url} gave no answer within {self.config.navigate_seconds:g} s", url=failed
             ) from None
         except CommandFailed as error:
-            raise NavigationFailed(f"{quoted_url}: {error.message}") from error
+            raise NavigationFailed(f"{quoted_url}: {error.message}", url=url) from error
         finally:
             unload.cancel()
             self._is_navigating = False
@@ -486,6 +528,7 @@ class Page:
         if event.frame_id != self.target_id:
             return
         self._leaving_for = event.loader_id
+        self._typed_url = event.url if self.next_is_typed else ""
         if not self.has_scripts:  # before the next document is asked for, whose scripts are to run
             self._switch_scripts(on=True)
 
@@ -496,7 +539,7 @@ class Page:
         quoted_url = url[:_QUOTED_LENGTH]
         if urldefrag(failed).url != urldefrag(url).url:
             quoted_url = f"{quoted_url} (which leads to {failed[:_QUOTED_LENGTH]})"
-        return (EgressRefused if is_refused else NavigationFailed)(f"{quoted_url}: {why}")
+        return (EgressRefused if is_refused else NavigationFailed)(f"{quoted_url}: {why}", url=failed)
 
     def _explain(self, url: str, error: str) -> tuple[str, bool]:
         """The reason for a browser's error, and whether the egress policy refused the connection."""
@@ -506,7 +549,7 @@ class Page:
         return (failure.message, failure.is_refusal) if failure is not None else (error, False)
 
     async def revive(self, why: str) -> None:
-        """Reload a crashed page at its URL.
+        """Reload a crashed page at its URL, or load the one whose address was typed and that has not come.
 
         Args:
             why: why it crashed; empty if that is not known.
@@ -514,14 +557,35 @@ class Page:
         Raises:
             TargetGone: it crashed again.
         """
+        url = self._typed_url or self.url
+        self._begin_renderer(f"the page crashed and was loaded again{f': {why}' if why else ''}", url)
+        try:
+            await self.navigate(url)
+        except NavigationFailed as error:
+            self.fail(error)
+
+    async def give_up(self, why: str) -> None:
+        """Leave a page that crashes whenever it is loaded, for a blank one.
+
+        Args:
+            why: as in :meth:`revive`.
+
+        Raises:
+            TargetGone: that crashed, too.
+        """
+        self._begin_renderer(
+            f"the page crashed again and was left{f': {why}' if why else ''}", self._typed_url or self.url
+        )
+        await self.session.do("Page.navigate", {"url": BLANK}, seconds=self.config.navigate_seconds)
+
+    def _begin_renderer(self, what: str, url: str) -> None:
+        """Record the loss of the renderer of a page, and take commands for the next one."""
+        self.next_is_typed = self.is_chosen
+        self._add_fault("renderer", url, what, self.is_chosen)
         self.session.crashed = None
         self._ended.clear()
         self.traffic.clear()
-        self.note("crashed", f"the page crashed and was loaded again{f': {why}' if why else ''}")
-        try:
-            await self.navigate(self.url)
-        except NavigationFailed as error:
-            self.note("navigation_failed", error.message)
+        self.note("crashed", what)
 
     # --- events -------------------------------------------------------------------------------------
 
@@ -547,11 +611,14 @@ class Page:
         self.status = self._statuses.get(frame.loader_id)
         self.loader = frame.loader_id
         self.is_substitute = bool(frame.unreachable_url) or frame.url == BLANK
+        self.is_first &= self.is_substitute
+        self.is_typed, self._typed_url = self.next_is_typed, ""
         # The error page of our own navigation may be committed before the reply to it is processed.
         if frame.unreachable_url and not self._is_navigating and frame.loader_id != self._reported_failure:
             failure = self._failures.get(frame.loader_id, "it could not be opened")
-            why, _ = self._explain(self.url, failure)
-            self.note("navigation_failed", f"{self.url[:_QUOTED_LENGTH]}: {why}")
+            why, is_refused = self._explain(self.url, failure)
+            kind = EgressRefused if is_refused else NavigationFailed
+            self.fail(kind(f"{self.url[:_QUOTED_LENGTH]}: {why}", url=self.url))
         self._statuses.clear()
         self._failures.clear()
         self.changes = -1
@@ -584,6 +651,11 @@ class Page:
             return
         status = event.response.status
         self._statuses[event.loader_id] = status
+        if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
+            url = event.response.url
+            self._add_fault(
+                "status", url, f"{url[:_QUOTED_LENGTH]}: HTTP status {status}", self.next_is_typed
+            )
         if status in _NO_CONTENT:
             quoted_url = event.response.url[:_QUOTED_LENGTH]
             self.note(
@@ -595,8 +667,8 @@ class Page:
             return
         self._failures[event.request_id] = event.error_text
         if event.request_id == self.loader and not event.canceled:
-            quoted_url = self.url[:_QUOTED_LENGTH]
-            self.note("navigation_failed", f"{quoted_url}: the page broke off, {event.error_text}")
+            why = f"{self.url[:_QUOTED_LENGTH]}: the page broke off, {event.error_text}"
+            self.fail(NavigationFailed(why, url=self.url), is_typed=self.is_typed)
 
     def _on_dialog(self, event: DialogOpening) -> None:
         self._dialogs += 1

@@ -39,6 +39,10 @@ class Opener(Protocol):
         """Add a notice to the next observation."""
         ...
 
+    def fail(self, error: NavigationFailed) -> None:
+        """Add a notice that a document could not be opened, and the fault."""
+        ...
+
     async def navigate(self, url: str, referrer: str = "") -> None:
         """Open a URL."""
         ...
@@ -135,7 +139,7 @@ class Popups:
                 async with self._replaying(request):
                     await self._page.navigate(request.url, request.headers.get("Referer", ""))
         except NavigationFailed as error:
-            self._page.note("navigation_failed", error.message)
+            self._page.fail(error)
         finally:
             self._page.traffic.end(target_id)
 

@@ -27,6 +27,7 @@ from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.document import Document, ReadRequest, read
 from webgym.browser.early_screenshot import EarlyScreenshot
 from webgym.browser.effect import EffectCheck
+from webgym.browser.egress.probe import Probed
 from webgym.browser.egress.proxy import Egress, ProxyListener
 from webgym.browser.gestures import AnyAction, attempt
 from webgym.browser.observe import Look, Metadata, capture, look, look_without_picture, read_content
@@ -413,20 +414,21 @@ class Slot:
         process = self._living_process()
         if page.is_gone:
             raise BrowserCrashed("the page closed itself")
-        if self._was_revived:
-            raise self._crashed("the page crashed again")
-        self._was_revived = True
         why, process.relieved = process.relieved, ""
-        try:
-            await page.revive(why)
+        if not self._was_revived:
+            self._was_revived = True
+            with contextlib.suppress(TargetGone):
+                await page.revive(why)
+                self._settled = await settle_timed(page, self._milliseconds)
+                return
+            why, process.relieved = process.relieved, ""
+        if not page.is_chosen:
+            raise _crashed_again(why)
+        try:  # the agent chose this page, and goes on without it
+            await page.give_up(why)
             self._settled = await settle_timed(page, self._milliseconds)
         except TargetGone as error:
-            raise self._crashed("the page crashed again while it was loaded") from error
-
-    def _crashed(self, what: str) -> BrowserCrashed:
-        """The error for a page that crashed again."""
-        why = self._process.relieved if self._process is not None else ""
-        return BrowserOutOfMemory(f"{what}: {why}") if why else BrowserCrashed(what)
+            raise _crashed_again(process.relieved) from error
 
     async def observe(self) -> Look:
         """Observe the page, without an action and without waiting.
@@ -522,6 +524,10 @@ class Slot:
             (*page.happened, *content.notices(page)),
         )
 
+    async def probe(self, url: str) -> Probed:
+        """Ask for a page from outside the browser, to see whether its website is there."""
+        return await self._egress.probe(url, self.config.navigate_seconds)
+
     async def read(self, request: ReadRequest) -> Document:
         """Read the whole document, in view or not."""
         try:
@@ -542,3 +548,8 @@ class Slot:
             return self._process
         lost = self._process.connection.lost if self._process is not None else None
         raise lost or BrowserCrashed("the browser process ended")
+
+
+def _crashed_again(why: str) -> BrowserCrashed:
+    what = "the page crashed again"
+    return BrowserOutOfMemory(f"{what}: {why}") if why else BrowserCrashed(what)

@@ -155,7 +155,7 @@ class Traffic:
         self._document = ("", "")
         """Loader and URL of the last request for a main document, redirects followed."""
         self._site = ""
-        self._broken: list[str] = []
+        self._broken: list[tuple[str, str]] = []
         session.on("Page.frameStartedLoading", FrameEvent, self._on_frame_started)
         session.on("Page.frameStoppedLoading", FrameEvent, self._on_frame_stopped)
         session.on("Page.frameDetached", FrameEvent, self._on_frame_stopped)
@@ -440,13 +440,12 @@ class Traffic:
     def _add_broken(self, activity: _InFlight, why: str) -> None:
         url = activity.endpoint.partition(" ")[2]
         if _site(url) == self._site and len(self._broken) < self._config.notices_per_observation:
-            self._broken.append(f"{url[: self._config.name_characters]}: {why}")
+            self._broken.append((url[: self._config.name_characters], why))
 
-    def take_broken(self) -> tuple[str, ...]:
-        """The requests to the page's own website that failed since the last call; see
-        :class:`~webgym.core.observation.Observation`."""
+    def take_broken(self) -> list[tuple[str, str]]:
+        """The requests to the page's own website that failed since the last call: URL and reason."""
         broken, self._broken = self._broken, []
-        return tuple(broken)
+        return broken
 
     def _on_priority(self, changed: PriorityChanged) -> None:
         activity = self._in_flight.get(changed.request_id)

@@ -7,10 +7,9 @@
     │   ├── TooFewWebsites     more test tasks are asked for than there are websites
     │   ├── NothingToDraw      a sampler is asked for tasks of a kind that there is none of
     │   └── RunFolderError     the folder is not a run, or not the run that was asked for
-    ├── PageError              the website's fault; the agent is informed and the attempt continues
+    ├── PageError              of a page or an action; the agent is informed and the attempt continues
     │   ├── NavigationFailed   DNS, TLS, refused connection, reset, deadline
     │   │   └── EgressRefused  refused by the egress policy or its limit on connections to a host
-    │   ├── DownloadRefused    a navigation turned out to be a download
     │   └── ActionFailed       no such element, nothing to go back to
     ├── BrowserError           a browser process failed
     │   ├── BrowserNotFound    no Chromium on this machine
@@ -116,15 +115,24 @@ class RunFolderError(UsageError):
 
 
 class PageError(WebGymError):
-    """The website's fault: the agent is informed, and the attempt continues."""
+    """Of a page or an action: the agent is informed, and the attempt continues, unless a probe from outside
+    the session confirms that the task's own website is down (:mod:`webgym.rollout.driver`)."""
 
     code = "page_error"
 
 
 class NavigationFailed(PageError):
-    """A page could not be opened."""
+    """A page could not be opened.
+
+    Args:
+        url: what was asked for last, redirects followed; empty if nothing was.
+    """
 
     code = "navigation_failed"
+
+    def __init__(self, message: str, *, hint: str = "", url: str = "") -> None:
+        super().__init__(message, hint=hint)
+        self.url = url
 
 
 class EgressRefused(NavigationFailed):
@@ -133,12 +141,6 @@ class EgressRefused(NavigationFailed):
     code = "egress_refused"
     by_policy: ClassVar[str] = "refused by the egress policy"
     """The beginning of the reason, unless it was the limit."""
-
-
-class DownloadRefused(PageError):
-    """A navigation turned out to be a download."""
-
-    code = "download_refused"
 
 
 class ActionFailed(PageError):

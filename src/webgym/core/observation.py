@@ -30,6 +30,30 @@ class Notice(msgspec.Struct, frozen=True):
     text: str
 
 
+FaultKind: TypeAlias = Literal["connection", "status", "part", "renderer"]
+
+
+class Fault(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Something that failed, and who asked for it, which decides who caused the end of an attempt. Agents do
+    not see it. What the egress policy or its limits refuse is none.
+
+    Attributes:
+        kind: ``connection``: a document of the tab could not be opened, or broke off. ``status``: its server
+            failed (5xx). ``part``: the same of another request of a page to its own website. ``renderer``:
+            the process that showed the page was lost, and what its scripts had done with it.
+        url: what was asked for; of a renderer, the page that it showed.
+        why: for people.
+        is_typed: whether it was asked for by the address of a ``navigate`` action, and not by the page itself
+            (a link, a form, a script); of a renderer, whether such an address opened the page. The address
+            that opens a session's first page is its owner's, and not typed.
+    """
+
+    kind: FaultKind
+    url: str
+    why: str
+    is_typed: bool = False
+
+
 class Element(msgspec.Struct, frozen=True, omit_defaults=True):
     """An interactive element that is visible in the viewport and not covered.
 
@@ -67,9 +91,7 @@ class Observation(msgspec.Struct, frozen=True, omit_defaults=True):
         mode: whether marks are drawn on the picture.
         settled: why the wait for a quiet page ended (``quiet``, ``deadline``, ...).
         notices: what happened since the last observation.
-        broken: requests of the page to its own website whose connection failed since then, or whose server
-            did (5xx), a line each: a frame, a script or data may be missing from the page. Agents do not see
-            it.
+        faults: what failed since then. Agents do not see it.
         text: the text that is visible in the viewport, line by line; ``None`` if not requested. Words that
             are clipped, covered, transparent or in the colour of their background are left out; "…" stands
             for them where the rest of a line is visible. The content of editable fields is not part of it.
@@ -92,7 +114,7 @@ class Observation(msgspec.Struct, frozen=True, omit_defaults=True):
     mode: Mode = "coordinates"
     settled: str = ""
     notices: tuple[Notice, ...] = ()
-    broken: tuple[str, ...] = ()
+    faults: tuple[Fault, ...] = ()
     text: str | None = None
     fields: tuple[str, ...] = ()
     cuts: tuple[tuple[str, str], ...] = ()

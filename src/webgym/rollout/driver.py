@@ -1,5 +1,17 @@
 """The environment's side of an attempt: the browser, its observations, and the actions taken.
 
+Who caused the end of an attempt is decided here, by what was asked for and by whom
+(:class:`~webgym.core.observation.Fault`), never by the words of a message:
+
+- An address that the agent typed and that fails is a step with a notice.
+- A request to the task's own website that a page or the environment made, and that failed, is followed by one
+  probe of the start page from outside the session. If that fails too, the website is down: the environment's
+  failure. Otherwise it is a step with a notice.
+- If the last page of its own website that an agent asked for did not come, whoever asked, that probe is made
+  before the attempt is judged: what an agent did while its website was down says nothing about it.
+- A renderer that is lost takes with it what the page's scripts had done, so that nothing the agent does
+  afterwards counts: the environment's failure, unless the agent had typed the page's address.
+
 Attempts of a run (:mod:`webgym.rollout.attempt`) use it with WebGym's policies, the environment
 (:mod:`webgym.environment`) with the steps of its caller.
 """
@@ -7,7 +19,6 @@ Attempts of a run (:mod:`webgym.rollout.attempt`) use it with WebGym's policies,
 from __future__ import annotations
 
 import hashlib
-import re
 import secrets
 import time
 from dataclasses import dataclass
@@ -16,28 +27,16 @@ from typing import Any, Protocol
 
 from webgym.agent.agent import AgentTraits
 from webgym.browser.config import Cookie
+from webgym.browser.egress.probe import Probed
 from webgym.core.action import Answer, BrowserAction, Navigate
-from webgym.core.errors import AttemptOverdue, EgressRefused, NavigationFailed, WebGymError
-from webgym.core.observation import Observation
+from webgym.core.errors import AttemptOverdue, BrowserCrashed, EgressRefused, NavigationFailed, WebGymError
+from webgym.core.observation import Fault, Observation
 from webgym.core.outcome import Ending, ending_of
 from webgym.core.trajectory import Episode, Failure, Step
-from webgym.core.websites import host_or_text
+from webgym.core.websites import host_or_text, site_or_text
 from webgym.rollout.config import AttemptConfig
 from webgym.rollout.plan import Planned
 from webgym.server.messages import SessionOptions, View
-
-_ORIGIN = re.compile(r"(?<![^\s(\"])https?://[^/\s?#\"]+", re.IGNORECASE)
-"""The beginning of a URL, and not that of another one in its query."""
-_CONNECTION = re.compile(
-    r"gave no answer within|the page broke off|has nothing to show yet|too many new connections|"
-    r"net::ERR_(CONNECTION|NAME|DNS|ADDRESS|INTERNET|NETWORK|EMPTY_RESPONSE|TIMED_OUT|SOCK|INSUFFICIENT)"
-)
-"""Parts of a browser's error message that mean that the connection to the website failed, not the page."""
-
-
-def _origin(url: str) -> str:
-    origins = _ORIGIN.findall(url)
-    return origins[-1].lower().rstrip(":") if origins else ""
 
 
 class BrowserSession(Protocol):
@@ -53,6 +52,14 @@ class BrowserSession(Protocol):
 
         Raises:
             WebGymError: the browser, the page or the server failed.
+        """
+        ...
+
+    async def probe(self, url: str) -> Probed:
+        """Ask for a page from outside the session.
+
+        Raises:
+            WebGymError: the server failed.
         """
         ...
 
@@ -164,7 +171,15 @@ class EpisodeDriver:
         self._final: Observation | None = None
         self._final_state: dict[str, Any] | None = None
         self._answer: str | None = None
-        self._reached: set[str] = set()
+        website = planned.task.website
+        self._start_url = website if "://" in website else f"https://{website}"
+        hosts = planned.task.truth.hosts if planned.task.truth is not None else ()
+        self._own = {site_or_text(each) for each in (website, *hosts)}
+        """The task's own website; on the offline web, all that it is about."""
+        self._has_typed = False
+        """Whether the agent has typed an address."""
+        self._is_doubted = False
+        """Whether what was last asked of the task's own website did not come."""
         self._session: BrowserSession | None = None
         # New for every episode: a killed attempt that is made again finds nothing of its first time.
         self.visitor = secrets.token_hex(16)
@@ -214,17 +229,18 @@ class EpisodeDriver:
         """
         self._session = session
         self.started_at, self.started = time.time(), time.monotonic()
-        website = self.planned.task.website
-        url = website if "://" in website else f"https://{website}"
-        refused = ""
-        self._reached.add(_origin(url))
+        url, refused = self._start_url, ""
         for _ in range(self._context.config.start_tries):
             view = await self._act(Navigate(url))
-            notices, broken = view.observation.notices, self._broken_connection(view.observation)
-            refused = broken or next((it.text for it in notices if it.kind == "navigation_failed"), "")
-            if not refused or (view.observation.status is not None and not broken):
-                if view.observation.status == HTTPStatus.NOT_FOUND and self.planned.task.truth is not None:
+            seen = view.observation
+            failed = (it for it in seen.faults if it.kind == "renderer" or self._is_of_website(it))
+            refused = next((fault.why for fault in failed), "")
+            if not refused and seen.status is None:
+                refused = next((it.text for it in seen.notices if it.kind == "navigation_failed"), "")
+            if not refused:
+                if seen.status == HTTPStatus.NOT_FOUND and self.planned.task.truth is not None:
                     raise NavigationFailed(f"{url} is not among the websites that are served")
+                self._own.add(site_or_text(seen.url))  # where the start page leads
                 return await self._record_view(view)
         # For the user alone: the agent sees notices, and this ends the episode before its first request.
         allow = (
@@ -243,13 +259,15 @@ class EpisodeDriver:
         Raises:
             WebGymError: the browser, the server or the disk failed; the step is recorded.
         """
-        self._final = None
+        before, self._final = self._final, None
         self.steps.append(step)
         if isinstance(step.action, Answer):
             self._answer = step.action.text
             self.ending = Ending.ANSWERED
             return None
-        view = await self._record_view(await self._act(step.action))
+        view = await self._act(step.action)
+        await self._check_website(view.observation, before, is_typed=isinstance(step.action, Navigate))
+        await self._record_view(view)
         self.steps[-1] = step.followed_by(view.observation)
         if self.is_over:
             self.ending = Ending.BUDGET_SPENT
@@ -258,7 +276,16 @@ class EpisodeDriver:
     async def conclude(self) -> None:
         """Complete the record; call it once, however the episode ended."""
         self._seconds = self.elapsed
-        await self._read_site_state()
+        if self.ending in (Ending.ANSWERED, Ending.BUDGET_SPENT):
+            ended, self.ending = self.ending, Ending.CANCELLED  # until what judges need is known
+            try:
+                if self._is_doubted:
+                    await self._check_up("the last page that was asked for did not come")
+                await self._read_site_state()
+            except WebGymError as error:
+                self.fail(error)
+            else:
+                self.ending = ended
 
     def spend(self, seconds: float) -> None:
         """Add to the time that counts towards ``longest_seconds``.
@@ -288,53 +315,70 @@ class EpisodeDriver:
         return view
 
     async def _record_view(self, view: View) -> View:
-        """Check a view, store its screenshot, and keep it as the last observation."""
-        self._check_connection(view.observation)
+        """Store a view's screenshot, and keep it as the last observation."""
         await self._context.store.put_image(view.observation.screenshot, view.image)
         self._final = view.observation  # recorded even if no reply follows
         return view
 
-    def _check_connection(self, observation: Observation) -> None:
-        """Fail if a website that could be reached earlier cannot be reached any more: the environment's
-        failure.
+    def _is_of_website(self, fault: Fault) -> bool:
+        """Whether the task's own website failed. On the web, a part of a page may always be missing, and a
+        server may refuse one page; the offline web, which is part of the environment, has no such faults."""
+        is_ours = self.planned.task.truth is not None or fault.kind in ("connection", "renderer")
+        return is_ours and site_or_text(fault.url) in self._own
+
+    async def _check_website(self, seen: Observation, before: Observation | None, *, is_typed: bool) -> None:
+        """End the attempt if the environment failed.
+
+        Args:
+            seen: the observation after an action.
+            before: the one before it.
+            is_typed: whether the action typed an address.
 
         Raises:
-            NavigationFailed: a website cannot be reached any more.
+            BrowserCrashed: the renderer of a page was lost that the agent had not chosen.
+            NavigationFailed: the task's own website is down.
         """
-        if broken := self._broken_connection(observation):
-            raise NavigationFailed(f"the website became unreachable during the attempt: {broken}")
-        if observation.status is not None:
-            self._reached.add(_origin(observation.url))
+        has_led_away, self._has_typed = self._has_typed, self._has_typed or is_typed
+        asked = [fault for fault in seen.faults if self._is_of_website(fault)]
+        unchosen = [fault for fault in seen.faults if not (fault.is_typed and self._has_typed)]
+        for fault in unchosen:
+            # Beyond the task's website, pages may have led on from one that the agent chose.
+            if fault.kind == "renderer" and (fault in asked or not has_led_away):
+                raise BrowserCrashed(
+                    f"the renderer of {fault.url} was lost: {fault.why}; "
+                    "a website that loses it in every attempt is unhealthy"
+                )
+        if made := next((fault.why for fault in unchosen if fault in asked), ""):
+            await self._check_up(made)
+        is_another = before is None or (before.url, before.status) != (seen.url, seen.status)
+        has_come = is_another and seen.status is not None and site_or_text(seen.url) in self._own
+        self._is_doubted = bool(asked) or (self._is_doubted and not has_come)
 
-    def _broken_connection(self, observation: Observation) -> str:
-        """How the connection to a website that could be reached failed; empty if it did not.
+    async def _check_up(self, failed: str) -> None:
+        """Probe the start page.
 
-        A URL that never answered may have been made up by the agent, and does not count. A part of a page, or
-        an error of the server, counts only on the offline web, which is part of the environment and has none
-        by itself.
+        Args:
+            failed: what raised the doubt.
+
+        Raises:
+            NavigationFailed: the task's website is down; or it was, and has lost what this attempt did.
+            WebGymError: the server or the offline web does not answer.
         """
-        truth, status = self.planned.task.truth, observation.status or 0
-        is_own = truth is not None and host_or_text(observation.url) in truth.hosts
-        if is_own and status >= HTTPStatus.INTERNAL_SERVER_ERROR:
-            return f"{observation.url}: HTTP status {status}"
-        failed = [it.text for it in observation.notices if it.kind == "navigation_failed"]
-        failed = [text for text in failed if _CONNECTION.search(text)]
-        if truth is not None:
-            failed += observation.broken
-        return next((text for text in failed if _origin(text) in self._reached), "")
+        assert self._session is not None
+        probed, is_offline = await self._session.probe(self._start_url), self.planned.task.truth is not None
+        problem, site_state = probed.problem, self._context.site_state
+        if is_offline and (probed.status or 0) >= HTTPStatus.INTERNAL_SERVER_ERROR:
+            problem = f"{self._start_url}: HTTP status {probed.status}"
+        if is_offline and site_state is not None and not problem:
+            is_known = await site_state.state(self.visitor, host_or_text(self._start_url)) is not None
+            problem = "" if is_known else "the offline web was started again during the attempt"
+        if problem:
+            raise NavigationFailed(f"the website failed during the attempt: {failed}; probed: {problem}")
 
     async def _read_site_state(self) -> None:
         truth, site_state = self.planned.task.truth, self._context.site_state
-        if site_state is None or truth is None or self.ending is Ending.ENVIRONMENT_FAILED:
-            return
-        if any(fact.state for fact in truth.facts):
-            ended, self.ending = self.ending, Ending.CANCELLED  # until the state for the judge is known
-            try:
-                self._final_state = await site_state.state(self.visitor, truth.host)
-            except WebGymError as error:
-                self.fail(error)
-            else:
-                self.ending = ended
+        if site_state is not None and truth is not None and any(fact.state for fact in truth.facts):
+            self._final_state = await site_state.state(self.visitor, truth.host)
 
     def episode(self) -> Episode:
         """The record of the episode so far."""

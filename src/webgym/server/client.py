@@ -23,6 +23,7 @@ import aiohttp
 import msgspec
 
 from webgym.browser.document import Document, ReadRequest
+from webgym.browser.egress.probe import Probed
 from webgym.browser.gestures import AnyAction
 from webgym.core.action import Navigate
 from webgym.core.calls import CallQueue, call_queues
@@ -59,6 +60,7 @@ from webgym.server.operations import (
     MSGPACK,
     NAVIGATE,
     PRESSURE,
+    PROBE,
     READ,
     RELEASE,
     SCREENSHOT,
@@ -491,6 +493,10 @@ class Session:
     async def read(self, request: ReadRequest) -> Document:
         """Read the whole document, not only the part in the viewport."""
         return await self._call(READ, Document, request)
+
+    async def probe(self, url: str) -> Probed:
+        """Ask for a page from outside the session, to see whether its website is there."""
+        return await self._call(PROBE, Probed, NavigateRequest(url))
 
     async def screenshot(self) -> bytes:
         """A screenshot without marks and without waiting, PNG (or JPEG)."""

@@ -7,6 +7,7 @@ from typing import Any, Literal, TypeAlias
 import msgspec
 
 from webgym.browser.document import Document, ReadRequest
+from webgym.browser.egress.probe import Probed
 from webgym.server.messages import (
     CLIENT_HEADER,
     GENERATION_HEADER,
@@ -89,6 +90,9 @@ METADATA = Operation("metadata", "POST", "/v1/sessions/{id}/metadata",
 READ = Operation("read", "POST", "/v1/sessions/{id}/read",
     "Read the whole document: text, elements, metadata",
     request=ReadRequest, reply=Document, queue="metadata", is_repeatable=True)
+PROBE = Operation("probe", "POST", "/v1/sessions/{id}/probe",
+    "Ask for a page from outside the session, by the way that its connections take",
+    request=NavigateRequest, reply=Probed, is_repeatable=True)
 HEARTBEAT = Operation("heartbeat", "POST", "/v1/sessions/{id}/heartbeat",
     "Renew the lease", reply=Renewed, is_repeatable=True)
 RELEASE = Operation("release", "DELETE", "/v1/sessions/{id}",
@@ -102,7 +106,7 @@ WATCH = Operation("watch", "GET", "/v1/watch",
 OPENAPI = Operation("openapi", "GET", "/openapi.json", "This document")
 
 OPERATIONS: tuple[Operation, ...] = (
-    ALLOCATE, STEP, NAVIGATE, EXECUTE, SCREENSHOT, METADATA, READ, HEARTBEAT, RELEASE, HEALTH, INFO,
+    ALLOCATE, STEP, NAVIGATE, EXECUTE, SCREENSHOT, METADATA, READ, PROBE, HEARTBEAT, RELEASE, HEALTH, INFO,
     PRESSURE, METRICS, WATCH, OPENAPI,
 )
 # fmt: on

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from webgym.browser.document import Document, ReadRequest
+from webgym.browser.egress.probe import Probed
 from webgym.browser.gestures import AnyAction
 from webgym.browser.observe import Metadata
 from webgym.browser.slot import Slot
@@ -217,6 +218,10 @@ class Service:
                 return await slot.read(request)
 
         return await self._run(lease, work)
+
+    async def probe(self, lease: Lease, request: NavigateRequest) -> Probed:
+        """Ask for a page from outside the session. No browser runs for it."""
+        return await lease.run(lambda: lease.slot.probe(request.url))
 
     async def screenshot(self, lease: Lease) -> bytes:
         """A screenshot without marks."""

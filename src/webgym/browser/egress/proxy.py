@@ -21,6 +21,7 @@ from webgym.browser.egress.config import EgressConfig
 from webgym.browser.egress.dial import Dialer, NotConnected, Reason
 from webgym.browser.egress.hosts import read_host
 from webgym.browser.egress.machine import Machine
+from webgym.browser.egress.probe import Probed, probe
 from webgym.browser.egress.socks import (
     CONNECT,
     FAILED,
@@ -152,6 +153,10 @@ class Egress:
         return self._failures.get((_normalised(parts.hostname or ""), port))
 
     # --- connections --------------------------------------------------------------------------------
+
+    async def probe(self, url: str, seconds: float) -> Probed:
+        """Ask for a page from outside all browsers: see :func:`webgym.browser.egress.probe.probe`."""
+        return await probe(self._dialer, self.config, url, seconds)
 
     async def connect(self, host: str, port: int, budget: Budget) -> ServerEnd:
         """Connect to a host, if that is allowed. The statistics record the result.

@@ -28,12 +28,11 @@ from webgym.agent.parser import ParseError, parse_reply
 from webgym.agent.prompts import render_reply
 from webgym.agent.solver import Solver
 from webgym.browser.config import BrowserConfig
-from webgym.browser.egress.probe import Probed
 from webgym.browser.find import find_browser
 from webgym.browser.slot import Slot
 from webgym.core.action import Action, Answer, BrowserAction, LeftClick, Mode, Scroll
 from webgym.core.errors import BrowserError, StoreCorrupt, StoreLocked, WebGymError
-from webgym.core.observation import Observation
+from webgym.core.observation import Observation, Probed
 from webgym.core.outcome import Ending, Outcome
 from webgym.core.task import Task
 from webgym.core.task_group import task_group

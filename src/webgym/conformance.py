@@ -14,10 +14,9 @@ from typing import Any, Final
 
 from PIL import Image
 
-from webgym.browser.egress.probe import Probed
 from webgym.core.action import Action, Answer, BrowserAction, Scroll
 from webgym.core.errors import BrowserCrashed, JudgeError
-from webgym.core.observation import Observation
+from webgym.core.observation import Observation, Probed
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.trajectory import Episode
 from webgym.core.verdict import Judgement, Verdict

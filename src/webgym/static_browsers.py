@@ -20,11 +20,11 @@ import msgspec
 
 from webgym.agent.agent import Agent
 from webgym.browser.config import Cookie
-from webgym.browser.egress.probe import Probed
 from webgym.browser.find import find_browser
 from webgym.browser.process import PICTURE_FLAGS
 from webgym.core.action import BrowserAction, Navigate
 from webgym.core.errors import NavigationFailed, PolicyError
+from webgym.core.observation import Probed
 from webgym.core.trajectory import Episode
 from webgym.offline.static_browser import StaticBrowser, read_page
 from webgym.offline.web import OfflineWeb

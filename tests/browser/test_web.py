@@ -325,8 +325,11 @@ async def test_a_part_of_a_page_that_breaks_off_is_recorded(site: Site, open_tab
         parts = {"<script src={}></script>": 1, "<iframe src={}></iframe>": 1, "<p>{}": 0}
         for part, count in parts.items():
             look = await tab.goto(site.page("<p>here" + part.format(f"{gone}?a=b")))
-            assert len(look.observation.broken) == count
-            assert all(text.startswith(f"{gone}: net::ERR_") for text in look.observation.broken)
+            faults = look.observation.faults
+            assert [(fault.kind, fault.url, fault.is_typed) for fault in faults] == [
+                ("part", gone, False)
+            ] * count
+            assert all("net::ERR_" in fault.why for fault in faults)
             assert tab.notices == []
 
         async def fails(_: Request) -> Response:
@@ -334,10 +337,11 @@ async def test_a_part_of_a_page_that_breaks_off_is_recorded(site: Site, open_tab
 
         failing = site.on("/failing", fails)
         look = await tab.goto(site.page(f"<p>here<iframe src={failing}></iframe>"))
-        assert look.observation.broken == (f"{failing}: HTTP status 503",)
+        assert [(fault.kind, fault.url) for fault in look.observation.faults] == [("part", failing)]
+        assert "HTTP status 503" in look.observation.faults[0].why
         elsewhere = gone.replace("127.0.0.1", "localhost")
-        assert (await tab.goto(site.page(f"<script src={elsewhere}></script>"))).observation.broken == ()
-        assert (await tab.step(Wait(time=0.1))).observation.broken == ()
+        assert (await tab.goto(site.page(f"<script src={elsewhere}></script>"))).observation.faults == ()
+        assert (await tab.step(Wait(time=0.1))).observation.faults == ()
 
 
 SYNCHRONOUS = "const ask = new XMLHttpRequest(); ask.open('GET', '/late', false); ask.send()"

@@ -17,10 +17,9 @@ from webgym.agent.agent import Agent, AgentTraits
 from webgym.agent.config import AgentConfig
 from webgym.agent.policy import BasePolicy, PolicyInput
 from webgym.browser.config import Cookie
-from webgym.browser.egress.probe import Probed
 from webgym.core.action import BrowserAction
 from webgym.core.errors import JudgeError, NavigationFailed, PolicyTimeout
-from webgym.core.observation import Fault, Notice, Observation
+from webgym.core.observation import Fault, Notice, Observation, Probed
 from webgym.core.outcome import Ending, outcome_of
 from webgym.core.trajectory import Episode, Reply
 from webgym.core.truth import AnswerTruth, FactTruth, StateCheck, Truth

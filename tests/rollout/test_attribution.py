@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import AsyncExitStack
-from typing import Any
+from typing import Any, TypeAlias
 
 import msgspec
 import pytest
@@ -30,6 +30,8 @@ from webgym.server.config import ServerConfig
 from webgym.server.run_worker import RunningServer, running_server
 
 pytestmark = pytest.mark.browser
+
+Deed: TypeAlias = Action | Callable[[Slot], Coroutine[Any, Any, None] | None]
 
 SHOP = "http://shop.example/"
 MIDDLE = LeftClick(Target(coordinate=(500, 500)))
@@ -87,9 +89,7 @@ class Bench:
         grant = session.grant
         return self._server.service.leases.check(grant.session_id, grant.secret, str(grant.generation)).slot
 
-    async def attempt(
-        self, *actions: Action | Callable[[Slot], Coroutine[Any, Any, None] | None], budget: int = 60
-    ) -> tuple[EpisodeDriver, list[Observation]]:
+    async def attempt(self, *actions: Deed, budget: int = 60) -> tuple[EpisodeDriver, list[Observation]]:
         """The attempt, and what it observed. What is no action is called with its slot, between steps."""
         context = EpisodeContext(
             store=NoStore(), config=AttemptConfig(budget_easy=budget), site_state=None, seed=0
@@ -180,7 +180,7 @@ async def test_a_wrong_port_of_the_tasks_own_host_is_probed_once_and_judged(
 
 
 async def test_going_back_to_an_address_that_failed_is_no_way_out(bench: Bench) -> None:
-    away = [Navigate("http://dead.example/"), Navigate(SHOP), GoBack(), GoBack()]
+    away: list[Deed] = [Navigate("http://dead.example/"), Navigate(SHOP), GoBack(), GoBack()]
     driver, _ = await bench.attempt(*away, Answer("no"))
     assert driver.ending is Ending.ANSWERED
 
@@ -209,7 +209,13 @@ async def test_what_an_agent_did_while_its_website_was_down_is_not_judged(
     assert [notice.kind for notice in seen[-1].notices] == ["navigation_failed"]
     assert driver.ending is Ending.ENVIRONMENT_FAILED
     await website.start()
-    away = [lambda _: website.stop(), Navigate(SHOP), lambda _: website.start(), Navigate(SHOP), Answer("no")]
+    away: list[Deed] = [
+        lambda _: website.stop(),
+        Navigate(SHOP),
+        lambda _: website.start(),
+        Navigate(SHOP),
+        Answer("no"),
+    ]
     driver, _ = await bench.attempt(*away)
     assert driver.ending is Ending.ANSWERED
 
@@ -242,7 +248,7 @@ async def test_a_lost_renderer_of_the_websites_page_is_the_environments(bench: B
 
 async def test_a_page_that_is_lost_while_it_is_left_is_no_loss(bench: Bench) -> None:
     """Its renderer was lost between two steps; the address that the agent types then opens."""
-    away = [lambda slot: kill(slot, "renderer"), Navigate(SHOP + "next"), Answer("no")]
+    away: list[Deed] = [lambda slot: kill(slot, "renderer"), Navigate(SHOP + "next"), Answer("no")]
     driver, seen = await bench.attempt(*away)
     if driver.ending is Ending.ANSWERED:
         assert seen[-1].title == "Next"
@@ -252,14 +258,19 @@ async def test_a_page_that_is_lost_while_it_is_left_is_no_loss(bench: Bench) -> 
 
 @pytest.mark.parametrize("place", [SHOP + "next", "http://other.example/"])
 async def test_a_lost_renderer_of_a_page_that_the_agent_typed_is_a_step(bench: Bench, place: str) -> None:
-    away = [Navigate(place), lambda slot: kill(slot, "renderer"), Wait(1), Answer("no")]
+    away: list[Deed] = [Navigate(place), lambda slot: kill(slot, "renderer"), Wait(1), Answer("no")]
     driver, seen = await bench.attempt(*away)
     assert driver.ending is Ending.ANSWERED
     assert [notice.kind for notice in seen[-1].notices] == ["crashed"]
 
 
 async def test_pages_beyond_one_that_was_typed_are_the_agents_choice(bench: Bench) -> None:
-    away = [Navigate("http://other.example/"), MIDDLE, lambda slot: kill(slot, "renderer"), Wait(1)]
+    away: list[Deed] = [
+        Navigate("http://other.example/"),
+        MIDDLE,
+        lambda slot: kill(slot, "renderer"),
+        Wait(1),
+    ]
     driver, _ = await bench.attempt(*away, Answer("no"))
     assert driver.ending is Ending.ANSWERED
 

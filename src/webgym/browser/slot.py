@@ -27,7 +27,6 @@ from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.document import Document, ReadRequest, read
 from webgym.browser.early_screenshot import EarlyScreenshot
 from webgym.browser.effect import EffectCheck
-from webgym.browser.egress.probe import Probed
 from webgym.browser.egress.proxy import Egress, ProxyListener
 from webgym.browser.gestures import AnyAction, attempt
 from webgym.browser.observe import Look, Metadata, capture, look, look_without_picture, read_content
@@ -40,7 +39,7 @@ from webgym.browser.timers import Timers
 from webgym.browser.upload import write_files
 from webgym.core.action import GoBack, Navigate
 from webgym.core.errors import BrowserCrashed, BrowserError, BrowserOutOfMemory, BrowserTimeout
-from webgym.core.observation import Observation
+from webgym.core.observation import Observation, Probed
 
 T = TypeVar("T")
 

@@ -54,6 +54,19 @@ class Fault(msgspec.Struct, frozen=True, omit_defaults=True):
     is_typed: bool = False
 
 
+class Probed(msgspec.Struct, frozen=True, omit_defaults=True):
+    """What came of asking for a page from outside the session.
+
+    Attributes:
+        problem: why the website gave no answer; empty if it gave one, or if a limit of ours refused the
+            probe.
+        status: HTTP status of the answer, redirects not followed; ``None`` without one.
+    """
+
+    problem: str = ""
+    status: int | None = None
+
+
 class Element(msgspec.Struct, frozen=True, omit_defaults=True):
     """An interactive element that is visible in the viewport and not covered.
 

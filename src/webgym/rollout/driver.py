@@ -27,10 +27,9 @@ from typing import Any, Protocol
 
 from webgym.agent.agent import AgentTraits
 from webgym.browser.config import Cookie
-from webgym.browser.egress.probe import Probed
 from webgym.core.action import Answer, BrowserAction, Navigate
 from webgym.core.errors import AttemptOverdue, BrowserCrashed, EgressRefused, NavigationFailed, WebGymError
-from webgym.core.observation import Fault, Observation
+from webgym.core.observation import Fault, Observation, Probed
 from webgym.core.outcome import Ending, ending_of
 from webgym.core.trajectory import Episode, Failure, Step
 from webgym.core.websites import host_or_text, site_or_text

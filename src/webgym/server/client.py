@@ -23,11 +23,11 @@ import aiohttp
 import msgspec
 
 from webgym.browser.document import Document, ReadRequest
-from webgym.browser.egress.probe import Probed
 from webgym.browser.gestures import AnyAction
 from webgym.core.action import Navigate
 from webgym.core.calls import CallQueue, call_queues
 from webgym.core.errors import LeaseLost, ProtocolError, ServerUnreachable, WebGymError
+from webgym.core.observation import Probed
 from webgym.server.config import ClientLimits
 from webgym.server.listening import keep_alive_options
 from webgym.server.messages import (

@@ -7,7 +7,7 @@ from typing import Any, Literal, TypeAlias
 import msgspec
 
 from webgym.browser.document import Document, ReadRequest
-from webgym.browser.egress.probe import Probed
+from webgym.core.observation import Probed
 from webgym.server.messages import (
     CLIENT_HEADER,
     GENERATION_HEADER,

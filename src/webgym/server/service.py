@@ -13,12 +13,12 @@ from typing import Any, TypeVar
 import msgspec
 
 from webgym.browser.document import Document, ReadRequest
-from webgym.browser.egress.probe import Probed
 from webgym.browser.gestures import AnyAction
 from webgym.browser.observe import Metadata
 from webgym.browser.slot import Slot
 from webgym.core.action import Navigate
 from webgym.core.errors import BrowserError, ProtocolError
+from webgym.core.observation import Probed
 from webgym.server.admission import AdmissionController, Permit
 from webgym.server.config import ServerConfig
 from webgym.server.feed import Feed

@@ -7,27 +7,13 @@ import ssl
 from typing import cast
 from urllib.parse import urlsplit
 
-import msgspec
-
 from webgym.browser.egress.budget import Budget
 from webgym.browser.egress.config import EgressConfig
 from webgym.browser.egress.dial import Dialer, NotConnected
+from webgym.core.observation import Probed
 
 _PORTS = {"http": 80, "https": 443}
 _LINE_BYTES = 2**16
-
-
-class Probed(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What came of a probe.
-
-    Attributes:
-        problem: why the website gave no answer; empty if it gave one, or if a limit of ours refused the
-            probe.
-        status: HTTP status of the answer, redirects not followed; ``None`` without one.
-    """
-
-    problem: str = ""
-    status: int | None = None
 
 
 async def probe(dialer: Dialer, config: EgressConfig, url: str, seconds: float) -> Probed:

@@ -21,7 +21,7 @@ from webgym.browser.egress.config import EgressConfig
 from webgym.browser.egress.dial import Dialer, NotConnected, Reason
 from webgym.browser.egress.hosts import read_host
 from webgym.browser.egress.machine import Machine
-from webgym.browser.egress.probe import Probed, probe
+from webgym.browser.egress.probe import probe
 from webgym.browser.egress.socks import (
     CONNECT,
     FAILED,
@@ -42,6 +42,7 @@ from webgym.browser.egress.socks import (
 from webgym.browser.egress.splice import BrowserEnd, Connections, ServerEnd
 from webgym.core.background import BackgroundTasks
 from webgym.core.errors import BrowserLaunchFailed
+from webgym.core.observation import Probed
 
 _LOOPBACK = "127.0.0.1"
 _BACKLOG = 1024

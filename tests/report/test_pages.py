@@ -134,7 +134,7 @@ async def test_the_screenshot_is_shown_with_the_click_on_its_place(
     step = attempt(run_folder, 0).episode.steps[2]  # clicks “Add to basket”
     async with opened(browser, address(report, run_folder, 0, 3), reduced_motion="reduce") as page:
         await loaded(page, 800)
-        await expect(page.locator("#did")).to_contain_text("Click “Add to basket”")
+        await expect(page.locator("#did")).to_contain_text("Clicked “Add to basket”")
         picture, ring = await box_of(page.locator(".stage img")), await box_of(page.locator(".ring"))
         target = next(e.box for e in step.observation.elements or () if e.name == "Add to basket")
         scale = picture["width"] / 1280
@@ -177,7 +177,7 @@ async def test_an_element_is_framed_and_the_typed_text_stands_by_it(
         assert frame == pytest.approx(wanted, abs=1)
         await expect(page.locator(".bubble")).to_have_text("cheapest edition")
         await expect(page.locator("#did")).to_contain_text(
-            "Type “cheapest edition” into “Search the catalogue”"
+            'Typed "cheapest edition" into “Search the catalogue”'
         )
 
 

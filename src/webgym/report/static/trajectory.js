@@ -163,7 +163,7 @@ function filmstrip(frames, go) {
   return h("div", { class: "film", role: "group", "aria-label": "Steps" }, frames.map((frame) =>
     h("button", { type: "button", class: "frame", "data-step": frame.number, "aria-label": `${frame.label}: ${frame.action ? sentence(frame.action) : frame.end ? "after the last action" : "no action"}`, onclick: () => go(frame.number) },
       image(frame.shot, "", true), h("span", { class: "proof", title: "Evidence of a fact", hidden: true }),
-      h("span", { class: "cap" }, h("span", {}, frame.end ? "End" : String(frame.number)), h("span", {}, frame.end ? "" : frame.action ? SHORT[frame.action.name] : "no action")))));
+      h("span", { class: "cap" }, h("span", {}, frame.end ? "End" : String(frame.number)), h("span", {}, frame.end ? "" : frame.action ? frame.action.name : "no action")))));
 }
 
 /** The keys of a report. */

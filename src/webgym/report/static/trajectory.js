@@ -1,10 +1,11 @@
 // The page of one trajectory.
 
-/** The steps, and a last frame with the page after them. */
+/** The steps, and a last frame with the page after them. What an observation notices is what the action before it did:
+ *  it stands with that action, or before the first one. */
 function framesOf(it) {
-  const frames = it.steps.map((step, index) => ({ ...step, number: index + 1, label: `Step ${index + 1}` }));
-  if (it.final) frames.push({ ...it.final, number: it.steps.length + 1, label: "End", action: null, end: true });
-  return frames;
+  const end = it.final && { ...it.final, label: "End", action: null, end: true };
+  const looks = [...it.steps.map((step, index) => ({ ...step, label: `Step ${index + 1}` })), ...(end ? [end] : [])];
+  return looks.map((look, index) => ({ ...look, number: index + 1, before: index ? [] : look.notices, notices: looks[index + 1]?.notices ?? [] }));
 }
 
 function sign(passed) {
@@ -123,7 +124,8 @@ const NOTICES = { navigation_failed: "Navigation failed", download_refused: "Dow
 const BAD = new Set(["navigation_failed", "action_failed", "crashed", "reply_unreadable"]);
 
 function noticeList(frame) {
-  const notices = frame.notices.map(([kind, text]) => h("p", { class: `notice ${BAD.has(kind) ? "bad" : ""}` }, h("b", {}, NOTICES[kind] || kind), " ", text));
+  const notice = (lead) => ([kind, text]) => h("p", { class: `notice ${BAD.has(kind) ? "bad" : ""}` }, h("b", {}, lead + (NOTICES[kind] || kind)), " ", text);
+  const notices = [...frame.before.map(notice("Before the first step: ")), ...frame.notices.map(notice(""))];
   if (frame.error) notices.push(h("p", { class: "notice bad" }, h("b", {}, "No action in this reply"), " ", frame.error));
   if (frame.memory) notices.push(h("p", { class: "notice" }, h("b", {}, "The memory was corrected"), " ", frame.memory));
   return notices.length ? h("div", { class: "notices" }, notices) : null;

@@ -257,7 +257,7 @@ async def test_asking_is_bounded_and_says_what_failed(reply: str | Completion, r
     "groups",
     [
         [["It is light OR cheap", "It sleeps 4 or more"], ["Say it and say it again, and click here"]],
-        [["Step four: open the tent in Portland, OR", "Then close it"]],
+        [["Step 1: open the tent in Portland, OR", "Then close it"], ["The tent is for four"]],
         [["Es kostet höchstens 200 $"], ["Il est pour quatre personnes"], ["重さが示されている"]],
         [["The price is given"], ["The price is given", "The maker is given"]],
     ],

@@ -179,8 +179,12 @@ def _reveals(text: str, task: SourceTask | Task) -> bool:
 
 
 def _numbers(*texts: str) -> set[str]:
-    """The numbers in digits, without their separators: 1,000 and 1.000 are the same."""
-    return {re.sub(r"[.,]", "", number) for text in texts for number in _NUMBER.findall(fold(text))}
+    """The numbers of two or more digits, without separators: 1,000 and 1.000 are the same.
+
+    One digit may be a word elsewhere ("four people"), or count groups.
+    """
+    found = {re.sub(r"[.,]", "", number) for text in texts for number in _NUMBER.findall(fold(text))}
+    return {number for number in found if len(number) > 1}
 
 
 def _plain(text: str) -> str:

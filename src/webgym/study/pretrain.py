@@ -2,9 +2,9 @@
 
 Attempts of the demonstrators at training websites become training sequences
 (:mod:`webgym.study.training_sequences`). Only pointing is trained first, then acting mixed with some
-pointing. Muon optimizes the matrices and AdamW the rest: with AdamW alone a model this small learns to point several
-times more slowly. All randomness derives from one seed; an interrupted training continues from its last
-checkpoint.
+pointing. Muon optimizes the matrices and AdamW the rest: with AdamW alone a model this small learns to point
+several times more slowly. All randomness derives from one seed; an interrupted training continues from its
+last checkpoint.
 """
 
 from __future__ import annotations

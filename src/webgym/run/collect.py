@@ -279,7 +279,15 @@ async def _run_services(
         limits = {"policy": config.collector.policy_calls, "judge": config.collector.judges}
         calls = call_queues(config.limits.calls | limits)
         site_state, client = await stack.enter_async_context(
-            open_services(config, secrets, tasks, tell, calls, are_recorded=is_resumed)
+            open_services(
+                config,
+                secrets,
+                tasks,
+                tell,
+                calls,
+                attempts=len(tasks) * config.samples,
+                are_recorded=is_resumed,
+            )
         )
         software = await _software(client, is_ours=config.server.url is None)
 

@@ -131,6 +131,8 @@ def read_yaml(path: Path, hint: str) -> dict[str, Any]:
     except OSError as error:
         ours = ", ".join(name for name in presets() if "/" not in name)
         raise ConfigError(f"cannot read {path}: {error.strerror}", hint=f"by name: {ours}") from error
+    except RecursionError as error:
+        raise ConfigError(f"{path} is nested too deeply", hint="settings have a few levels") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
     if not isinstance(data, dict):

@@ -117,17 +117,17 @@ class _World:
             ),
         )
 
-    def _python(self, *command: str) -> Awaitable[Process]:
+    async def _python(self, *command: str) -> Process:
         environment = os.environ | {
             SITES_TOKEN: _TOKEN,
             "WEBGYM_TOKEN": _TOKEN,
             FOLDER: str(self._folder),
             "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
         }
-        log = (self._folder / "log.txt").open("ab")
-        return asyncio.create_subprocess_exec(
-            sys.executable, *command, env=environment, stdin=DEVNULL, stdout=log, stderr=log
-        )
+        with (self._folder / "log.txt").open("ab") as log:
+            return await asyncio.create_subprocess_exec(
+                sys.executable, *command, env=environment, stdin=DEVNULL, stdout=log, stderr=log
+            )
 
     async def start(self) -> None:
         """Start the offline web and the server; :meth:`collect` starts the collector."""

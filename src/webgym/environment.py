@@ -50,7 +50,7 @@ from webgym.core.text import visible
 from webgym.core.trajectory import Reply, Trajectory
 from webgym.judge.base import Judge
 from webgym.judge.factory import check_judge, open_judge, refuse_unjudgeable
-from webgym.offline.config import TASK_SETS, SitesConfig
+from webgym.offline.config import TASK_SETS, SitesConfig, collection_of
 from webgym.rollout.driver import Browsers, BrowserSession, EpisodeContext, EpisodeDriver, SiteState
 from webgym.rollout.judging import judge_episode
 from webgym.rollout.opening import open_patiently
@@ -610,9 +610,9 @@ def config_of(name: str, split: SplitName, config: RunConfig | None = None) -> R
         raise ConfigError(f"the split is one of {', '.join(get_args(SplitName))}, not {split!r}")
     config = config or RunConfig()
     tasks = config.tasks.model_copy(update={"split": split})
-    if name in TASK_SETS:
+    if (collection := collection_of(name)) is not None:
         delays = config.sites.model_dump(include={"latency", "latency_sigma", "latency_longest"})
-        sites = SitesConfig(collection=TASK_SETS[name], **delays)
+        sites = SitesConfig(collection=collection, **delays)
         tasks = tasks.model_copy(update={"file": None})
         config = config.model_copy(update={"sites": sites})
     elif Path(name).is_file():

@@ -18,7 +18,7 @@ from webgym.browser.config import BrowserConfig
 from webgym.core.errors import ConfigError, RunFolderError
 from webgym.judge.config import JudgeChoice
 from webgym.llm.config import ChatConfig
-from webgym.offline.config import TASK_SETS, SitesConfig
+from webgym.offline.config import SitesConfig, collection_of
 from webgym.rollout.blocklist import BlocklistConfig
 from webgym.rollout.config import AttemptConfig, CollectorConfig
 from webgym.rollout.store import RunReader
@@ -185,11 +185,11 @@ class RunConfig(Settings):
         if not (isinstance(tasks, Mapping) and isinstance(sites, Mapping)):
             return given
         name = str(tasks.get("file"))
-        if name not in TASK_SETS or Path(name).exists():
+        if (collection := collection_of(name)) is None:
             return given
         if others := sorted({"collection", "seed", "per_family"} & sites.keys()):
             raise ValueError(f"the tasks {name} have their own websites: leave out sites.{others[0]}")
-        named = {"tasks": {**tasks, "file": None}, "sites": {**sites, "collection": TASK_SETS[name]}}
+        named = {"tasks": {**tasks, "file": None}, "sites": {**sites, "collection": collection}}
         return {**given, **named}
 
 

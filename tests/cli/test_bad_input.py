@@ -86,6 +86,20 @@ def test_a_device_has_no_end_and_is_not_read(
     assert (code, one_line(said)) == (2, "webgym: /dev/zero is a device (give a file)")
 
 
+@pytest.mark.parametrize(
+    "words", [("rollout", "--out", "run", "--tasks"), ("tasks", "show"), ("export", "--out", "rows")]
+)
+@pytest.mark.parametrize("name", ["offline", "offline-small", "offline-cross"])
+def test_an_earlier_version_of_a_task_set_is_refused_with_its_successor(
+    calls: Calls, words: tuple[str, ...], name: str
+) -> None:
+    code, said = calls.run(*words, f"{name}-v1")
+    assert (code, f"there are no tasks named '{name}-v1' any more ({name}-v2 replaces them)" in said) == (
+        2,
+        True,
+    )
+
+
 @pytest.mark.parametrize("name", ["summary.json", "trajectories/00001.jsonl", "verdicts/one.jsonl"])
 def test_a_pipe_in_a_run_or_a_training_is_not_waited_for(tmp_path: Path, calls: Calls, name: str) -> None:
     run, training = tmp_path / "run", tmp_path / "training"

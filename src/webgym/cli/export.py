@@ -14,7 +14,7 @@ from rich.progress import Progress, TextColumn
 from webgym.cli.tasks._files import read_all
 from webgym.core.errors import UsageError
 from webgym.core.outcome import Outcome
-from webgym.offline.config import TASK_SETS
+from webgym.offline.config import collection_of
 from webgym.rollout.export import export
 from webgym.rollout.files import make_folder, refuse_used
 from webgym.rollout.summary import oracle_notes
@@ -68,7 +68,7 @@ def command(
     jsonl and sharegpt write pictures as files next to their own, parquet in its rows, as the library datasets
     does. Tasks are written as a row each, to tasks.parquet or tasks.jsonl.
     """
-    if str(source) in TASK_SETS or source.is_file() or _has_tasks(source):
+    if collection_of(str(source)) or source.is_file() or _has_tasks(source):
         if kind is Format.SHAREGPT or outcome:
             raise UsageError(
                 "tasks have no replies and no outcomes",

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Final, Literal, TypeAlias
 
 from pydantic import Field, SecretStr
 
+from webgym.core.errors import ConfigError
 from webgym.offline.latency import LONGEST_SECONDS, SIGMA
 from webgym.settings import Settings
 
@@ -19,6 +21,22 @@ TASK_SETS: Final[dict[str, CollectionName]] = {
     "offline-cross-v2": "cross",
 }
 """Names of the task sets that come with WebGym. A name always has the same websites and tasks."""
+
+
+def collection_of(name: str) -> CollectionName | None:
+    """The collection of a task set that comes with WebGym; ``None`` if the name is a file's, or unknown.
+
+    Raises:
+        ConfigError: it names an earlier version of a set.
+    """
+    if Path(name).exists():
+        return None
+    for known, collection in TASK_SETS.items():
+        if known == name:
+            return collection
+        if known.rstrip("0123456789") == name.rstrip("0123456789"):
+            raise ConfigError(f"there are no tasks named {name!r} any more", hint=f"{known} replaces them")
+    return None
 
 
 class SitesConfig(Settings):

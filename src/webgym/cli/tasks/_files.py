@@ -58,12 +58,12 @@ def read_all(files: Iterable[Path]) -> TaskRecords:
         TaskFileError: a file cannot be read or contains no task.
     """
     from webgym.environment import config_of
-    from webgym.offline.config import TASK_SETS
+    from webgym.offline.config import collection_of
     from webgym.task_choice import all_tasks
 
     records = TaskRecords([], [], [])
     for path in files:
-        if str(path) in TASK_SETS and not path.exists():
+        if collection_of(str(path)):
             tell = partial(print, file=sys.stderr)
             records.tasks.extend(all_tasks(config_of(str(path), "all"), tell))
             continue

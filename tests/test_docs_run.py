@@ -56,7 +56,7 @@ async def readme(patch: pytest.MonkeyPatch) -> AsyncIterator[Names]:
     given = webgym.RunConfig.model_validate({"tasks": {"count": 2}, **SMALL})
     patch.setattr("webgym.run_config.RunConfig", lambda: given)
     patch.setattr("webgym.environment.make", lambda *_, **__: stand_in_environment())
-    yield {"my_model": answers}
+    yield {}
 
 
 @asynccontextmanager

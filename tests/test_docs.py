@@ -121,6 +121,7 @@ def training(file: Path) -> None:
 READERS: dict[str, list[Callable[[Path], object]]] = {
     "container.md": [pod],
     "integrations.md": [agent_loops],
+    "live-web.md": [lambda file: load_settings(webgym.RunConfig, [file], hint="")],
     "judge.md": [lambda file: load_settings(JudgeChoice, [file], hint="")],
     "models.md": [Prices.read],
     "rollout-benchmark.md": [lambda file: read_questions([file])],

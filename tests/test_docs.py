@@ -124,7 +124,6 @@ READERS: dict[str, list[Callable[[Path], object]]] = {
     "live-web.md": [lambda file: load_settings(webgym.RunConfig, [file], hint="")],
     "judge.md": [lambda file: load_settings(JudgeChoice, [file], hint="")],
     "models.md": [Prices.read],
-    "rollout-benchmark.md": [lambda file: read_questions([file])],
     "scaling.md": [scraped],
     "settings.md": [lambda file: load_settings(webgym.RunConfig, [file], hint="")],
     "simulate.md": [lambda file: read_questions([file])],

@@ -24,6 +24,7 @@ from webgym.judge.config import JudgeChoice
 from webgym.llm.prices import Prices
 from webgym.settings import field_docstring, load_settings
 from webgym.simulate.questions import read_questions
+from webgym.tasks.construction import read_config
 from webgym.tasks.formats import read_tasks
 from webgym.train.start import load_train_config
 
@@ -116,6 +117,7 @@ READERS: dict[str, list[Callable[[Path], object]]] = {
     "settings.md": [lambda file: load_settings(webgym.RunConfig, [file], hint="")],
     "simulate.md": [lambda file: read_questions([file])],
     "task-files.md": [read_tasks],
+    "task-set.md": [lambda file: read_config(file, {"sources": {"deepshop": "a.jsonl"}})],
     "training.md": [training, training, training],
 }
 """What reads a page's blocks of YAML and JSON, in their order."""

@@ -80,7 +80,7 @@ def test_one_key_of_a_purposes_sampling_keeps_the_builds() -> None:
     website = config.chat("website")
     assert website is not None
     assert website.sampling.body() == {"temperature": 0, "max_tokens": 400, "top_k": 5, "seed": 1}
-    assert config.assumptions.reply_tokens == {"website": 50, "rubric": 250, "rewriting": 80}
+    assert config.assumptions.reply_tokens == {"website": 50, "rubric": 250, "rewriting": 80, "critic": 40}
 
 
 def test_an_option_keeps_what_files_say_of_the_policy(tmp_path: Path) -> None:

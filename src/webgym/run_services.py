@@ -8,7 +8,8 @@ from contextlib import (
     AsyncExitStack,
     asynccontextmanager,
 )
-from typing import Any
+from importlib import import_module
+from typing import Any, Final
 
 import httpx
 import msgspec
@@ -27,7 +28,9 @@ from webgym.run_config import RunConfig, Secrets, ServerChoice, Tell, say
 from webgym.server.client import BrowserClient
 from webgym.server.config import Admission, ServerConfig
 from webgym.server.run_worker import running_server
-from webgym.static_browsers import StaticBrowsers
+
+_STATIC_BROWSERS: Final = ("webgym.static_browsers", "StaticBrowsers")
+"""Module and class of browsers without Chromium. They stand beside runs, for studies: no run needs them."""
 
 
 @asynccontextmanager
@@ -40,7 +43,7 @@ async def open_services(
     *,
     are_recorded: bool = False,
 ) -> AsyncIterator[tuple[SiteState | None, Browsers]]:
-    """The websites and browsers of a run, or :class:`StaticBrowsers` for both, open until the block ends.
+    """The websites and browsers of a run, or static browsers for both, open until the block ends.
 
     Args:
         config: of the run.
@@ -63,7 +66,8 @@ async def open_services(
         web = OfflineWeb(config.sites.seed, per_family=config.sites.per_family, collection="small")
         if are_recorded:
             await asyncio.to_thread(_check_truths, web, tasks)
-        async with StaticBrowsers(web, config.server.pictures) as browsers:
+        module, name = _STATIC_BROWSERS
+        async with getattr(import_module(module), name)(web, config.server.pictures) as browsers:
             yield browsers, browsers
         return
     async with (

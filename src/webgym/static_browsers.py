@@ -32,7 +32,6 @@ from webgym.rollout.attempt import Attempt, AttemptContext
 from webgym.rollout.config import AttemptConfig
 from webgym.rollout.driver import NoStore
 from webgym.rollout.files import write_whole
-from webgym.rollout.judging import JUDGED
 from webgym.rollout.plan import Planned
 from webgym.rollout.progress import Progress
 from webgym.server.messages import SessionOptions, View
@@ -245,7 +244,7 @@ class StaticCollector:
         finally:
             await session.close()
         episode = attempt.episode()
-        if episode.ending not in JUDGED:
+        if not episode.ending.is_regular:
             failure = episode.failure
             raise PolicyError(f"{planned.attempt_id}: {failure.message if failure else episode.ending}")
         return episode

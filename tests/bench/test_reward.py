@@ -22,8 +22,8 @@ from webgym.offline.config import SitesConfig
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.config import AttemptConfig, CollectorConfig
-from webgym.rollout.rejudge import judge_run, verdicts_of
-from webgym.rollout.store import RunReader
+from webgym.rollout.rejudge import judge_run
+from webgym.rollout.store import RunReader, verdicts_of
 from webgym.run_config import RunConfig, TaskChoice
 from webgym.runs import collect
 from webgym.tables import markdown

@@ -68,6 +68,17 @@ async def test_every_kind_of_click(site: Site, open_tab: Open, mode: str) -> Non
     assert log(tab)[10:] == ["click 000"], "the keys were let go"
 
 
+async def test_a_number_of_an_earlier_picture_moves_nothing(site: Site, open_tab: Open) -> None:
+    tab = await open_tab("marks")
+    await tab.goto(site.page("<title>x</title><div style='height:1000px'></div><button>Far</button>"))
+    await tab.step(Scroll("down"))
+    far = tab.at("Far")
+    await tab.step(Scroll("up"))
+    look = await tab.step(Hover(far))
+    assert [kind for kind, _ in tab.notices] == ["action_failed"]
+    assert not look.observation.elements
+
+
 async def test_ctrl_and_click_chooses_several(site: Site, tab: Tab) -> None:
     await tab.goto(
         site.page(

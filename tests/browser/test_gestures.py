@@ -10,10 +10,11 @@ from webgym.browser.gestures import (
     Click,
     Fill,
     HoverAndScroll,
+    HoverOver,
     ScrollElement,
     Wheel,
 )
-from webgym.core.action import Hover, LeftClick, Press, Target
+from webgym.core.action import LeftClick, Press, Target
 
 from .conftest import VIEWPORT, Site, Tab
 
@@ -68,7 +69,7 @@ async def test_an_element_in_a_frame_far_down(site: Site, tab: Tab) -> None:
 
 @pytest.mark.parametrize(
     "gesture",
-    [Click(Target(element=999)), Hover(Target(element=999)), ScrollElement(999, "down"), Choose(999)],
+    [Click(Target(element=999)), HoverOver(Target(element=999)), ScrollElement(999, "down"), Choose(999)],
     ids=lambda gesture: type(gesture).__name__,
 )
 async def test_a_number_that_no_element_has(site: Site, tab: Tab, gesture: object) -> None:
@@ -95,9 +96,9 @@ async def test_hovering(site: Site, tab: Tab) -> None:
             "<div style='width:200px'><button>Menu</button><ul><li>Entry</ul></div>"
         )
     )
-    await tab.step(Hover(Target(element=(await element(tab, "Menu")).number)))
+    await tab.step(HoverOver(Target(element=(await element(tab, "Menu")).number)))
     assert "Entry" in tab.text
-    await tab.step(Hover(at(700, 500)))
+    await tab.step(HoverOver(at(700, 500)))
     assert "Entry" not in tab.text
 
 

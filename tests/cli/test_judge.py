@@ -19,7 +19,6 @@ from tests.report.conftest import build_run
 from tests.serving import beside
 
 from webgym.cli import main
-from webgym.rollout.judging import JUDGED
 from webgym.rollout.records import decode
 from webgym.rollout.store import RunReader
 from webgym.rollout.verdicts import read_verdicts
@@ -124,7 +123,7 @@ def test_records_that_cannot_be_judged_are_named_and_the_others_are_judged(
     run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     reader = RunReader(run)
-    changed, odd, lost, *_ = (one for one in reader.trajectories() if one.episode.ending in JUDGED)
+    changed, odd, lost, *_ = (one for one in reader.trajectories() if one.episode.ending.is_regular)
     shard, tasks = run / "trajectories/00000.jsonl", run / "tasks.jsonl"
     lines = shard.read_bytes().splitlines(keepends=True)
     places = [next(at for at, line in enumerate(lines) if decode(line) == one) for one in (changed, odd)]

@@ -23,8 +23,8 @@ from webgym.llm.prices import Prices
 from webgym.offline.config import SitesConfig
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.config import CollectorConfig
-from webgym.rollout.rejudge import RECORDED, compare, judge_run, verdicts_of
-from webgym.rollout.store import RunReader
+from webgym.rollout.rejudge import compare, judge_run
+from webgym.rollout.store import RECORDED, RunReader, verdicts_of
 from webgym.run_config import PolicyChoice, RunConfig, TaskChoice
 from webgym.runs import collect
 from webgym.tasks.formats import write_tasks

@@ -18,8 +18,8 @@ from webgym.judge.base import Pictures
 from webgym.report.config import ViewConfig
 from webgym.report.live import serve_view
 from webgym.report.write import write_report
-from webgym.rollout.rejudge import judge_run, recorded
-from webgym.rollout.store import RunReader
+from webgym.rollout.rejudge import judge_run
+from webgym.rollout.store import RunReader, recorded
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 

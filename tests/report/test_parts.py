@@ -9,8 +9,8 @@ import io
 import json
 import re
 import shutil
-from importlib import resources
 from pathlib import Path
+from typing import ClassVar
 
 import msgspec
 import pytest
@@ -29,6 +29,7 @@ from webgym.core.action import (
     Target,
     Type,
     Upload,
+    _Action,
 )
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Revision
@@ -52,9 +53,10 @@ def test_places_are_percent_of_the_picture(run_folder: Path) -> None:
     seen = made.episode.steps[0].observation
     shown = page(made, reader.tasks[made.episode.task_id])["steps"][0]["action"]
     assert shown["name"] == "type"
-    assert (shown["mark"], shown["on"], shown["role"]) == (1, "Search the catalogue", "searchbox")
+    (place,) = shown["places"]
+    assert (place["mark"], place["on"], place["role"]) == (1, "Search the catalogue", "searchbox")
     x, y, w, h = (element.box for element in seen.elements or () if element.number == 1).__next__()
-    assert shown["box"] == pytest.approx([x / 12.8, y / 7.68, w / 12.8, h / 7.68], abs=1e-3)
+    assert place["box"] == pytest.approx([x / 12.8, y / 7.68, w / 12.8, h / 7.68], abs=1e-3)
 
 
 def test_figures_of_odd_tasks_and_messages_can_be_read(run_folder: Path) -> None:
@@ -84,9 +86,10 @@ def test_a_point_says_what_lies_under_it(run_folder: Path) -> None:
         changed = msgspec.structs.replace(step, action=LeftClick(target))
         episode = msgspec.structs.replace(made.episode, steps=(changed,))
         action = page(msgspec.structs.replace(made, episode=episode), None)["steps"][0]["action"]
-        assert action.get("on") == on
+        (place,) = action["places"]
+        assert place.get("on") == on
         assert target.coordinate is not None
-        assert action["point"] == [value / 10 for value in target.coordinate]
+        assert place["point"] == [value / 10 for value in target.coordinate]
 
 
 def test_a_mark_that_was_not_recorded_is_still_shown(run_folder: Path) -> None:
@@ -94,44 +97,55 @@ def test_a_mark_that_was_not_recorded_is_still_shown(run_folder: Path) -> None:
     step = msgspec.structs.replace(made.episode.steps[0], action=Type(Target(element=77), "x"))
     episode = msgspec.structs.replace(made.episode, steps=(step,))
     action = page(msgspec.structs.replace(made, episode=episode), None)["steps"][0]["action"]
-    assert action == {"name": "type", "text": "x", "mark": 77}
+    assert (action["words"], action["entered"]) == ('Typed "x" into element 77', "x")
+    assert action["places"] == [{"mark": 77}]
 
 
 PLACE = Target(coordinate=(500, 40))
+SEARCH = "“Search the catalogue”"
 EXTENDED = {
-    "click": LeftClick(PLACE, ("Control", "Shift")),
-    "double_click": DoubleClick(PLACE),
-    "right_click": RightClick(PLACE),
-    "hover": Hover(PLACE),
-    "drag": Drag(Target(element=77), PLACE, ((500, 40), (0, 1000))),
-    "press": Press(("Control", "a")),
-    "upload": Upload(PLACE, ("cv.txt", "photo.png")),
-    "scroll": Scroll("left", PLACE),
+    "left click": (LeftClick(PLACE, ("Control", "Shift")), f"Clicked {SEARCH} with Control+Shift held"),
+    "double click": (DoubleClick(PLACE), f"Double-clicked {SEARCH}"),
+    "right click": (RightClick(PLACE), f"Right-clicked {SEARCH}"),
+    "hover": (Hover(PLACE), f"Moved the mouse to {SEARCH}"),
+    "drag": (
+        Drag(Target(element=77), PLACE, ((500, 40), (0, 1000))),
+        f"Dragged element 77 to {SEARCH} through 2 points",
+    ),
+    "press": (Press(("Control", "a")), "Pressed Control+a"),
+    "upload": (Upload(PLACE, ("cv.txt", "photo.png")), f"Chose the files cv.txt, photo.png at {SEARCH}"),
+    "scroll": (Scroll("left", PLACE), f"Scrolled left at {SEARCH}"),
 }
 
 
 @pytest.mark.parametrize("name", EXTENDED)
 def test_extended_actions_are_told_and_drawn(run_folder: Path, name: str) -> None:
     made = next(RunReader(run_folder).trajectories())
-    step = msgspec.structs.replace(made.episode.steps[0], action=EXTENDED[name])
+    act, words = EXTENDED[name]
+    step = msgspec.structs.replace(made.episode.steps[0], action=act)
     episode = msgspec.structs.replace(made.episode, steps=(step,))
     action = page(msgspec.structs.replace(made, episode=episode), None)["steps"][0]["action"]
-    assert action["name"] == name
-    assert name == "press" or action["on"] == "Search the catalogue"
-    assert action.get("from") == ({"mark": 77} if name == "drag" else None)
-    assert action.get("path") == ([[50, 4], [0, 100]] if name == "drag" else None)
-    script = (resources.files("webgym.report") / "static" / "stage.js").read_text("utf-8")
-    sentence, marks = script.split("function marks(")
-    assert f'case "{name}":' in sentence
-    assert f'case "{name}":' in marks
-    assert f"{name}: " in sentence.partition("const SHORT")[2]
-    told = action_history(episode, line_chars=300, limit=3000)
-    assert f"step 1, on {step.observation.url}: " in told
-    assert (
-        "77 through 2 points to" in told
-        if name == "drag"
-        else "cv.txt, photo.png" in told or name != "upload"
-    )
+    assert (action["name"], action["words"]) == (name, words)
+    assert len(action["places"]) == (0 if name == "press" else 2 if name == "drag" else 1)
+    assert action["way"] == ([[50, 4], [0, 100]] if name == "drag" else [])
+    history = action_history(episode, line_chars=300, limit=3000)
+    assert history.startswith(f"step 1, on {step.observation.url}: {words.split()[0].lower()} ")
+
+
+def test_an_action_of_a_kind_yet_unknown_is_told_from_its_fields() -> None:
+    """What an action says of itself is all that prompts, histories and pages need."""
+
+    class Pinch(_Action, frozen=True, tag="pinch"):
+        does = "pinch at {target}."
+        did = "pinched {target}"
+        did_also: ClassVar = {"by": " by {by}"}
+
+        target: Target
+        by: float = 2.0
+
+    assert Pinch(PLACE).told(lambda _: "it") == "pinched it"
+    assert Pinch(PLACE, 3.5).told(lambda _: "it") == "pinched it by 3.5"
+    assert Pinch(PLACE).targets == (PLACE,)
 
 
 def test_how_a_memory_was_mended_is_told(run_folder: Path) -> None:

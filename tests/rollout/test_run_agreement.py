@@ -19,8 +19,8 @@ from webgym.judge.labels import HumanLabel, annotator_agreement
 from webgym.judge.without_rubric import PREFIX, WithoutRubric
 from webgym.rollout.agreement import pairs_of, resolved
 from webgym.rollout.labels import LabelStore, labels_path
-from webgym.rollout.rejudge import RECORDED, judge_run
-from webgym.rollout.store import RunReader
+from webgym.rollout.rejudge import judge_run
+from webgym.rollout.store import RECORDED, RunReader
 
 NO = Judgement(False, "no")
 

@@ -27,9 +27,9 @@ from webgym.report.overview import Overview
 from webgym.rollout.files import check_run
 from webgym.rollout.merging import merge_runs, runs_in
 from webgym.rollout.plan import Plan
-from webgym.rollout.rejudge import judge_run, recorded
+from webgym.rollout.rejudge import judge_run
 from webgym.rollout.sharing import Claim, Claims, SharingConfig
-from webgym.rollout.store import RunReader
+from webgym.rollout.store import RunReader, recorded
 from webgym.rollout.summary import digest_of
 from webgym.rollout.verify import verify
 

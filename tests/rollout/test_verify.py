@@ -20,8 +20,8 @@ from webgym.core.verdict import Judgement, Verdict
 from webgym.judge.base import Pictures
 from webgym.rollout.export import export
 from webgym.rollout.records import attempt_ids_in, pictures
-from webgym.rollout.rejudge import judge_run, verdicts_of
-from webgym.rollout.store import RunReader, RunWriter
+from webgym.rollout.rejudge import judge_run
+from webgym.rollout.store import RunReader, RunWriter, verdicts_of
 from webgym.rollout.verify import Findings, verify
 
 

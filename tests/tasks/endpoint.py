@@ -106,6 +106,9 @@ class Endpoint:
         if system.startswith("You sort"):
             self.kinds["website"] += 1
             return self._website(task, mood if bad else 11), "stop"
+        if system.startswith("You check"):
+            self.kinds["critic"] += 1
+            return self._criticised(asked, mood if bad else 11), "stop"
         if system.startswith("You write rubrics"):
             self.kinds["rubric"] += 1
             return self._rubric(task, mood if bad else 11)
@@ -119,6 +122,13 @@ class Endpoint:
         subdomain = "Astrology" if mood == 1 else _SUBDOMAINS[draw(task, "domain") % len(_SUBDOMAINS)]
         website = "nowhere" if mood == 2 else HOSTS[draw(task, "host") % len(HOSTS)]
         return json.dumps({"website": website, "subdomain": subdomain})
+
+    def _criticised(self, asked: str, mood: int) -> str:
+        """What the critic says of a rubric or a text: of one in three, the first version is bad."""
+        if mood == 0:
+            return json.dumps({"ok": True, "problems": ["one"]})
+        ok = draw(asked) % 3 > 0 or not self.misbehaves
+        return json.dumps({"ok": ok, "problems": [] if ok else ["no good"]})
 
     def _rubric(self, task: str, mood: int) -> tuple[str, str]:
         words = list(dict.fromkeys(word for word in _WORD.findall(plain(task)) if word.lower() not in _DULL))
@@ -160,7 +170,7 @@ class Endpoint:
     def _rewritten(self, task: str, facts: list[str], mood: int) -> tuple[str, str]:
         text = f"On the website, take care of this: {'; '.join(fact[17:] for fact in facts)}."
         if mood == 0:
-            return f"Here is the rewritten task: {text}", "stop"
+            return f"{text} Pay $4711.", "stop"
         if mood == 1:
             return f'"{text}"', "stop"
         if mood == 2:
@@ -168,7 +178,7 @@ class Endpoint:
         if mood == 3:
             return text[:20], "length"
         if mood == 4:
-            return "I'm sorry, but I cannot do that.", "stop"
+            return f"# Task\n{text}", "stop"
         if mood == 5:
             return json.dumps({"task": text}), "stop"
         if mood == 6:

@@ -294,6 +294,28 @@ async def test_a_dry_run_counts_before_it_asks_and_measures_what_is_there(tmp_pa
         assert trial.dollars is None
 
 
+async def test_a_critic_is_priced_before_it_is_asked_about_every_rubric_and_text(tmp_path: Path) -> None:
+    async with serve() as endpoint:
+        command = Command(endpoint, tmp_path, count=6)
+        place = BuildPaths.of(tmp_path / "out")
+        settings = command.settings(prices=PRICES, writing={"critic": True})
+        before = await run_dry(settings, place, QUIET)
+        assert not endpoint.paid
+        alone = await run_dry(command.settings(prices=PRICES), place, QUIET)
+        assert [line.purpose for line in before.lines[:-1]] == [line.purpose for line in alone.lines]
+        critic = before.lines[-1]
+        assert critic.purpose == "critic"
+        assert critic.things == before.lines[1].things + before.lines[2].things
+        assert (before.dollars or 0) > (alone.dollars or 0) + (critic.dollars or 0) * 0.99
+
+        finished = await run_build(settings, place, QUIET)
+        assert 0.6 * critic.calls < endpoint.kinds["critic"] < 1.6 * critic.calls
+        assert any("no good" in failure.reason for failure in finished.build.failures)
+        after = await run_dry(settings, place, QUIET)
+        assert (after.calls, after.dollars) == (0, 0)
+        assert after.lines[-1].there == after.lines[-1].things > 0
+
+
 async def test_a_budget_stops_the_build_and_a_larger_one_goes_on(tmp_path: Path) -> None:
     async with serve() as endpoint:
         command = Command(endpoint, tmp_path, count=4)
@@ -311,24 +333,26 @@ async def test_a_budget_stops_the_build_and_a_larger_one_goes_on(tmp_path: Path)
         assert {purpose for purpose, _ in spent.rows} == {"website", "rubric", "rewriting"}
 
 
-async def test_batch_files_in_place_of_calls(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("critic", "most"), [(False, 6), (True, 16)])
+async def test_batch_files_in_place_of_calls(tmp_path: Path, critic: bool, most: int) -> None:
     async with serve() as endpoint:
         command = Command(endpoint, tmp_path, count=4)
         out, folder = tmp_path / "out", tmp_path / "batches"
+        settings = command.settings(writing={"critic": critic})
         rounds = 0
         while True:
-            done = await run_batch(command.settings(), BuildPaths.of(out), folder, QUIET)
+            done = await run_batch(settings, BuildPaths.of(out), folder, QUIET)
             if isinstance(done, FinishedBuild):
                 break
             rounds += 1
             assert sum(file.requests for file in done.files) == done.build.pending
-            again = await run_batch(command.settings(), BuildPaths.of(out), folder, QUIET)
+            again = await run_batch(settings, BuildPaths.of(out), folder, QUIET)
             assert isinstance(again, PendingBatches)
             assert again.files == [], "what stands in a file already is not written twice"
             await answer_batches(endpoint, [file.path for file in done.files], out)
         assert not endpoint.paid, "nothing was asked"
-        assert 2 <= rounds <= 6, "rubrics do not wait for websites; what is refused is asked again"
-        await command.build(tmp_path / "asked")
+        assert 2 <= rounds <= most, "rubrics do not wait for websites; what is refused is asked again"
+        await command.build(tmp_path / "asked", writing={"critic": critic})
         assert files(tmp_path / "asked") == files(out)
 
 
@@ -552,7 +576,9 @@ async def test_what_asks_for_nothing_needs_no_model(tmp_path: Path) -> None:
     finished = await run_build(read_config(None, given), BuildPaths.of(out), QUIET)
     assert len(finished.build.tasks) == 8
     assert validate(all_tasks(out)).ok
-    assert lines(out / "remarks.jsonl"), "what a source brings along is looked at as well"
+    assert {fact for task in all_tasks(out) for _, _, fact in task.rubric.facts()} == {"The None"}, (
+        "a source's own rubric is not refused for its wording"
+    )
     bare = write_shapes(tmp_path / "sources", count=2)["deepshop"]
     with pytest.raises(ConfigError, match="no model is given for the rubric stage"):
         await run_build(

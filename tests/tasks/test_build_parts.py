@@ -103,10 +103,11 @@ def test_a_missing_file_is_one_line(tmp_path: Path) -> None:
 def test_every_purpose_has_its_model() -> None:
     small = {"model": "small", "sampling": {"temperature": 0}}
     config = BuildConfig.model_validate({"sources": SOURCES, "model": MODEL, "models": {"website": small}})
-    website, rubric, rewriting = map(config.chat, PURPOSES)
+    website, rubric, rewriting, critic = map(config.chat, PURPOSES)
     assert website is not None
     assert rubric is not None
     assert rewriting is not None
+    assert critic == rewriting
     assert (website.model, rubric.model, rewriting.model) == ("small", "large", "large")
     assert (website.sampling.temperature, rubric.sampling.temperature) == (0, None)
     assert website.base_url == rubric.base_url

@@ -6,7 +6,6 @@ import asyncio
 import json
 import re
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +22,7 @@ from webgym.llm.completion import Completion
 from webgym.llm.config import ChatConfig, Retry, Sampling
 from webgym.offline.web import OfflineWeb
 from webgym.tasks import prompts
-from webgym.tasks.rewriting import WritingLimits, refused_rewriting
-from webgym.tasks.rules import RULES, Asked, Draft, DraftGroup, check_rubric
+from webgym.tasks.rubric_check import rubric_problem, text_problem
 from webgym.tasks.sources import SourceTask
 from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
 from webgym.tasks.writing import infer_website, rewrite, write_rubric
@@ -36,6 +34,7 @@ TENT = SourceTask(
     website="https://tents.example.com/",
     website_from="given",
     hints=("Click 'Shelters'.", "The tent is the Tarn IV at $189.95."),
+    example_answer="Tarn Shelter",
 )
 GROUPS = (
     FactGroup(
@@ -51,7 +50,7 @@ TASK = Task(
     subdomain="Shopping",
     rubric=Rubric(GROUPS),
     source="insta-v3",
-    reference_answer="Tarn IV, 2.1 kg",
+    reference_answer="Tarn Ltd",
 )
 
 
@@ -88,32 +87,44 @@ GOOD = rubric(list(GROUPS[0].facts), list(GROUPS[1].facts))
 
 def test_the_prompts_own_example_keeps_the_rules() -> None:
     reply = prompts.EXAMPLE_RUBRIC
-    groups = tuple(DraftGroup(group.id, group.description, group.facts) for group in reply.fact_groups)
-    assert check_rubric(Draft(groups, reply.difficulty), Asked(prompts.EXAMPLE_TASK)) == []
+    task = msgspec.structs.replace(TENT, instruction=prompts.EXAMPLE_TASK)
+    assert rubric_problem(reply, task) is None
     assert msgspec.json.encode(reply).decode() in prompts.for_rubric(TENT)[0]["content"]
 
 
-def test_the_prompt_for_rubrics_tells_every_rule_that_a_writer_can_break() -> None:
-    told = prompts.for_rubric(TENT)[0]["content"]
-    words = {
-        "or-in-capitals": "OR in capitals",
-        "several-things": "verified by itself",
-        "step": "never how to get there",
-        "unstated-number": "no numbers",
-        "computation": "A computation is one fact",
-        "how-to": "Never one fact per step",
-        "enumerated": "contact details",
-        "examples": "such as",
-        "duplicate": "No fact twice",
-        "restated-task": "repeats the whole task",
-        "hollow": "The answer is correct",
-        "leaked-answer": "They may hold the answer",
-        "difficulty": "number of facts",
-        "split-alternatives": "one fact per alternative",
-    }
-    assert words.keys() <= {rule.id for rule in RULES}
-    for rule, phrase in words.items():
-        assert phrase in " ".join(told.split()), rule
+REPLY = prompts.EXAMPLE_RUBRIC
+WRITER = {
+    "rubric": prompts.for_rubric(TENT),
+    "rewriting": prompts.for_rewriting(TASK, GROUPS[:1]),
+}
+CRITIC = {
+    "rubric": prompts.for_rubric_critic(TENT, REPLY),
+    "rewriting": prompts.for_rewriting_critic(TASK, GROUPS[:1], "Find a tent."),
+}
+
+
+@pytest.mark.parametrize(
+    ("of", "rule"),
+    [
+        ("rubric", "One fact is one piece of information that can be verified by itself"),
+        ("rubric", "A fact is as detailed as the task, and no more"),
+        ("rubric", "Write nothing that the task does not state"),
+        ("rubric", "A computation is one fact, its result"),
+        ("rubric", "asks for instructions, and that is one fact"),
+        ("rubric", "Never one fact per step"),
+        ("rubric", "Alternatives stay together in one fact, joined by OR in capitals"),
+        ("rubric", '"contact details" is one fact'),
+        ("rubric", 'Examples in the task ("such as", "e.g.") are not asked for'),
+        ("rubric", "No fact twice in other words"),
+        ("rubric", "nothing may be taken from them that the task itself does not say"),
+        ("rewriting", "Keep the website, the setting and the subject of the original"),
+        ("rewriting", "Take what is asked for from the given facts alone"),
+        ("rewriting", "give no answer away"),
+    ],
+)
+def test_writer_and_critic_have_every_rule_that_takes_understanding(of: str, rule: str) -> None:
+    for messages in (WRITER[of], CRITIC[of]):
+        assert rule in " ".join(messages[0]["content"].split())
 
 
 def test_the_prompts_hold_what_they_are_about_and_no_answer() -> None:
@@ -127,7 +138,10 @@ def test_the_prompts_hold_what_they_are_about_and_no_answer() -> None:
     told = prompts.for_rewriting(TASK, GROUPS[:1])[1]["content"]
     assert "The tent is for 4 people" in told
     assert "Instructions for returning" not in told
-    assert "2.1 kg" not in told
+    assert "Tarn Ltd" not in told
+    assert "Shelters" in CRITIC["rubric"][1]["content"]
+    assert "tulips OR roses" in CRITIC["rubric"][1]["content"]
+    assert "Instructions for returning" in CRITIC["rewriting"][1]["content"], "what it must not ask for"
 
 
 def test_endless_notes_are_cut() -> None:
@@ -181,8 +195,7 @@ async def test_what_is_no_website_or_subdomain_is_asked_for_again(
 async def test_a_rubric_is_taken_once(reply: str) -> None:
     model = Says(reply)
     written = await write_rubric(model, TENT)
-    assert [group.facts for group in written.rubric.groups] == [group.facts for group in GROUPS]
-    assert written.findings == ()
+    assert [group.facts for group in written.groups] == [group.facts for group in GROUPS]
     assert len(model.asked) == 1
 
 
@@ -193,11 +206,26 @@ REFUSED: list[tuple[str | Completion, str]] = [
     ("[]", "not as asked for"),
     (rubric(), "no fact group"),
     (rubric(["The tent is for 4 people"], []), "group 2 has no facts"),
-    (rubric(["The tent is for 4 people", " "]), "empty"),
+    (rubric(["The tent is for 4 people", " "]), "fact 2 of group 1 is empty"),
+    (rubric(["The tent is for 4 people", "None"]), "fact 2 of group 1 is empty"),
     (rubric(["The tent is for 4 people"], difficulty=2), "difficulty is 2, but there are 1 facts"),
-    (rubric(["The tent is the Tarn IV"]), "only the answer or the hints"),
-    (rubric(["The tent costs under $150"]), "150"),
-    (rubric(["Click on the tent"]), "step"),
+    (rubric(["It is for 4"]).replace("a part", ""), "group 1 has no description"),
+    (rubric(["It is for 4"]).replace('"id": 1', '"id": 2'), "the ids 2 instead of 1 to 1"),
+    (
+        rubric(["It is for 4"], ["It costs $200"]).replace('"id": 2', '"id": 1'),
+        "the ids 1, 1 instead of 1 to 2",
+    ),
+    (rubric(["The tent is for 4 people", "the tent is for 4 people."]), "group 1 has a fact twice"),
+    (
+        rubric(["It is for 4", "It is light"], ["It is for 4.", "It is light"]),
+        "group 2 repeats another group",
+    ),
+    (rubric(["The tent is light", "OR the tent is cheap"]), "fact 2 of group 1 begins or ends with OR"),
+    (rubric(["The tent is light OR", "The tent is cheap"]), "fact 1 of group 1 begins or ends with OR"),
+    (rubric(["The tent costs under $150"]), "a number that the task does not state: 150"),
+    (rubric(["The tent costs $189.95"]), "a number that the task does not state: 18995"),
+    (rubric(["The tent is the Tarn Shelter"]), "has the answer"),
+    (rubric([f"The tent is light {n * ' '}{chr(97 + n)}" for n in range(26)] * 3), "there are 78 facts; 60"),
     (rubric(["The tent is light or " * 5_000]), "has 105,000 characters; 1,000 is the limit"),
     (completion(GOOD, finish_reason="length"), "cut off"),
     (completion(GOOD, finish_reason="max_tokens"), "cut off"),
@@ -211,7 +239,7 @@ async def test_a_bad_rubric_is_refused_and_asked_for_again_with_the_reason(
     reply: str | Completion, reason: str
 ) -> None:
     model = Says(reply, GOOD)
-    assert (await write_rubric(model, TENT)).rubric.difficulty == 4
+    assert (await write_rubric(model, TENT)).difficulty == 4
     assert reason in model.asked[1][-1]["content"]
     assert model.asked[1][-2]["role"] == "assistant"
 
@@ -220,23 +248,57 @@ async def test_a_bad_rubric_is_refused_and_asked_for_again_with_the_reason(
 async def test_asking_is_bounded_and_says_what_failed(reply: str | Completion, reason: str) -> None:
     model = Says(reply)
     with pytest.raises(LLMUnusable) as caught:
-        await write_rubric(model, TENT, limits=WritingLimits(tries=2))
+        await write_rubric(model, TENT, tries=2)
     assert reason in caught.value.reason
     assert len(caught.value.replies) == len(model.asked) == 2
 
 
-async def test_style_is_set_right_when_it_is_read() -> None:
-    written = await write_rubric(Says(rubric(["The tent is light or cheap", "It sleeps 4 or more"])), TENT)
-    assert [fact for _, _, fact in written.rubric.facts()] == [
-        "The tent is light OR cheap",
-        "It sleeps 4 or more",
-    ]
-    assert written.findings == ()
+@pytest.mark.parametrize(
+    "groups",
+    [
+        [["It is light OR cheap", "It sleeps 4 or more"], ["Say it and say it again, and click here"]],
+        [["Step 1: open the tent in Portland, OR", "Then close it"], ["The tent is for four"]],
+        [["Es kostet höchstens 200 $"], ["Il est pour quatre personnes"], ["重さが示されている"]],
+        [["The price is given"], ["The price is given", "The maker is given"]],
+    ],
+)
+async def test_no_rubric_is_refused_for_its_wording(groups: list[list[str]]) -> None:
+    written = await write_rubric(Says(rubric(*groups)), TENT)
+    assert [list(group.facts) for group in written.groups] == groups
 
 
-async def test_remarks_do_not_refuse() -> None:
-    written = await write_rubric(Says(rubric(["The tent of Tarn Ltd is for 4 people"])), TENT)
-    assert {finding.rule for finding in written.findings} == {"unstated-name"}
+OK = json.dumps({"ok": True, "problems": []})
+BAD = json.dumps({"ok": False, "problems": ["Fact 1 is a step.", "Fact 2 is an example."]})
+
+
+async def test_what_the_critic_says_is_the_reason_to_ask_the_writer_again() -> None:
+    writer, critic = Says(rubric(["Click here", "A dome tent"]), GOOD), Says(BAD, OK)
+    assert (await write_rubric(writer, TENT, critic=critic)).difficulty == 4
+    assert "Fact 1 is a step.; Fact 2 is an example." in writer.asked[1][-1]["content"]
+    assert ["Click here" in asked[1]["content"] for asked in critic.asked] == [True, False]
+    writer, critic = Says(f"Here you are: {FINE}", FINE), Says(BAD, OK)
+    assert await rewrite(writer, TASK, GROUPS[:1], critic=critic) == FINE
+    assert "Fact 1 is a step." in writer.asked[1][-1]["content"]
+
+
+async def test_what_is_refused_by_structure_is_not_shown_to_the_critic() -> None:
+    critic = Says(OK)
+    await write_rubric(Says(rubric(), GOOD), TENT, critic=critic)
+    await rewrite(Says("Tent.", FINE), TASK, GROUPS[:1], critic=critic)
+    assert len(critic.asked) == 2
+
+
+@pytest.mark.parametrize(
+    "verdict", ["yes", '{"ok": true, "problems": ["x"]}', '{"ok": false, "problems": []}']
+)
+async def test_a_critic_without_a_clear_verdict_is_asked_again_and_accepts_nothing(verdict: str) -> None:
+    critic = Says(verdict, OK)
+    assert (await write_rubric(Says(GOOD), TENT, critic=critic)).difficulty == 4
+    assert len(critic.asked) == 2
+    with pytest.raises(LLMUnusable):
+        await write_rubric(Says(GOOD), TENT, critic=Says(verdict))
+    with pytest.raises(LLMUnusable, match="Fact 1 is a step"):
+        await write_rubric(Says(GOOD), TENT, critic=Says(BAD))
 
 
 async def test_an_inferred_website_changes_nothing_about_the_rubric() -> None:
@@ -271,10 +333,6 @@ async def test_a_rewritten_task_is_taken(thought: str) -> None:
         (completion(FINE, finish_reason="length"), "cut off"),
         (completion(FINE, finish_reason="max_tokens"), "cut off"),
         (completion("", refusal="No."), "refusal"),
-        ("I'm sorry, but I can't help with that.", "refusal"),
-        (f"Here is the rewritten task: {FINE}", "introduction"),
-        (f"Sure! {FINE}", "introduction"),
-        (f"Task: {FINE}", "introduction"),
         (f'"{FINE}"', "quotation marks"),
         (f"“{FINE}”", "quotation marks"),
         (json.dumps({"task": FINE}), "JSON"),
@@ -291,24 +349,16 @@ async def test_a_rewritten_task_is_taken(thought: str) -> None:
         (FINE + " Look closely at what is there." * 20, "at most"),
         ("Find a tent under $150 for 4 people.", "150"),
         ("Find a tent for 4 people and give its weight.", "leaves out 200"),
-        ("Find the tent Tarn IV, 2.1 kg, under $200, for 4 people.", "2.1"),
+        ("Find a tent under $200 for 4 people: Tarn IV, 2.1 kg.", "it states 21"),
+        ("Find the tent under $200 for 4 people by Tarn Ltd.", "gives the answer away"),
     ],
 )
 async def test_a_bad_text_is_refused_and_asked_for_again(reply: str | Completion, reason: str) -> None:
     model = Says(reply, FINE)
     assert await rewrite(model, TASK, GROUPS[:1]) == FINE
     assert reason in model.asked[1][-1]["content"]
-    with pytest.raises(LLMUnusable, match=r"wrote no usable text"):
-        await rewrite(Says(reply), TASK, GROUPS[:1], limits=WritingLimits(tries=2))
-
-
-def test_what_only_other_facts_say_and_answers_must_be_gone() -> None:
-    text = "Say how to return a tent for 4 people."
-    assert "still asks for 4" in (refused_rewriting(text, TASK, GROUPS[1:]) or "")
-    assert refused_rewriting("Say how the tent can be returned to the shop.", TASK, GROUPS[1:]) is None
-    named = msgspec.structs.replace(TASK, reference_answer="a prepaid label")
-    told = refused_rewriting("Say how to return it with a prepaid label.", named, GROUPS[1:])
-    assert "answer" in (told or "")
+    with pytest.raises(LLMUnusable, match=r"gave no usable reply"):
+        await rewrite(Says(reply), TASK, GROUPS[:1], tries=2)
 
 
 def test_what_the_parent_has_is_allowed() -> None:
@@ -316,128 +366,38 @@ def test_what_the_parent_has_is_allowed() -> None:
         TASK, instruction="Do both:\n- find a tent under $200\n- find its weight"
     )
     groups = (FactGroup(1, "Tent", ("The tent costs under $200",)),)
-    assert refused_rewriting("Do this:\n- find a tent that costs less than $200", parent, groups) is None
+    assert text_problem("Do this:\n- find a tent that costs less than $200", parent, groups) is None
     quoted = '"Dune" and "Emma": who wrote "Dune"'
-    assert refused_rewriting(quoted, TASK, (FactGroup(1, "x", ("The author is found",)),)) is None
+    assert text_problem(quoted, TASK, (FactGroup(1, "x", ("The author is found",)),)) is None
+    named = msgspec.structs.replace(TASK, instruction="Is the Tarn Ltd tent light, and cheap?")
+    assert text_problem("Is the Tarn Ltd tent light?", named, groups) is None
 
 
 @given(st.text(min_size=1, max_size=300).filter(str.strip))
 def test_any_text_is_judged_in_one_line(text: str) -> None:
-    reason = refused_rewriting(text.strip(), TASK, GROUPS[:1])
+    reason = text_problem(text.strip(), TASK, GROUPS[:1])
     assert reason is None or "\n" not in reason
-
-
-PLAN = Task(
-    id="insta-v3/2",
-    instruction='On Fieldstore, find a waterproof tent by Zed under $200 with the label "Light" for 4 '
-    "people, and give its weight. Also find a stove by Kaito that burns gas and is rated best, and "
-    "give its colour.",
-    website="https://shop.example/",
-    domain="Lifestyle & Leisure",
-    subdomain="Shopping",
-    rubric=Rubric(
-        (
-            FactGroup(
-                1,
-                "The tent",
-                (
-                    "The tent is waterproof",
-                    "The tent is by Zed",
-                    "The tent costs under $200",
-                    'The tent has the label "Light"',
-                    "The tent is for 4 people",
-                    "The weight of the tent is given",
-                ),
-            ),
-            FactGroup(
-                2,
-                "The stove",
-                (
-                    "The stove is by Kaito",
-                    "The stove burns gas",
-                    "The stove is rated best",
-                    "The colour of the stove is given",
-                ),
-            ),
-        )
-    ),
-    source="insta-v3",
-)
-TENT_ALONE = (
-    'On Fieldstore, find a waterproof tent by Zed under $200 with the label "Light" for four people; '
-    "give its weight."
-)
-
-
-@pytest.mark.parametrize(
-    ("text", "group", "reason"),
-    [
-        (TENT_ALONE, 1, None),
-        (
-            "On Fieldstore, find a gas stove by Kaito that burns well and is rated best; give its colour.",
-            2,
-            None,
-        ),
-        (f"{TENT_ALONE} It goes with a stove by Kaito.", 1, "still asks for Kaito"),
-        (
-            f"{TENT_ALONE} Name a stove that burns gas, too.",
-            1,
-            "still asks for what was not given: 'The stove burns",
-        ),
-        (f"{TENT_ALONE} Also give the colour.", 1, "still asks for what was not given: 'The colour"),
-        (
-            'Find a "Light" stove by Kaito that burns gas and is rated best, with its colour.',
-            2,
-            "still asks for Light",
-        ),
-        (
-            "Find a waterproof stove by Kaito that burns gas and is rated best, with its colour.",
-            2,
-            "The tent is water",
-        ),
-        (TENT_ALONE.replace(" by Zed", ""), 1, "leaves out Zed"),
-        (TENT_ALONE.replace("under $200 ", ""), 1, "leaves out 200"),
-        (TENT_ALONE.replace('with the label "Light" ', ""), 1, "leaves out Light"),
-        (
-            TENT_ALONE.replace("waterproof ", ""),
-            1,
-            "leaves out what this fact asks for: 'The tent is waterproof'",
-        ),
-        (TENT_ALONE.replace("; give its weight", ""), 1, "leaves out what this fact asks for: 'The weight"),
-        ("On Fieldstore, find a stove by Kaito that is rated best.", 2, "leaves out what this fact asks for"),
-    ],
-)
-def test_a_derived_task_asks_for_all_of_its_groups_and_nothing_of_the_others(
-    text: str, group: int, reason: str | None
-) -> None:
-    told = refused_rewriting(text, PLAN, PLAN.rubric.groups[group - 1 : group])
-    assert told is None if reason is None else reason in (told or "")
 
 
 FORM = re.compile(r" (?:Answer with|As the answer|The answer is|When that is done)\b")
 """Where an instruction of the offline web goes on to ask for the form of its answer, as no rewriter does."""
 
 
-def test_the_offline_webs_derived_tasks_are_taken_for_their_own_groups_and_for_no_others() -> None:
+def test_rubrics_and_derived_tasks_of_the_offline_web_are_accepted() -> None:
     tasks = [
         msgspec.structs.replace(task, instruction=FORM.split(task.instruction)[0])
         for task in OfflineWeb(seed=7, per_family=1).tasks()
     ]
     parents = {task.id: task for task in tasks if task.parent_id is None}
-    derived = [task for task in tasks if task.parent_id is not None]
-    own = [
-        refused_rewriting(task.instruction, parents[task.parent_id or ""], task.rubric.groups)
-        for task in derived
-    ]
-    assert sum(map(bool, own)) <= 0.03 * len(own)
-    siblings = [
-        (one, other)
-        for one, other in pairwise(derived)
-        if one.parent_id == other.parent_id and one.rubric != other.rubric
-    ]
-    assert len(siblings) > 50
-    for one, other in siblings:
-        assert refused_rewriting(one.instruction, parents[one.parent_id or ""], other.rubric.groups), one.id
+    for task in tasks:
+        if task.parent_id is None:
+            groups = tuple(
+                prompts.GroupReply(each.id, each.description, each.facts) for each in task.rubric.groups
+            )
+            asked = SourceTask(task.id, task.source, task.instruction, task.website, "given")
+            assert rubric_problem(prompts.RubricReply(groups, task.difficulty), asked) is None
+        else:
+            assert text_problem(task.instruction, parents[task.parent_id], task.rubric.groups) is None
 
 
 # --- over a real endpoint -----------------------------------------------------------------------------------
@@ -457,7 +417,7 @@ async def test_a_misbehaving_endpoint_is_asked_until_it_does_well(tmp_path: Path
         async with ChatClient(config(endpoint)) as client:
             written = await asyncio.gather(*(write_rubric(client, task) for task in tasks))
             places = await asyncio.gather(*(infer_website(client, task) for task in tasks))
-    assert all(check.rubric.difficulty for check in written)
+    assert all(each.difficulty for each in written)
     assert {place.domain for place in places} <= set(DOMAINS)
     assert endpoint.kinds["rubric"] > len(tasks) + 10
     assert endpoint.kinds["website"] > len(tasks)

@@ -19,7 +19,6 @@ from webgym.agent.image_sizing import Size
 from webgym.core.action import (
     DIRECTIONS,
     GRID,
-    MAX_WAIT_SECONDS,
     MAX_WAY_POINTS,
     Action,
     Mode,
@@ -27,30 +26,8 @@ from webgym.core.action import (
     Space,
     actions_of,
     fields_of,
+    tool_text,
 )
-
-_ACTIONS: dict[str, str] = {
-    "left_click": "click {target}.",
-    "type": "click {target}, clear the field, type `text` into it and press Enter.",
-    "scroll": "scroll the page `direction`, which is up or down, by most of a screen.",
-    "wait": f"wait `time` seconds for the page to change, at most {MAX_WAIT_SECONDS:g}.",
-    "go_back": "go back to the previous page.",
-    "navigate": "open `url` in the tab.",
-    "answer": "end the task and give the user `text`, the final answer.",
-}
-
-_EXTENDED_ACTIONS: dict[str, str] = _ACTIONS | {
-    "left_click": "click {target}, with the keys `modifiers` held down if there are any.",
-    "double_click": "click {target} twice in a row.",
-    "right_click": "click {target} with the right mouse button.",
-    "hover": "move the mouse to {target} and leave it there, so that a menu or a hint opens.",
-    "drag": "press the mouse button at {start}, move to {target}, through the points `path` if there are "
-    "any, and let go there.",
-    "type": "click {target}, clear the field, type `text` and press Enter, unless `enter` is false.",
-    "press": "press the keys `keys` together, wherever the focus is.",
-    "scroll": "scroll `direction` by most of what is shown: the box at {target} if given, else the page.",
-    "upload": "click {target}, which asks for a file, and choose `files`, by the names of the task's files.",
-}
 
 _SCREEN: dict[Mode, str] = {
     "coordinates": "The screen is {0}x{1}, from (0, 0) at the top left to ({0}, {1}) at the bottom right.",
@@ -177,10 +154,12 @@ def _declared(mode: Mode, screen: Size, space: Space) -> str:
 
 def tool_declaration(mode: Mode, screen: Size = (GRID, GRID), space: Space = "paper") -> dict[str, Any]:
     """The ``computer_use`` tool as a JSON schema, in the form in which chat templates declare tools."""
-    texts = _ACTIONS if space == "paper" else _EXTENDED_ACTIONS
     place = _TARGETS[mode, space]
     places = {"target": place.format(""), "start": place.format("start_")}
-    lines = [f"* `{name}`: {texts[name].format(**places)}" for name in actions_of(space)]
+    lines = [
+        f"* `{name}`: {tool_text(action, space).format(**places)}"
+        for name, action in actions_of(space).items()
+    ]
     described = f"Use a web browser by mouse and keyboard. {_SCREEN[mode].format(*screen)}"
     if mode == "marks" and space == "extended":
         described += _UNNUMBERED.format(_SCREEN["coordinates"].format(*screen))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from typing import Literal
+from typing import Literal, assert_never
 
 import msgspec
 
@@ -12,7 +12,7 @@ from webgym.browser.cdp_messages import History, HistoryEntry
 from webgym.browser.isolated_worlds import DocumentGone
 from webgym.browser.keyboard import BACKSPACE, ENTER, PROCESS, Key, key_of, split_input
 from webgym.browser.page import BLANK, Page, Returned
-from webgym.browser.pointer import Point, click, drag, holding, press, scroll
+from webgym.browser.pointer import Point, click, drag, holding, mouse, press, scroll
 from webgym.browser.settle import settle
 from webgym.browser.sliders import slide
 from webgym.browser.upload import upload
@@ -23,6 +23,7 @@ from webgym.core.action import (
     DoubleClick,
     Drag,
     GoBack,
+    Hover,
     LeftClick,
     Navigate,
     Press,
@@ -87,6 +88,8 @@ async def perform(page: Page, action: BrowserAction) -> None:
             await click(page, point_of(page, target), count=2)
         case RightClick(target=target):
             await click(page, point_of(page, target), button="right")
+        case Hover(target=target):
+            await mouse(page, "mouseMoved", point_of(page, target))
         case Drag(start=start, target=target, path=path):
             between = [_on_page(page, point) for point in path]
             await drag(page, [point_of(page, start), *between, point_of(page, target)])
@@ -104,6 +107,8 @@ async def perform(page: Page, action: BrowserAction) -> None:
             await _go_back(page)
         case Navigate(url=url):
             await _navigate(page, url)
+        case _:
+            assert_never(action)
 
 
 def point_of(page: Page, target: Target) -> Point:

@@ -18,12 +18,18 @@ from webgym.browser.cdp import CommandFailed
 from webgym.browser.isolated_worlds import DocumentGone
 from webgym.browser.page import Page
 from webgym.browser.pointer import Point, click, mouse, turn, wheel_over
-from webgym.core.action import BrowserAction, Direction, Hover, Side, Target
+from webgym.core.action import BrowserAction, Direction, Side, Target
 from webgym.core.errors import ActionFailed, BrowserTimeout, NavigationFailed
 
 
 class Click(msgspec.Struct, frozen=True, tag_field="name", tag="click"):
     """A left click; on an option of a closed dropdown, choose it."""
+
+    target: Target
+
+
+class HoverOver(msgspec.Struct, frozen=True, tag_field="name", tag="hover_over"):
+    """Move the mouse to the target."""
 
     target: Target
 
@@ -77,7 +83,7 @@ class Choose(msgspec.Struct, frozen=True, tag_field="name", tag="choose"):
     element: int
 
 
-Gesture: TypeAlias = Click | HoverAndScroll | Wheel | ScrollElement | Fill | Choose
+Gesture: TypeAlias = Click | HoverOver | HoverAndScroll | Wheel | ScrollElement | Fill | Choose
 AnyAction: TypeAlias = BrowserAction | Gesture
 """Everything that a slot can carry out."""
 
@@ -126,7 +132,7 @@ async def carry_out(page: Page, action: AnyAction) -> None:
     match action:
         case Click(target=target):
             await _click(page, target)
-        case Hover(target=target):
+        case HoverOver(target=target):
             await mouse(page, "mouseMoved", await _point(page, target))
         case HoverAndScroll(target=target, direction=direction):
             await _hover_and_scroll(page, await _point(page, target), direction)

@@ -172,8 +172,7 @@ def _read_run(
     from webgym.judge.labels import annotator_agreement, read_labels
     from webgym.rollout.agreement import pairs_of, resolved
     from webgym.rollout.labels import labels_path
-    from webgym.rollout.rejudge import RECORDED
-    from webgym.rollout.store import RunReader
+    from webgym.rollout.store import RECORDED, RunReader
     from webgym.rollout.verdicts import read_verdicts
 
     reader = RunReader(run, skip_corrupt=True)

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from webgym.core.text import plain
 from webgym.rollout.comparison import Comparison, Difference, compare
-from webgym.rollout.rejudge import RECORDED
+from webgym.rollout.store import RECORDED
 from webgym.tables import Table, markdown, show
 
 

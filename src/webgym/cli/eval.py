@@ -70,7 +70,7 @@ def command(
     from webgym.cli._summary import all_failed, print_losses, print_retry, print_unjudged
     from webgym.report.write import write_report
     from webgym.rollout.evaluation import evaluate
-    from webgym.rollout.rejudge import RECORDED
+    from webgym.rollout.store import RECORDED
 
     if sum(1 for option in (out, resume, of) if option) > 1:
         raise UsageError("--out, --resume and --of exclude each other", hint="see webgym eval --help")

@@ -118,8 +118,7 @@ def judge_a_run(
     from webgym.judge.factory import refuse_unjudgeable
     from webgym.llm.prices import Prices
     from webgym.rollout.rejudge import compare as compare_verdicts
-    from webgym.rollout.rejudge import verdicts_of
-    from webgym.rollout.store import RunReader
+    from webgym.rollout.store import RunReader, verdicts_of
     from webgym.settings import validated
 
     console = Console()

@@ -4,13 +4,16 @@ In *coordinates* mode a target is a point on a 0-1000 grid over the viewport, wh
 pixels. In *marks* mode (Set-of-Marks) a target is the number drawn on an element.
 
 The *paper* space has the paper's seven actions (§5, appendix C), each with its required fields only. The
-*extended* space has every action here, with all of its fields. Prompt, parser and server derive both from
-these types: an action, or a field of one, that is added here is supported everywhere.
+*extended* space has every action here, with all of its fields.
+
+An action is added here, and carried out in :func:`webgym.browser.actions.perform`, as the type checker
+demands. Prompt, parser, server, histories and pages derive the rest from these types.
 """
 
 from __future__ import annotations
 
-from typing import Any, Final, Literal, TypeAlias, get_args
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, Final, Literal, TypeAlias, TypeGuard, get_args
 
 import msgspec
 
@@ -58,7 +61,58 @@ def _check_on_grid(point: tuple[float, float]) -> None:
 
 class _Action(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="name"):
     """Base of all actions. A field that has its default is not written, so that records of the paper's space
-    are the same whatever fields the extended space adds."""
+    are the same whatever fields the extended space adds.
+
+    Attributes:
+        does: what the prompt says of the action, with ``{target}`` and ``{start}`` for places.
+        does_extended: the same in the extended space, if that has more fields.
+        did: what was done, in words of the past, with its fields.
+        did_also: words to add if a field has another value than its default.
+        joint: what stands between keys, or files, in words.
+    """
+
+    does: ClassVar[str]
+    does_extended: ClassVar[str] = ""
+    did: ClassVar[str]
+    did_also: ClassVar[Mapping[str, str]] = {}
+    joint: ClassVar[str] = "+"
+
+    @property
+    def targets(self) -> tuple[Target, ...]:
+        """Where it lands, in the order in which the mouse gets there."""
+        values = (getattr(self, name) for name in self.__struct_fields__)
+        return tuple(value for value in values if isinstance(value, Target))
+
+    @property
+    def entered(self) -> str:
+        """What the agent wrote or chose: a text, address, keys, files or direction; empty without any."""
+        values = (getattr(self, name) for name in self.__struct_fields__)
+        texts = (self.joint.join(value) if _is_texts(value) else value for value in values)
+        return next((text for text in texts if isinstance(text, str)), "")
+
+    def told(self, named: Callable[[Target], str]) -> str:
+        """What was done, in words of the past.
+
+        Args:
+            named: the words for a target.
+        """
+        fields = msgspec.structs.fields(self)
+        values = {field.name: getattr(self, field.name) for field in fields}
+        words = {name: self._in_words(value, named) for name, value in values.items()}
+        changed = {field.name for field in fields if values[field.name] != field.default}
+        also = (text for name, text in self.did_also.items() if name in changed)
+        return "".join((self.did, *also)).format_map(words)
+
+    def _in_words(self, value: object, named: Callable[[Target], str]) -> str:
+        if isinstance(value, Target):
+            return named(value)
+        if isinstance(value, tuple):
+            return self.joint.join(value) if _is_texts(value) else str(len(value))
+        return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _is_texts(value: object) -> TypeGuard[tuple[str, ...]]:
+    return isinstance(value, tuple) and all(isinstance(part, str) for part in value)
 
 
 class LeftClick(_Action, frozen=True, tag="left_click"):
@@ -68,6 +122,11 @@ class LeftClick(_Action, frozen=True, tag="left_click"):
         target: where to click.
         modifiers: keys that are held down during the click.
     """
+
+    does = "click {target}."
+    does_extended = "click {target}, with the keys `modifiers` held down if there are any."
+    did = "clicked {target}"
+    did_also = {"modifiers": " with {modifiers} held"}
 
     target: Target
     modifiers: tuple[Modifier, ...] = ()
@@ -81,6 +140,11 @@ class Type(_Action, frozen=True, tag="type"):
         text: what to type; it replaces what the field holds.
         enter: whether Enter is pressed afterwards.
     """
+
+    does = "click {target}, clear the field, type `text` into it and press Enter."
+    does_extended = "click {target}, clear the field, type `text` and press Enter, unless `enter` is false."
+    did = 'typed "{text}" into {target}'
+    did_also = {"enter": " without Enter"}
 
     target: Target
     text: str
@@ -96,6 +160,13 @@ class Scroll(_Action, frozen=True, tag="scroll"):
         target: where the mouse is meanwhile; by default in the middle of the viewport.
     """
 
+    does = "scroll the page `direction`, which is up or down, by most of a screen."
+    does_extended = (
+        "scroll `direction` by most of what is shown: the box at {target} if given, else the page."
+    )
+    did = "scrolled {direction}"
+    did_also = {"target": " at {target}"}
+
     direction: Side
     target: Target | None = None
 
@@ -107,11 +178,17 @@ class Wait(_Action, frozen=True, tag="wait"):
         time: seconds; longer than :data:`MAX_WAIT_SECONDS` counts as that.
     """
 
+    does = f"wait `time` seconds for the page to change, at most {MAX_WAIT_SECONDS:g}."
+    did = "waited {time} s"
+
     time: float
 
 
 class GoBack(_Action, frozen=True, tag="go_back"):
     """Go one entry back in the tab's history."""
+
+    does = "go back to the previous page."
+    did = "went back"
 
 
 class Navigate(_Action, frozen=True, tag="navigate"):
@@ -120,6 +197,9 @@ class Navigate(_Action, frozen=True, tag="navigate"):
     Attributes:
         url: absolute, http or https.
     """
+
+    does = "open `url` in the tab."
+    did = "opened {url}"
 
     url: str
 
@@ -131,11 +211,17 @@ class Answer(_Action, frozen=True, tag="answer"):
         text: the answer, which the judge reads; an empty one is refused when it is played.
     """
 
+    does = "end the task and give the user `text`, the final answer."
+    did = "gave its answer"
+
     text: str
 
 
 class DoubleClick(_Action, frozen=True, tag="double_click"):
     """Click the target twice in a row."""
+
+    does = "click {target} twice in a row."
+    did = "double-clicked {target}"
 
     target: Target
 
@@ -143,11 +229,17 @@ class DoubleClick(_Action, frozen=True, tag="double_click"):
 class RightClick(_Action, frozen=True, tag="right_click"):
     """Press and release the right mouse button on the target."""
 
+    does = "click {target} with the right mouse button."
+    did = "right-clicked {target}"
+
     target: Target
 
 
 class Hover(_Action, frozen=True, tag="hover"):
     """Move the mouse to the target and leave it there."""
+
+    does = "move the mouse to {target} and leave it there, so that a menu or a hint opens."
+    did = "moved the mouse to {target}"
 
     target: Target
 
@@ -161,6 +253,13 @@ class Drag(_Action, frozen=True, tag="drag"):
     Raises:
         ValueError: a point is off the grid, or there are more than ``MAX_WAY_POINTS``.
     """
+
+    does = (
+        "press the mouse button at {start}, move to {target}, through the points `path` if there are any, "
+        "and let go there."
+    )
+    did = "dragged {start} to {target}"
+    did_also = {"path": " through {path} points"}
 
     start: Target
     target: Target
@@ -184,6 +283,9 @@ class Press(_Action, frozen=True, tag="press"):
         ValueError: no key is named.
     """
 
+    does = "press the keys `keys` together, wherever the focus is."
+    did = "pressed {keys}"
+
     keys: tuple[str, ...]
 
     def __post_init__(self) -> None:
@@ -200,6 +302,10 @@ class Upload(_Action, frozen=True, tag="upload"):
     Raises:
         ValueError: no file is named.
     """
+
+    does = "click {target}, which asks for a file, and choose `files`, by the names of the task's files."
+    joint = ", "
+    did = "chose the files {files} at {target}"
 
     target: Target
     files: tuple[str, ...]
@@ -273,6 +379,11 @@ def actions_of(space: Space) -> dict[str, type[Action]]:
     """The actions of a space by name, in the order in which the prompt lists them."""
     chosen = _PAPER if space == "paper" else _EXTENDED
     return {str(action.__struct_config__.tag): action for action in chosen}
+
+
+def tool_text(action: type[Action], space: Space) -> str:
+    """What the prompt says of an action in a space, with ``{target}`` and ``{start}`` for places."""
+    return (space == "extended" and action.does_extended) or action.does
 
 
 def fields_of(action: type[Action], space: Space) -> dict[str, Any]:

@@ -52,6 +52,11 @@ class Ending(StrEnum):
     POLICY_FAILED = "policy_failed"
     CANCELLED = "cancelled"
 
+    @property
+    def is_regular(self) -> bool:
+        """Whether the agent ended it, or its budget did, so that it is judged."""
+        return self in (Ending.ANSWERED, Ending.BUDGET_SPENT)
+
 
 def ending_of(error: BaseException) -> Ending:
     """The ending of an episode that this error stopped.

@@ -235,3 +235,8 @@ class Trajectory(msgspec.Struct, frozen=True, omit_defaults=True):
     verdict: Verdict | None = None
     judge_failure: Failure | None = None
     judge_seconds: float = 0.0
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether the attempt has, or may yet get, a verdict: it ended regularly, and is not retried."""
+        return self.episode.ending.is_regular and not self.outcome.is_retried

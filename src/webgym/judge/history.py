@@ -2,23 +2,7 @@
 
 from __future__ import annotations
 
-from webgym.core.action import (
-    Action,
-    Answer,
-    DoubleClick,
-    Drag,
-    GoBack,
-    Hover,
-    LeftClick,
-    Navigate,
-    Press,
-    RightClick,
-    Scroll,
-    Target,
-    Type,
-    Upload,
-    Wait,
-)
+from webgym.core.action import Target
 from webgym.core.observation import Observation
 from webgym.core.trajectory import Episode, Step
 
@@ -41,44 +25,16 @@ def action_history(episode: Episode, *, line_chars: int, limit: int) -> str:
     return "\n".join([*left_out, *reversed(recent)]) or "no step was taken"
 
 
+_UNREADABLE = "nothing (unreadable reply)"
+
+
 def _line(step: Step, chars: int) -> str:
-    place = f"step {step.index + 1}, on {step.observation.url}: "
-    action = _describe(step.action, step.observation) if step.action else "nothing (unreadable reply)"
+    seen = step.observation
+    place = f"step {step.index + 1}, on {seen.url}: "
+    action = step.action.told(lambda target: _target(target, seen)) if step.action else _UNREADABLE
     effect = " (the page did not change)" if step.changed is False else ""
     line = " ".join((place + action + effect).split())
     return line if len(line) <= chars else line[: chars - 1] + "…"
-
-
-def _describe(action: Action, seen: Observation) -> str:
-    match action:
-        case LeftClick(target, modifiers):
-            modifiers_text = f" with {'+'.join(modifiers)} held" if modifiers else ""
-            return f"clicked {_target(target, seen)}{modifiers_text}"
-        case DoubleClick(target):
-            return f"double-clicked {_target(target, seen)}"
-        case RightClick(target):
-            return f"right-clicked {_target(target, seen)}"
-        case Hover(target):
-            return f"moved the mouse to {_target(target, seen)}"
-        case Drag(start, target, path):
-            through = f" through {len(path)} points" if path else ""
-            return f"dragged {_target(start, seen)}{through} to {_target(target, seen)}"
-        case Type(target, text, enter):
-            return f'typed "{text}" into {_target(target, seen)}{"" if enter else " without Enter"}'
-        case Press(keys):
-            return f"pressed {'+'.join(keys)}"
-        case Upload(target, files):
-            return f"chose the files {', '.join(files)} at {_target(target, seen)}"
-        case Scroll(direction, target):
-            return f"scrolled {direction}" + ("" if target is None else f" at {_target(target, seen)}")
-        case Wait(seconds):
-            return f"waited {seconds:g} s"
-        case GoBack():
-            return "went back"
-        case Navigate(url):
-            return f"opened {url}"
-        case Answer():
-            return "gave its answer"
 
 
 def _target(target: Target, seen: Observation) -> str:

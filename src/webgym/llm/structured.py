@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from functools import cache
-from typing import Any, Final, TypeVar
+from typing import Any, Final, TypeAlias, TypeVar
 
 import msgspec
 
@@ -19,6 +19,8 @@ from webgym.llm.labelled import EndpointClient
 
 T = TypeVar("T")
 Message = Mapping[str, Any]
+Check: TypeAlias = Callable[[T], str | Awaitable[str | None] | None]
+"""Returns, or awaits, the reason why a value is rejected, for the model; ``None`` if it is accepted."""
 
 _UNSUPPORTED_STATUSES: Final = frozenset({400, 415, 422, 501})
 """HTTP statuses with which endpoints refuse an unsupported ``response_format``."""
@@ -32,7 +34,7 @@ async def ask_for(
     messages: Sequence[Message],
     type: type[T],
     *,
-    check: Callable[[T], str | None] | None = None,
+    check: Check[T] | None = None,
     tries: int = 3,
     sampling: Sampling | None = None,
 ) -> T:
@@ -56,20 +58,38 @@ async def ask_for(
         LLMError: a request failed.
     """
     query = _TypedQuery(model, type, sampling)
+    return await _ask_until(query.send, messages, lambda reply: read_value(reply, type), check, tries)
+
+
+async def ask_for_text(
+    model: Completes, messages: Sequence[Message], *, check: Check[str], tries: int = 3
+) -> str:
+    """As :func:`ask_for`, for plain text."""
+    return await _ask_until(model.complete, messages, read_text, check, tries)
+
+
+async def _ask_until(
+    send: Callable[[Sequence[Message]], Awaitable[Completion]],
+    messages: Sequence[Message],
+    read: Callable[[Completion], T],
+    check: Check[T] | None,
+    tries: int,
+) -> T:
     conversation = list(messages)
     replies: list[str] = []
     reason = ""
     for _ in range(tries):
-        completion = await query.send(conversation)
+        completion = await send(conversation)
         replies.append(completion.text or completion.refusal)
         try:
-            value = read_value(completion, type)
+            value = read(completion)
             rejection = check(value) if check is not None else None
+            reason = (await rejection if isinstance(rejection, Awaitable) else rejection) or ""
         except Refused as error:
-            rejection = str(error)
-        if not rejection:
-            return value
-        reason = rejection
+            reason = str(error)
+        else:
+            if not reason:
+                return value
         conversation += [
             {"role": "assistant", "content": _shown(replies[-1])},
             {"role": "user", "content": f"This reply cannot be used: {reason}\nAnswer again, in full."},
@@ -95,11 +115,7 @@ def read_value(completion: Completion, type: type[T]) -> T:
     Raises:
         Refused: the reply does not contain a valid value.
     """
-    if completion.refusal or ended_by(completion.finish_reason) == "filter":
-        raise Refused("it is a refusal, not the JSON that was asked for.")
-    if was_cut_off(completion.finish_reason):
-        raise Refused("it was cut off before its end. Be briefer.")
-    text = _without_fence(_without_thinking(completion.text))
+    text = _without_fence(read_text(completion))
     if not text:
         raise Refused("it is empty.")
     try:
@@ -110,10 +126,21 @@ def read_value(completion: Completion, type: type[T]) -> T:
         raise Refused(f"it is not valid JSON: {first_line(str(error))}.") from error
 
 
-def _without_thinking(text: str) -> str:
-    text = THOUGHT_END.split(text)[-1].strip()  # the chat template may have begun the thinking
+def read_text(completion: Completion) -> str:
+    """The text of a reply without the thinking before it.
+
+    Raises:
+        Refused: the model refused, or the reply is cut off, empty or all thinking.
+    """
+    if completion.refusal or ended_by(completion.finish_reason) == "filter":
+        raise Refused("it is a refusal, not what was asked for.")
+    if was_cut_off(completion.finish_reason):
+        raise Refused("it was cut off before its end. Be briefer.")
+    text = THOUGHT_END.split(completion.text)[-1].strip()  # the chat template may have begun the thinking
     if THOUGHT.match(text):
         raise Refused("it is all thinking, and no answer.")
+    if not text:
+        raise Refused("it is empty.")
     return text
 
 

@@ -13,20 +13,8 @@ from urllib.parse import urlsplit
 from webgym.core.action import (
     GRID,
     Action,
-    Answer,
-    DoubleClick,
     Drag,
-    GoBack,
-    Hover,
-    LeftClick,
-    Navigate,
-    Press,
-    RightClick,
-    Scroll,
     Target,
-    Type,
-    Upload,
-    Wait,
     name_of,
 )
 from webgym.core.observation import Element, Observation
@@ -246,31 +234,22 @@ def _memory_corrections(revision: Revision | None) -> str:
 
 
 def _action(action: Action, observation: Observation) -> dict[str, Any]:
-    match action:
-        case LeftClick(target, modifiers):
-            return {"name": "click", "keys": "+".join(modifiers), **_place(target, observation)}
-        case DoubleClick(target) | RightClick(target) | Hover(target):
-            return {"name": name_of(action), **_place(target, observation)}
-        case Drag(start, target, path):
-            via = {"path": [_point(point) for point in path]} if path else {}
-            return {"name": "drag", "from": _place(start, observation), **via, **_place(target, observation)}
-        case Type(target, text):
-            return {"name": "type", "text": text, **_place(target, observation)}
-        case Press(keys):
-            return {"name": "press", "keys": "+".join(keys)}
-        case Upload(target, files):
-            return {"name": "upload", "text": ", ".join(files), **_place(target, observation)}
-        case Scroll(direction, target):
-            place = {} if target is None else _place(target, observation)
-            return {"name": "scroll", "direction": direction, **place}
-        case Wait(seconds):
-            return {"name": "wait", "seconds": seconds}
-        case GoBack():
-            return {"name": "back"}
-        case Navigate(url):
-            return {"name": "navigate", "text": url}
-        case Answer(text):
-            return {"name": "answer", "text": text}
+    """An action for the pages: its words, and what is drawn on the screenshot of it."""
+    words = action.told(lambda target: _named(target, observation))
+    return {
+        "name": name_of(action).replace("_", " "),
+        "words": words[0].upper() + words[1:],
+        "entered": action.entered,
+        "places": [_place(target, observation) for target in action.targets],
+        "way": [_point(point) for point in action.path] if isinstance(action, Drag) else [],
+    }
+
+
+def _named(target: Target, observation: Observation) -> str:
+    place = _place(target, observation)
+    if place.get("on"):
+        return f"“{place['on']}”"
+    return "the page" if "mark" not in place else f"element {place['mark']}"
 
 
 def _point(coordinate: tuple[float, float]) -> list[float]:

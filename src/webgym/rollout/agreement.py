@@ -11,8 +11,7 @@ import msgspec
 
 from webgym.judge.agreement import Case
 from webgym.judge.labels import HumanLabel, Humans, Label, settled
-from webgym.rollout.rejudge import verdicts_of
-from webgym.rollout.store import RunReader
+from webgym.rollout.store import RunReader, verdicts_of
 from webgym.rollout.verdicts import Judged
 
 

@@ -35,7 +35,7 @@ from webgym.rollout.attempt import Attempt, AttemptContext
 from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.config import CollectorConfig
 from webgym.rollout.driver import BrowserSession
-from webgym.rollout.judging import JUDGED, TAKEN_OVER, JudgedEpisode, judge_episode
+from webgym.rollout.judging import TAKEN_OVER, JudgedEpisode, judge_episode
 from webgym.rollout.opening import is_of_server, longest_pause, open_patiently
 from webgym.rollout.plan import Plan, Planned
 from webgym.rollout.progress import queues_of
@@ -224,7 +224,7 @@ class Collector:
             progress.move("judging", None, planned.attempt_id)
         if self._blocklist is not None:
             await asyncio.to_thread(self._blocklist.note, planned.task.website, recorded)
-        if episode.ending in JUDGED:
+        if episode.ending.is_regular:
             self._lengths.append(episode.seconds)
         is_final = is_lost or episode.ending is Ending.STRAGGLER
         await plan.settle(planned, judged.outcome, is_final=is_final)
@@ -237,7 +237,7 @@ class Collector:
 
     async def _find(self, planned: Planned, episode: Episode) -> JudgedEpisode:
         """What becomes of an episode."""
-        if episode.ending not in JUDGED:
+        if not episode.ending.is_regular:
             return _unjudged(episode)
         async with self._context.calls["judge"].turn():
             seconds = self._config.judge_seconds
@@ -333,7 +333,7 @@ async def _close(plan: Plan, finishing: asyncio.Event) -> None:
 
 def _unjudged(episode: Episode) -> JudgedEpisode:
     """What becomes of an episode that had ended, or had not, when the run was stopped."""
-    if episode.ending not in JUDGED:
+    if not episode.ending.is_regular:
         return JudgedEpisode(None, None, outcome_of(episode.ending, None))
     failure = Failure("judge_error", "the run was stopped before there was a verdict")
     return JudgedEpisode(None, failure, Outcome.JUDGE_ERROR)

@@ -22,7 +22,7 @@ from webgym.core.task import LEVELS, Level
 from webgym.rollout.evaluation import GROUPS, EvaluationConfig, Group, rewards_by_task
 from webgym.rollout.manifest import Records
 from webgym.rollout.rates import Interval
-from webgym.rollout.rejudge import RECORDED
+from webgym.rollout.store import RECORDED
 from webgym.rollout.summary import oracle_notes
 from webgym.stats import percentiles
 

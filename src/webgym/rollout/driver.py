@@ -275,7 +275,7 @@ class EpisodeDriver:
     async def conclude(self) -> None:
         """Complete the record; call it once, however the episode ended."""
         self._seconds = self.elapsed
-        if self.ending in (Ending.ANSWERED, Ending.BUDGET_SPENT):
+        if self.ending.is_regular:
             ended, self.ending = self.ending, Ending.CANCELLED  # until what judges need is known
             try:
                 if self._is_doubted:

@@ -23,8 +23,7 @@ from webgym.core.task import LEVELS, Level, StepBudget
 from webgym.core.trajectory import Failure, Trajectory
 from webgym.rollout.manifest import Manifest, Records, manifest_of
 from webgym.rollout.rates import RESAMPLES, Interval, Method, Successes, over_tasks
-from webgym.rollout.rejudge import RECORDED, verdicts_of
-from webgym.rollout.store import RunReader
+from webgym.rollout.store import RECORDED, RunReader, verdicts_of
 from webgym.rollout.summary import oracle_notes
 from webgym.settings import Settings
 

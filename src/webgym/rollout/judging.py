@@ -9,21 +9,13 @@ from typing import Final
 
 from webgym.core.background import is_cancelled
 from webgym.core.errors import JudgeError
-from webgym.core.outcome import Ending, Outcome, outcome_of
+from webgym.core.outcome import Outcome, outcome_of
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode, Failure, Trajectory
 from webgym.core.typed import refuse_untyped
 from webgym.core.verdict import Verdict
 from webgym.judge.base import Judge, Pictures
 from webgym.llm.health import collect_cut_off
-
-JUDGED = frozenset({Ending.ANSWERED, Ending.BUDGET_SPENT})
-"""Endings of episodes that ended regularly, and so are judged."""
-
-
-def is_judged(trajectory: Trajectory) -> bool:
-    """Whether an attempt has, or may yet get, a verdict: it ended regularly, and is not retried."""
-    return trajectory.episode.ending in JUDGED and not trajectory.outcome.is_retried
 
 
 @dataclass(frozen=True)
@@ -59,7 +51,7 @@ async def judge_episode(
     judge: Judge, task: Task, episode: Episode, pictures: Pictures, seconds: float
 ) -> JudgedEpisode:
     """Judge an episode, with a deadline in seconds; one that did not end regularly is not judged."""
-    if episode.ending not in JUDGED:
+    if not episode.ending.is_regular:
         return JudgedEpisode(None, None, outcome_of(episode.ending, None))
     started = time.monotonic()
     verdict = failure = None

@@ -15,18 +15,15 @@ from pathlib import Path
 
 from pydantic import Field
 
-from webgym.core.errors import JudgeError, RunFolderError
+from webgym.core.errors import JudgeError
 from webgym.core.outcome import Outcome
 from webgym.core.task_group import task_group
 from webgym.core.verdict import Cost, Verdict
 from webgym.judge.base import Judge
-from webgym.rollout.judging import is_judged, judge_episode
+from webgym.rollout.judging import judge_episode
 from webgym.rollout.store import RunReader
-from webgym.rollout.verdicts import Judged, VerdictLog, read_verdicts
+from webgym.rollout.verdicts import Judged, VerdictLog
 from webgym.settings import Settings
-
-RECORDED = "recorded"
-"""Name for the verdicts that were made when the run was collected."""
 
 
 class RejudgeConfig(Settings):
@@ -147,7 +144,7 @@ def _waiting(reader: RunReader, verdict_log: VerdictLog, state: Judging, config:
     waiting = []
     for trajectory in reader.trajectories():
         episode = trajectory.episode
-        if not is_judged(trajectory):
+        if not trajectory.is_judged:
             state.skipped += 1
             continue
         if episode.task_id not in reader.tasks:
@@ -269,51 +266,6 @@ def compare(one: Mapping[str, Judged], other: Mapping[str, Judged]) -> Compariso
         if a.outcome != b.outcome or rewards[0] != rewards[1]:
             differences.append(Difference(attempt_id, a, b))
     return Comparison(both, agreed, unjudged, tuple(differences))
-
-
-def verdicts_of(run: Path, judge: str) -> tuple[str, dict[str, Judged]]:
-    """A judge's verdicts on the attempts that a run holds.
-
-    Args:
-        run: the run folder.
-        judge: its name or a unique prefix of it, or :data:`RECORDED`.
-
-    Returns:
-        The judge's full name and its judgements by attempt.
-
-    Raises:
-        RunFolderError: no judge or several judges match.
-    """
-    if judge == RECORDED:
-        return RECORDED, recorded(run)
-    verdicts = read_verdicts(run)
-    matching = [judge] if judge in verdicts else [name for name in verdicts if name.startswith(judge)]
-    if len(matching) != 1:
-        known = ", ".join([RECORDED, *verdicts])
-        raise RunFolderError(
-            f"{'no judge' if not matching else 'more than one judge'} of this run is called {judge!r}",
-            hint=f"there are: {known}",
-        )
-    attempts = RunReader(run, skip_corrupt=True).attempts
-    return matching[0], {key: judged for key, judged in verdicts[matching[0]].items() if key in attempts}
-
-
-def recorded(run: Path) -> dict[str, Judged]:
-    """The verdicts that were made when the run was collected."""
-    judgements = {}
-    for trajectory in RunReader(run, skip_corrupt=True).trajectories():
-        episode, verdict = trajectory.episode, trajectory.verdict
-        if is_judged(trajectory):
-            judgements[episode.attempt_id] = Judged(
-                episode.attempt_id,
-                verdict.judge if verdict else RECORDED,
-                trajectory.outcome,
-                episode.started_at + episode.seconds,
-                trajectory.judge_seconds,
-                verdict,
-                trajectory.judge_failure,
-            )
-    return judgements
 
 
 def _reason(judged: Judged) -> str:

@@ -72,8 +72,11 @@ from webgym.rollout.records import (
     read_at,
     seal,
 )
-from webgym.rollout.verdicts import read_verdicts
+from webgym.rollout.verdicts import Judged, read_verdicts
 from webgym.settings import Settings
+
+RECORDED = "recorded"
+"""Name for the verdicts that were made when the run was collected."""
 
 _LEFT_BY_A_START = {TASKS, TRAJECTORIES, SCREENSHOTS, LOCK}
 """What a process that was killed while it created a run may leave, the folders empty."""
@@ -586,3 +589,48 @@ class RunReader:
             return None
         except ValueError as error:
             raise StoreCorrupt(f"{self.path / SUMMARY} is not a JSON object: {error}") from error
+
+
+def verdicts_of(run: Path, judge: str) -> tuple[str, dict[str, Judged]]:
+    """A judge's verdicts on the attempts that a run holds.
+
+    Args:
+        run: the run folder.
+        judge: its name or a unique prefix of it, or :data:`RECORDED`.
+
+    Returns:
+        The judge's full name and its judgements by attempt.
+
+    Raises:
+        RunFolderError: no judge or several judges match.
+    """
+    if judge == RECORDED:
+        return RECORDED, recorded(run)
+    verdicts = read_verdicts(run)
+    matching = [judge] if judge in verdicts else [name for name in verdicts if name.startswith(judge)]
+    if len(matching) != 1:
+        known = ", ".join([RECORDED, *verdicts])
+        raise RunFolderError(
+            f"{'no judge' if not matching else 'more than one judge'} of this run is called {judge!r}",
+            hint=f"there are: {known}",
+        )
+    attempts = RunReader(run, skip_corrupt=True).attempts
+    return matching[0], {key: judged for key, judged in verdicts[matching[0]].items() if key in attempts}
+
+
+def recorded(run: Path) -> dict[str, Judged]:
+    """The verdicts that were made when the run was collected."""
+    judgements = {}
+    for trajectory in RunReader(run, skip_corrupt=True).trajectories():
+        episode, verdict = trajectory.episode, trajectory.verdict
+        if trajectory.is_judged:
+            judgements[episode.attempt_id] = Judged(
+                episode.attempt_id,
+                verdict.judge if verdict else RECORDED,
+                trajectory.outcome,
+                episode.started_at + episode.seconds,
+                trajectory.judge_seconds,
+                verdict,
+                trajectory.judge_failure,
+            )
+    return judgements

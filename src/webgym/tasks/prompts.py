@@ -42,6 +42,13 @@ class RubricReply(msgspec.Struct, frozen=True):
     difficulty: int
 
 
+class CriticReply(msgspec.Struct, frozen=True):
+    """A critic's verdict: whether a rubric or a rewritten task is accepted, and what is wrong with it."""
+
+    ok: bool
+    problems: tuple[str, ...]
+
+
 EXAMPLE_TASK: Final = (
     "On Petal & Post, find a bouquet with tulips or roses for at most €40 that can be delivered on Sunday. "
     "Give its name and how long it keeps. Also find out how to cancel an order."
@@ -63,7 +70,7 @@ EXAMPLE_RUBRIC: Final = RubricReply(
     ),
     difficulty=6,
 )
-"""The example in the prompt; it follows all rules of :mod:`webgym.tasks.rules`."""
+"""The example in the prompt; it follows all rules."""
 
 _TAXONOMY: Final = "\n".join(f"- {domain}: {'; '.join(below)}" for domain, below in DOMAINS.items())
 
@@ -84,15 +91,7 @@ how a processor works is Technology & Science; finding an actor's birthday is Fi
 
 Reply with JSON alone: {{"website": "...", "subdomain": "..."}}"""
 
-_RUBRIC: Final = f"""\
-You write rubrics for tasks that an agent does in a web browser. A judge will look at the agent's
-screenshots and answer and decide, fact by fact, whether the task was done; the task counts as done if
-every fact holds.
-
-A rubric is a list of fact groups. A group has an id (1, 2, 3, ...), a short description and one or more
-facts. Facts that are about the same thing, or the same part of the task, go into one group. The
-difficulty is the number of facts in all groups together.
-
+_RUBRIC_RULES: Final = """\
 The rules:
 1. One fact is one piece of information that can be verified by itself. "Report the price and the weight
    of the Tarn stove" gives two facts: "The price of the Tarn stove is reported" and "The weight of the
@@ -117,29 +116,72 @@ The rules:
    "The answer is correct", no empty fact.
 10. The source's notes, where there are any, were written by someone who had seen the website. They help
     you to understand the task. They may hold the answer: nothing may be taken from them that the task
-    itself does not say.
+    itself does not say."""
+
+_RUBRIC: Final = f"""\
+You write rubrics for tasks that an agent does in a web browser. A judge will look at the agent's
+screenshots and answer and decide, fact by fact, whether the task was done; the task counts as done if
+every fact holds.
+
+A rubric is a list of fact groups. A group has an id (1, 2, 3, ...), a short description and one or more
+facts. Facts that are about the same thing, or the same part of the task, go into one group. The
+difficulty is the number of facts in all groups together.
+
+{_RUBRIC_RULES}
 
 An example. The task: {EXAMPLE_TASK}
 {msgspec.json.encode(EXAMPLE_RUBRIC).decode()}
 
 Reply with JSON alone, in that form."""
 
-REWRITING: Final = """\
-You rewrite tasks for an agent that works in a web browser. You are given a task and some of the facts
-that it asks for. Write the task anew so that it asks for exactly these facts: an agent that does all of
-your task, and no more, has shown every one of them and nothing else.
-
+_REWRITING_RULES: Final = """\
 - Keep the website, the setting and the subject of the original: what was about a hotel in Graz stays
   about a hotel in Graz.
 - Take what is asked for from the given facts alone. What the original asks for beyond them is gone; add
   nothing, and give no answer away. Every condition in the facts stays, with its numbers and names.
 - OR between alternatives stays, as "or" in a natural sentence.
 - Write to the agent, as the original does, in the original's language and manner: one short paragraph
-  that makes sense to a reader who has not seen the original.
+  that makes sense to a reader who has not seen the original."""
+
+REWRITING: Final = f"""\
+You rewrite tasks for an agent that works in a web browser. You are given a task and some of the facts
+that it asks for. Write the task anew so that it asks for exactly these facts: an agent that does all of
+your task, and no more, has shown every one of them and nothing else.
+
+{_REWRITING_RULES}
 
 Reply with the text of the new task alone: no title, no introduction, no quotation marks around it, no
 JSON, no lists, no markdown."""
 """The system message of every rewriting request."""
+
+_VERDICT: Final = """\
+Judge by these rules alone. What they leave open is the writer's choice: the wording, the order, how facts are
+grouped. When in doubt, accept.
+
+Reply with JSON alone: {"ok": true, "problems": []}, or {"ok": false, "problems": ["...", ...]} with one
+sentence for each problem, which says where it is, which rule is broken, and what to write instead."""
+
+RUBRIC_CRITIC: Final = f"""\
+You check rubrics for tasks that an agent does in a web browser. A rubric is a list of fact groups; the task
+counts as done if every fact of every group holds. You are given a task and the rubric that somebody wrote.
+Say whether the rubric keeps the rules that the writer was given.
+
+{_RUBRIC_RULES}
+11. All of the task is asked for: no condition, and nothing that it wants to know or done, is missing.
+
+{_VERDICT}"""
+"""The system message of every request to check a rubric."""
+
+REWRITING_CRITIC: Final = f"""\
+You check rewritten tasks for an agent that works in a web browser. Somebody was given a task and some of the
+facts that it asks for, and rewrote the task to ask for exactly these. Say whether the new task keeps the
+rules that the writer was given.
+
+{_REWRITING_RULES}
+- It is the text of a task alone: no introduction, no remark, no refusal.
+
+{_VERDICT}"""
+"""The system message of every request to check a rewritten task."""
 
 
 _LONGEST_NOTES: Final = 4_000
@@ -157,13 +199,23 @@ def for_rubric(task: SourceTask) -> Messages:
 
     They contain only what the source gives, nothing inferred, so that no request depends on another's reply.
     """
+    return _messages(_RUBRIC, _task_parts(task))
+
+
+def for_rubric_critic(task: SourceTask, rubric: RubricReply) -> Messages:
+    """The messages that ask what is wrong with a rubric."""
+    written = msgspec.json.encode(rubric).decode()
+    return _messages(RUBRIC_CRITIC, [*_task_parts(task), ("Rubric", written)])
+
+
+def _task_parts(task: SourceTask) -> list[tuple[str, str]]:
     parts = [("Task", task.instruction)]
     if (website := known_website(task)) is not None:
         parts.append(("Website", website))
     if task.hints:
         notes = "\n".join(f"- {hint}" for hint in task.hints)
         parts.append(("Notes of the source", notes[:_LONGEST_NOTES]))
-    return _messages(_RUBRIC, parts)
+    return parts
 
 
 def known_website(task: SourceTask | Task) -> str | None:
@@ -173,16 +225,33 @@ def known_website(task: SourceTask | Task) -> str | None:
 
 def for_rewriting(task: Task, groups: Sequence[FactGroup]) -> Messages:
     """The messages that ask for the text of a task with only these fact groups."""
-    facts = "\n".join(
-        f"{group.description}\n" + "\n".join(f"- {fact}" for fact in group.facts) for group in groups
-    )
+    return _messages(REWRITING, _rewriting_parts(task, groups))
+
+
+def for_rewriting_critic(task: Task, groups: Sequence[FactGroup], text: str) -> Messages:
+    """The messages that ask what is wrong with the text of a task with only these fact groups."""
+    dropped = [group for group in task.rubric.groups if group not in groups]
     parts = [
+        *_rewriting_parts(task, groups),
+        ("Facts that it no longer asks for", _listed(dropped)),
+        ("New task", text),
+    ]
+    return _messages(REWRITING_CRITIC, parts)
+
+
+def _rewriting_parts(task: Task, groups: Sequence[FactGroup]) -> list[tuple[str, str]]:
+    return [
         ("Original task", task.instruction),
         ("Website", task.website),
         ("Kind of task", f"{task.domain}, {task.subdomain}"),
-        ("Facts that the new task asks for", facts),
+        ("Facts that the new task asks for", _listed(groups)),
     ]
-    return _messages(REWRITING, parts)
+
+
+def _listed(groups: Iterable[FactGroup]) -> str:
+    return "\n".join(
+        f"{group.description}\n" + "\n".join(f"- {fact}" for fact in group.facts) for group in groups
+    )
 
 
 def _messages(system: str, parts: Iterable[tuple[str, str]]) -> Messages:

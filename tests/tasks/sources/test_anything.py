@@ -15,9 +15,7 @@ from tests.tasks.sources import native
 
 from webgym.core.errors import TaskFileError
 from webgym.tasks.sources import SOURCES, Read, read_source
-from webgym.tasks.sources.csv_text import csv_rows
 from webgym.tasks.sources.dates import contains_past_date
-from webgym.tasks.sources.json_text import BrokenValue, json_values
 
 TODAY = date(2026, 1, 15)
 LENIENT = settings(
@@ -118,30 +116,6 @@ def test_a_file_with_damage_anywhere(tmp_path: Path, form: str, data: st.DataObj
     if form in ("jsonl", "json", "csv") and at > len(whole) // 2:
         assert found is not None
         assert len(found.tasks) >= 2, "what stands before the damage is not lost"
-
-
-@LENIENT
-@given(text=st.text(max_size=60) | st.text(alphabet='{}[]",: \n0a', max_size=40))
-def test_every_part_of_a_json_text_is_a_value_or_broken(text: str) -> None:
-    list(json_values(text))
-    whole = json_values(json.dumps([text, {"a": text}, [text]]))
-    assert [None if isinstance(found, BrokenValue) else found.value for found in whole] == [
-        text,
-        {"a": text},
-        [text],
-    ]
-
-
-cells = st.text(alphabet=st.characters(exclude_characters="\r\x00", exclude_categories=["Cs"]), max_size=8)
-
-
-@LENIENT
-@given(rows=st.lists(st.tuples(cells, cells, cells), min_size=1, max_size=6))
-def test_what_the_csv_module_writes_comes_back(rows: list[tuple[str, str, str]]) -> None:
-    records = [dict(zip(("x", "y", "z"), row, strict=True)) for row in rows]
-    lines = native.as_csv([{"x": "1", "y": "2", "z": "3"}, *records]).split("\n")[:-1]
-    found = [row for _, row in csv_rows(iter(enumerate(lines, 1)))]
-    assert found[1:] == records
 
 
 @LENIENT

@@ -6,6 +6,7 @@ import bz2
 import gzip
 import json
 import lzma
+import re
 from collections.abc import Callable
 from datetime import date
 from pathlib import Path
@@ -190,72 +191,32 @@ def test_half_a_character_counts_only_where_it_stands(tmp_path: Path) -> None:
     assert "not valid Unicode" in skipped.reason
 
 
-@pytest.mark.parametrize("indent", [None, 2])
-@pytest.mark.parametrize(
-    "damage",
-    [
-        ('"c1"', '"c1'),
-        ('"confirmed_task": "Compare two phones."', '"confirmed_task": Compare'),
-        ('"easy"', '"easy",,'),
-        ('"level": "medium"', '"level": {'),
-        ('"level": "medium"', '"level": "medium", '),
-    ],
-)
-def test_a_broken_element_of_an_array_costs_itself(
-    tmp_path: Path, indent: int | None, damage: tuple[str, str]
-) -> None:
-    records = [*native.ONLINE_MIND2WEB, native.ONLINE_MIND2WEB[0] | {"task_id": "d", "level": "hard"}]
-    content = json.dumps(records, indent=indent)
-    assert damage[0] in content
-    path = tmp_path / "a.json"
-    path.write_text(content.replace(*damage))
-    found = read("online-mind2web", path)
-    assert found.tasks[-1].id == "online-mind2web/d"
-    assert (len(found.tasks), len(found.skipped)) == (2, 1)
-    assert all("record" in skipped.place and "line" in skipped.place for skipped in found.skipped)
-
-
-def test_an_array_that_is_cut_off_gives_what_is_whole(tmp_path: Path) -> None:
+def test_what_is_whole_before_the_damage_in_an_array_is_read(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
     content = json.dumps(native.ONLINE_MIND2WEB, indent=2)
-    path.write_text(content[: len(content) - 20])
-    found = read("online-mind2web", path)
-    assert [task.id for task in found.tasks] == ["online-mind2web/b7258ee0"]
-    assert [skipped.place for skipped in found.skipped] == ["line 9 (record 2)"]
+    damaged = ('"easy', '"easy",,', "{", "easy")
+    for end in (content[: len(content) - 20], *(content.replace('"easy"', each) for each in damaged)):
+        path.write_text("\n" + end)
+        found = read("online-mind2web", path)
+        assert [task.id for task in found.tasks] == ["online-mind2web/b7258ee0"]
+        assert [skipped.place for skipped in found.skipped] == ["line 10 (record 2)"]
+        assert re.search(r"nothing after it is read: .*line \d\d", found.skipped[0].reason)
+    for end, line in ((content[:-2], 15), (content + "\n7", 16)):
+        path.write_text(end)
+        found = read("online-mind2web", path)
+        assert (len(found.tasks), found.skipped[0].place) == (2, f"line {line}")
 
 
-@pytest.mark.parametrize("indent", [None, 2])
-@pytest.mark.parametrize(
-    "damage",
-    [
-        ('"Find a 34', "Find a 34"),
-        ('"buy_monitor": {', '"buy_monitor": '),
-        ("34'' monitor.\"", "34'' monitor."),
-    ],
-)
-def test_a_mapping_with_damage_inside(tmp_path: Path, indent: int | None, damage: tuple[str, str]) -> None:
-    records = {**native.MIND2WEB_2, "third": {"task_description": "Find the third."}}
-    content = json.dumps(records, indent=indent)
-    assert damage[0] in content
+def test_an_object_of_records_is_whole_or_nothing(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
-    path.write_text(content.replace(*damage))
-    found = read("mind2web-2", path)
-    assert [task.id for task in found.tasks] == ["mind2web-2/find_parks", "mind2web-2/third"]
-    assert found.skipped[0].place in ("line 1" if indent is None else "line 6", "key 'buy_monitor'")
-
-
-def test_lists_in_an_object_with_damage_inside(tmp_path: Path) -> None:
-    content = json.dumps({"version": "1", "data": native.ONLINE_MIND2WEB, "end": 1}, indent=1)
-    path = tmp_path / "a.json"
-    path.write_text(content.replace('"easy"', '"easy'))
-    found = read("online-mind2web", path)
-    assert [task.id for task in found.tasks] == ["online-mind2web/b7258ee0"]
-    assert [skipped.place for skipped in found.skipped] == ["line 11 (record 2)"]
-    splits = {"train": native.ONLINE_MIND2WEB, "test": [native.ONLINE_MIND2WEB[1] | {"task_id": "d"}]}
-    path.write_text(json.dumps(splits, indent=1).replace('"b7258ee0"', "b7258ee0"))
-    found = read("online-mind2web", path)
-    assert [task.id for task in found.tasks] == ["online-mind2web/c1", "online-mind2web/d"]
-    assert len(found.skipped) == 1
+    for source, value, damage in (
+        ("mind2web-2", native.MIND2WEB_2, '"Find a 34'),
+        ("online-mind2web", {"version": "1", "data": native.ONLINE_MIND2WEB}, '"easy"'),
+    ):
+        path.write_text(json.dumps(value, indent=1).replace(damage, damage[1:]))
+        found = read(source, path)
+        assert (found.tasks, len(found.skipped)) == ([], 1)
+        assert re.search(r"no JSON: .* line \d+", found.skipped[0].reason)
 
 
 def test_nested_columns_of_a_parquet_file(tmp_path: Path) -> None:
@@ -284,8 +245,8 @@ def test_a_broken_entry_of_a_mapping(tmp_path: Path) -> None:
     [
         ("only,two", "line 3", "2 columns where the header has 9"),
         (",".join("abcdefghijk"), "line 3", "11 columns where the header has 9"),
-        ('Amazon,x,"never closed,d,e,f,g,h,i', "line 3", "a quote is never closed"),
-        ('Amazon,x,"closed" early,d,e,f,g,h,i', "line 3", "a quote is never closed"),
+        ('Amazon,x,"closed" early,d,e,f,g,h,i', "line 3", "no row of a CSV file: ',' expected after"),
+        ('Amazon,"x\ny","closed" early,d,e,f,g,h,i', "line 3", "no row of a CSV file: ',' expected after"),
     ],
 )
 def test_a_broken_row_costs_itself(tmp_path: Path, row: str, place: str, reason: str) -> None:
@@ -297,6 +258,15 @@ def test_a_broken_row_costs_itself(tmp_path: Path, row: str, place: str, reason:
     [skipped] = found.skipped
     assert skipped.place == place
     assert skipped.reason.startswith(reason)
+
+
+def test_what_follows_a_quotation_mark_that_is_never_closed_is_part_of_its_row(tmp_path: Path) -> None:
+    lines = native.as_csv(native.DEEPSHOP).splitlines()
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join([*lines[:2], 'Amazon,x,"never closed,d,e,f,g,h,i', lines[2]]))
+    found = read("deepshop", path)
+    assert [task.id for task in found.tasks] == ["deepshop/Amazon--31"]
+    assert [skipped.place for skipped in found.skipped] == ["line 3"]
 
 
 def test_a_quote_in_the_middle_and_line_ends_inside_do_no_harm(tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ BUILD = Options(
         "--concurrency": "model.concurrency",
         "--test-size": "split.test_tasks",
         "--plaintext": "plaintext",
+        "--critic": "writing.critic",
         "--budget": "budget.dollars",
         "--seed": "seed",
     },

@@ -1,32 +1,11 @@
 // A screenshot with the action drawn on it.
 
-/** The target of an action, as text. */
-const aim = (place) => place.on ? ` “${shorten(place.on, 60)}”` : place.mark !== undefined ? ` element ${place.mark}` : place.point ? " the page" : "";
-
-/** A short description of an action. */
+/** What an action did, in a line. */
 function sentence(action) {
-  const on = aim(action);
-  switch (action.name) {
-    case "click": return `${action.keys ? `${action.keys}-click` : "Click"}${on}`;
-    case "double_click": return `Double-click${on}`;
-    case "right_click": return `Right-click${on}`;
-    case "hover": return `Hover over${on}`;
-    case "drag": return `Drag${aim(action.from)}${action.path ? ` through ${action.path.length} points` : ""} to${on}`;
-    case "type": return `Type “${shorten(action.text, 80)}” into${on || " the field"}`;
-    case "press": return `Press ${shorten(action.keys, 80)}`;
-    case "upload": return `Choose “${shorten(action.text, 80)}” at${on}`;
-    case "scroll": return `Scroll ${action.direction}${on && ` at${on}`}`;
-    case "wait": return `Wait ${action.seconds} s`;
-    case "back": return "Go back";
-    case "navigate": return `Open ${shorten(action.text, 100)}`;
-    case "answer": return `Answer “${shorten(action.text, 160)}”`;
-    default: return action.name;
-  }
+  const { words, entered } = action;
+  return shorten(words.includes(entered) ? words : `${words}: “${entered}”`, 160);
 }
 
-const SHORT = { click: "click", double_click: "double", right_click: "right", hover: "hover", drag: "drag", type: "type", press: "press", upload: "upload",
-  scroll: "scroll", wait: "wait", back: "back", navigate: "open", answer: "answer" };
-const ARROWS = { up: "↑", down: "↓", left: "←", right: "→" };
 const share = (value) => `${value}%`;
 
 function bubbleAt(x, y, text) {
@@ -52,26 +31,15 @@ function placeMark(place) {
   return place.point ? [h("div", { class: "ring", style: { left: share(place.point[0]), top: share(place.point[1]) } })] : [];
 }
 
-/** The marks of an action. Positions are percentages of the screenshot. */
+/** The marks of an action: its targets, and what was entered there. Positions are percentages of the screenshot. */
 function marks(action) {
   if (!action) return [];
-  switch (action.name) {
-    case "click": case "double_click": case "right_click": case "hover": case "drag": case "type": case "upload": {
-      const middle = middleOf(action);
-      if (!middle) return [h("div", { class: "bubble key center bottom" }, sentence(action))];
-      const said = action.name === "click" ? action.keys : action.name === "type" || action.name === "upload" ? action.text || "(nothing)" : SHORT[action.name];
-      const low = action.box ? action.box[1] + action.box[3] - 2 : middle[1];
-      return [...(action.from ? placeMark(action.from) : []), ...(action.path ?? []).flatMap((point) => placeMark({ point })), ...placeMark(action), said && bubbleAt(middle[0], low, said)].filter(Boolean);
-    }
-    case "scroll": return [...placeMark(action), h("div", { class: `bubble key center ${action.direction === "up" ? "top" : "bottom"}` },
-      `${ARROWS[action.direction]} ${sentence(action)}`)];
-    case "press": return [h("div", { class: "bubble key center bottom" }, sentence(action))];
-    case "back": return [h("div", { class: "bubble key left top" }, "← Go back")];
-    case "navigate": return [h("div", { class: "bubble key center top" }, `Open ${shorten(action.text, 120)}`)];
-    case "wait": return [h("div", { class: "bubble key center top" }, sentence(action))];
-    case "answer": return [h("div", { class: "bubble key center bottom" }, shorten(action.text, 240))];
-    default: return [];
-  }
+  const [last] = action.places.slice(-1), middle = last && middleOf(last);
+  if (!middle) return [h("div", { class: "bubble key center bottom" }, sentence(action))];
+  const said = action.entered || (action.name === "left click" ? "" : action.name);
+  const low = last.box ? last.box[1] + last.box[3] - 2 : middle[1];
+  const points = action.way.map((point) => ({ point }));
+  return [...[...action.places, ...points].flatMap(placeMark), said && bubbleAt(middle[0], low, shorten(said, 160))].filter(Boolean);
 }
 
 /** The message in place of a missing screenshot, which may be due to a report that was moved. */

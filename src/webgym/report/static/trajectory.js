@@ -1,10 +1,11 @@
 // The page of one trajectory.
 
-/** The steps, and a last frame with the page after them. */
+/** The steps, and a last frame with the page after them. What an observation notices is what the action before it did:
+ *  it stands with that action, or before the first one. */
 function framesOf(it) {
-  const frames = it.steps.map((step, index) => ({ ...step, number: index + 1, label: `Step ${index + 1}` }));
-  if (it.final) frames.push({ ...it.final, number: it.steps.length + 1, label: "End", action: null, end: true });
-  return frames;
+  const end = it.final && { ...it.final, label: "End", action: null, end: true };
+  const looks = [...it.steps.map((step, index) => ({ ...step, label: `Step ${index + 1}` })), ...(end ? [end] : [])];
+  return looks.map((look, index) => ({ ...look, number: index + 1, before: index ? [] : look.notices, notices: looks[index + 1]?.notices ?? [] }));
 }
 
 function sign(passed) {
@@ -123,7 +124,8 @@ const NOTICES = { navigation_failed: "Navigation failed", download_refused: "Dow
 const BAD = new Set(["navigation_failed", "action_failed", "crashed", "reply_unreadable"]);
 
 function noticeList(frame) {
-  const notices = frame.notices.map(([kind, text]) => h("p", { class: `notice ${BAD.has(kind) ? "bad" : ""}` }, h("b", {}, NOTICES[kind] || kind), " ", text));
+  const notice = (lead) => ([kind, text]) => h("p", { class: `notice ${BAD.has(kind) ? "bad" : ""}` }, h("b", {}, lead + (NOTICES[kind] || kind)), " ", text);
+  const notices = [...frame.before.map(notice("Before the first step: ")), ...frame.notices.map(notice(""))];
   if (frame.error) notices.push(h("p", { class: "notice bad" }, h("b", {}, "No action in this reply"), " ", frame.error));
   if (frame.memory) notices.push(h("p", { class: "notice" }, h("b", {}, "The memory was corrected"), " ", frame.memory));
   return notices.length ? h("div", { class: "notices" }, notices) : null;
@@ -163,7 +165,7 @@ function filmstrip(frames, go) {
   return h("div", { class: "film", role: "group", "aria-label": "Steps" }, frames.map((frame) =>
     h("button", { type: "button", class: "frame", "data-step": frame.number, "aria-label": `${frame.label}: ${frame.action ? sentence(frame.action) : frame.end ? "after the last action" : "no action"}`, onclick: () => go(frame.number) },
       image(frame.shot, "", true), h("span", { class: "proof", title: "Evidence of a fact", hidden: true }),
-      h("span", { class: "cap" }, h("span", {}, frame.end ? "End" : String(frame.number)), h("span", {}, frame.end ? "" : frame.action ? SHORT[frame.action.name] : "no action")))));
+      h("span", { class: "cap" }, h("span", {}, frame.end ? "End" : String(frame.number)), h("span", {}, frame.end ? "" : frame.action ? frame.action.name : "no action")))));
 }
 
 /** The keys of a report. */

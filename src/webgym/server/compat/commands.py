@@ -14,8 +14,17 @@ import msgspec
 
 from webgym.browser.chords import keys_of
 from webgym.browser.document import ReadRequest
-from webgym.browser.gestures import AnyAction, Choose, Click, Fill, HoverAndScroll, ScrollElement, Wheel
-from webgym.core.action import MAX_WAIT_SECONDS, Direction, GoBack, Hover, Navigate, Press, Side, Target, Wait
+from webgym.browser.gestures import (
+    AnyAction,
+    Choose,
+    Click,
+    Fill,
+    HoverAndScroll,
+    HoverOver,
+    ScrollElement,
+    Wheel,
+)
+from webgym.core.action import MAX_WAIT_SECONDS, Direction, GoBack, Navigate, Press, Side, Target, Wait
 from webgym.core.errors import PageError, ProtocolError
 from webgym.core.observation import NoticeKind
 from webgym.server.client import Session
@@ -206,8 +215,8 @@ _ACTION_COMMANDS = {
     "fill_coords": _ActionCommand(_FillPoint, _fill, _ON_ACTION_FAILED),
     "fill_id": _ActionCommand(_FillId, _fill, _ON_ACTION_FAILED),
     "select_option": _ActionCommand(_Id, lambda args, _: Choose(args.number), _ON_ACTION_FAILED),
-    "hover_id": _ActionCommand(_Id, lambda args, _: Hover(args.target), _ON_ACTION_FAILED),
-    "hover_coords": _ActionCommand(_Point, lambda args, _: Hover(args.target)),
+    "hover_id": _ActionCommand(_Id, lambda args, _: HoverOver(args.target), _ON_ACTION_FAILED),
+    "hover_coords": _ActionCommand(_Point, lambda args, _: HoverOver(args.target)),
     "hover_and_scroll_coords": _ActionCommand(_ScrollPoint, _hover_and_scroll),
     "scroll_coords": _ActionCommand(_ScrollPoint, _hover_and_scroll),
     "scroll_id": _ActionCommand(

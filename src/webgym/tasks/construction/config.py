@@ -16,12 +16,12 @@ from webgym.llm.prices import Price
 from webgym.settings import Section, Settings, first_problem, merged, read_yaml, without_none
 from webgym.tasks.decompose import DecompositionLimits
 from webgym.tasks.duplicates import DuplicateLimits
-from webgym.tasks.rewriting import WritingLimits
 from webgym.tasks.sources import SOURCES
 from webgym.tasks.split import SplitConfig
+from webgym.tasks.writing import DEFAULT_TRIES
 
-Purpose: TypeAlias = Literal["website", "rubric", "rewriting"]
-PURPOSES: Final[tuple[Purpose, ...]] = ("website", "rubric", "rewriting")
+Purpose: TypeAlias = Literal["website", "rubric", "rewriting", "critic"]
+PURPOSES: Final[tuple[Purpose, ...]] = ("website", "rubric", "rewriting", "critic")
 """What models are used for, in the order of the stages."""
 
 
@@ -53,6 +53,18 @@ class ModelChoice(Settings):
     """Sampling parameters that differ."""
 
 
+class Writing(Settings):
+    """How often a model is asked, and whether a second one checks what it writes."""
+
+    tries: int = Field(default=DEFAULT_TRIES, ge=1)
+    """Most requests for one website, rubric or text, until the reply is usable."""
+
+    critic: bool = False
+    """Whether a model, the critic, checks every rubric and every rewritten task by the rules of the prompts.
+    What it finds is the reason to ask the writer again. This is one more request for each. Structure is
+    checked without it."""
+
+
 class Assumptions(Section):
     """Assumptions of a cost estimate, used until the cache has enough replies to measure the values."""
 
@@ -62,7 +74,7 @@ class Assumptions(Section):
     asked_again: float = Field(default=0.1, ge=0)
     """Average number of repeated calls per request, because of unusable replies."""
 
-    reply_tokens: Mapping[Purpose, int] = {"website": 40, "rubric": 250, "rewriting": 80}
+    reply_tokens: Mapping[Purpose, int] = {"website": 40, "rubric": 250, "rewriting": 80, "critic": 40}
     """Average tokens of a reply, by purpose. A thinking model writes many more: measure it with a small
     run."""
 
@@ -80,7 +92,7 @@ class BuildConfig(Settings):
     """Endpoint and model for all purposes. Not needed if no model request is needed."""
 
     models: dict[Purpose, ModelChoice] = Field(default_factory=dict)
-    """Endpoints and models of single purposes: ``website``, ``rubric``, ``rewriting``."""
+    """Endpoints and models of single purposes: ``website``, ``rubric``, ``rewriting``, ``critic``."""
 
     prices: dict[str, Price] = Field(default_factory=dict)
     """Dollars per million tokens, by model; ``*`` is the price of all other models. There are no built-in
@@ -100,8 +112,8 @@ class BuildConfig(Settings):
     """Encrypted sources (``browsecomp``) whose plain text may be sent to the model and written to files.
     Tasks of encrypted sources that are not listed are left out."""
 
-    writing: WritingLimits = WritingLimits()
-    """Number of tries, and limits on rewritten tasks."""
+    writing: Writing = Writing()
+    """How often a model is asked, and whether a second one checks what it writes."""
 
     decomposing: DecompositionLimits = DecompositionLimits()
     """Limits on the number of tasks derived from one task."""

@@ -19,10 +19,16 @@ from webgym.llm.request import Request
 from webgym.llm.tokens import count_messages, count_text
 from webgym.tasks import prompts
 from webgym.tasks.construction.config import Assumptions, Purpose
-from webgym.tasks.construction.pipeline import Build
+from webgym.tasks.construction.pipeline import Build, Tally
 
 _FACTS_TOKENS: Final = 120
-"""Approximate tokens of the facts and the kind of task in a rewriting request."""
+"""Approximate tokens of the facts and the kind of task in a request to rewrite or to check."""
+
+_LATER_PROMPTS: Final[Mapping[Purpose, str]] = {
+    "rewriting": prompts.REWRITING,
+    "critic": prompts.RUBRIC_CRITIC,
+}
+"""The system messages of the purposes whose requests depend on other replies."""
 
 
 class Estimator:
@@ -157,15 +163,18 @@ def estimate(
 
 
 def _line(build: Build, purpose: Purpose, estimator: Estimator, model: str, prices: Prices) -> Line:
-    assumed, tally = build.config.assumptions, build.tallies[purpose]
+    assumed, tally = build.config.assumptions, _tally(build, purpose)
     measured = tally.done >= assumed.measured_from
     calls, prompt_tokens = float(estimator.calls), float(estimator.prompt_tokens)
     basis: list[str] = []
     things = tally.things
-    if purpose == "rewriting" and (expected_derived := _expected_derived(build, assumed, basis)):
-        things += round(expected_derived)
-        calls += expected_derived
-        prompt_tokens += expected_derived * _rewriting_prompt(build)
+    if purpose in _LATER_PROMPTS:
+        expected = derived = _expected_derived(build, assumed, basis)
+        if purpose == "critic":  # what waits for the writer's reply is not among the calls counted so far
+            expected += tally.pending - estimator.calls
+        things += round(derived)
+        calls += expected
+        prompt_tokens += expected * _later_prompt(build, purpose)
     per_reply = assumed.reply_tokens[purpose]
     again = assumed.asked_again
     if measured:
@@ -207,8 +216,16 @@ def _expected_derived(build: Build, assumed: Assumptions, basis: list[str]) -> f
     return missing * rate
 
 
-def _rewriting_prompt(build: Build) -> float:
-    """Average prompt tokens of a rewriting request."""
+def _tally(build: Build, purpose: Purpose) -> Tally:
+    """Counts of the requests for one purpose; the critic has one for every rubric and every derived task."""
+    if purpose != "critic":
+        return build.tallies[purpose]
+    rubric, rewriting = build.tallies["rubric"], build.tallies["rewriting"]
+    return Tally(*(getattr(rubric, name) + getattr(rewriting, name) for name in Tally.__struct_fields__))
+
+
+def _later_prompt(build: Build, purpose: Purpose) -> float:
+    """Average prompt tokens of a request that depends on missing replies."""
     sample = build.imported.tasks[:: max(1, len(build.imported.tasks) // 200)]
     instruction = sum(count_text(task.instruction) for task in sample) / max(1, len(sample))
-    return count_text(prompts.REWRITING) + instruction + _FACTS_TOKENS
+    return count_text(_LATER_PROMPTS[purpose]) + instruction + _FACTS_TOKENS

@@ -5,7 +5,6 @@
     failed.jsonl                tasks for which no usable reply was given, with reasons and replies
     skipped.jsonl               records that gave no task, and why
     dropped.jsonl               tasks that were left out on purpose, and why
-    remarks.jsonl               rules that accepted rubrics seem to break
     statistics.json, figures/   SYSTEM.md 1.6
     replies.sqlite              the cache of replies (unless another file is given)
 
@@ -14,7 +13,6 @@ The manifest is written last: a folder that has it is complete.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from datetime import date
 from pathlib import Path
@@ -108,7 +106,6 @@ def _lists(build: Build) -> dict[str, Iterable[msgspec.Struct | dict[str, Any]]]
         FAILED: build.failures,
         "skipped.jsonl": skipped,
         "dropped.jsonl": build.dropped,
-        "remarks.jsonl": build.remarks,
     }
 
 
@@ -128,7 +125,6 @@ def manifest(build: Build, today: date) -> dict[str, Any]:
         "sources": {report.name: msgspec.to_builtins(report) for report in build.imported.reports},
         "stages": stages,
         "asked": {purpose: msgspec.to_builtins(tally) for purpose, tally in build.tallies.items()},
-        "remarks": dict(sorted(Counter(remark.rule for remark in build.remarks).items())),
         "capped_parents": len(build.capped),
         "tasks": _counts(build.tasks),
     }

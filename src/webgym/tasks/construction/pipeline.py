@@ -30,11 +30,10 @@ from webgym.tasks.construction.progress import StageProgress
 from webgym.tasks.decompose import Capped, decompose
 from webgym.tasks.duplicates import drop_duplicates
 from webgym.tasks.published import DIFFICULTY_DIFFERS
-from webgym.tasks.rules import Finding
 from webgym.tasks.sources import SourceTask
 from webgym.tasks.split import split
 from webgym.tasks.taxonomy import DOMAIN_OF
-from webgym.tasks.writing import infer_website, review, rewrite, write_rubric
+from webgym.tasks.writing import infer_website, rewrite, write_rubric
 
 T = TypeVar("T", SourceTask, Task)
 R = TypeVar("R")
@@ -76,21 +75,6 @@ class DroppedTask(msgspec.Struct, frozen=True, kw_only=True):
     of: str
 
 
-class Remark(msgspec.Struct, frozen=True, kw_only=True):
-    """A rule that an accepted rubric seems to break.
-
-    Attributes:
-        id: of the task.
-        rule, severity, message: of the finding. Only rubrics that came with a source can break a rule of
-            severity ``error``.
-    """
-
-    id: str
-    rule: str
-    severity: str
-    message: str
-
-
 class Tally(msgspec.Struct):
     """Counts of the requests for one purpose.
 
@@ -116,7 +100,6 @@ class Build:
         tasks: the finished tasks, with ``split`` set; empty while replies are pending.
         failures: tasks that failed.
         dropped: tasks that were left out on purpose.
-        remarks: rules that accepted rubrics seem to break.
         capped: tasks with more subsets than the limit on derived tasks.
         tallies: counts of requests, by purpose.
     """
@@ -127,7 +110,6 @@ class Build:
     tasks: list[Task] = field(default_factory=list)
     failures: list[Failure] = field(default_factory=list)
     dropped: list[DroppedTask] = field(default_factory=list)
-    remarks: list[Remark] = field(default_factory=list)
     capped: list[Capped] = field(default_factory=list)
     tallies: dict[Purpose, Tally] = field(default_factory=dict)
 
@@ -200,7 +182,7 @@ class Pipeline:
             can be requested without it, and removed at that stage.
         """
         unplaced = [task for task in tasks if task.website is None or not _in_taxonomy(task)]
-        ask = partial(infer_website, limits=self._config.writing)
+        ask = partial(infer_website, tries=self._config.writing.tries)
         results = await self._ask("website", "websites", unplaced, ask)
         placed: list[SourceTask] = []
         waiting: set[str] = set()
@@ -246,20 +228,14 @@ class Pipeline:
     async def _rubrics(self, tasks: list[SourceTask], waiting: set[str]) -> list[Task]:
         """The tasks with rubrics: the source's own, or one that a model writes."""
         bare = [task for task in tasks if task.rubric is None]
-        ask = partial(write_rubric, limits=self._config.writing)
+        ask = partial(write_rubric, critic=self._critic(), tries=self._config.writing.tries)
         results = await self._ask("rubric", "rubrics", bare, ask)
         finished: list[Task] = []
         for task in tasks:
             result = results.get(task.id)
-            if isinstance(result, Done):
-                rubric, findings = result.value.rubric, result.value.findings
-            elif result is None and task.rubric is not None:
-                rubric, findings = task.rubric, tuple(review(task, task.rubric))
-            else:
-                continue
-            if task.id not in waiting:
+            rubric = result.value if isinstance(result, Done) else task.rubric
+            if rubric is not None and task.id not in waiting:
                 finished.append(_finished(task, rubric))
-                self._remark(task.id, findings)
         self._record_stage("rubrics", tasks, finished)
         return finished
 
@@ -279,11 +255,12 @@ class Pipeline:
 
     async def _rewritten(self, parents: list[Task], derived: list[Task]) -> list[Task]:
         """The parents, each followed by its derived tasks with rewritten instructions."""
-        limits = self._config.writing
+        critic, tries = self._critic(), self._config.writing.tries
         by_id = {task.id: task for task in parents}
 
         async def ask(model: Completes, task: Task) -> str:
-            return await rewrite(model, by_id[task.parent_id or ""], task.rubric.groups, limits=limits)
+            parent = by_id[task.parent_id or ""]
+            return await rewrite(model, parent, task.rubric.groups, critic=critic, tries=tries)
 
         results = await self._ask("rewriting", "rewriting", derived, ask)
         children: dict[str, list[Task]] = {}
@@ -307,6 +284,18 @@ class Pipeline:
         return result.tasks
 
     # --- requests and accounting ----------------------------------------------------------------------------
+
+    def _critic(self) -> Completes | None:
+        """The critic; ``None`` if there is to be none.
+
+        Raises:
+            ConfigError: there is to be one, and no model is configured.
+        """
+        if not self._config.writing.critic:
+            return None
+        if (critic := self._models.get("critic")) is None:
+            raise no_model("critic")
+        return critic
 
     async def _ask(
         self, purpose: Purpose, stage: str, tasks: Sequence[T], ask: Callable[[Completes, T], Awaitable[R]]
@@ -355,12 +344,6 @@ class Pipeline:
 
     def _drop(self, id: str, source: str, stage: str, reason: str, of: str) -> None:
         self._build.dropped.append(DroppedTask(id=id, source=source, stage=stage, reason=reason, of=of))
-
-    def _remark(self, id: str, findings: Iterable[Finding]) -> None:
-        self._build.remarks.extend(
-            Remark(id=id, rule=finding.rule, severity=finding.severity, message=finding.message)
-            for finding in findings
-        )
 
     def _record_stage(
         self, stage: str, came: Sequence[SourceTask | Task], left: Sequence[SourceTask | Task]

@@ -187,7 +187,8 @@ async def _clients(
 
 
 def _chats(config: BuildConfig) -> dict[Purpose, ChatConfig]:
-    chats = ((purpose, config.chat(purpose)) for purpose in PURPOSES)
+    asked = (purpose for purpose in PURPOSES if purpose != "critic" or config.writing.critic)
+    chats = ((purpose, config.chat(purpose)) for purpose in asked)
     return {purpose: chat for purpose, chat in chats if chat is not None}
 
 

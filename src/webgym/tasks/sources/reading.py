@@ -1,38 +1,40 @@
 """Reads records from files in any of their formats: JSON lines, JSON, CSV, TSV or Parquet, compressed or not.
 
-A broken record does not affect others: it is returned as :class:`Skipped`, with its position and what is
-wrong. The format is recognised by the file's content first, and by its suffix where the content is ambiguous.
+A broken record is not repaired: it is returned as :class:`Skipped`, with its line and what is wrong with it.
+Where a format does not say where the next record begins (JSON outside of lines, a quotation mark in a CSV
+file that is never closed), what follows is part of it. The format is recognised by the file's content first,
+and by its suffix where the content is ambiguous.
 """
 
 from __future__ import annotations
 
 import bz2
-import codecs
+import csv
 import gzip
 import io
 import json
 import lzma
+import re
 import zlib
 from collections.abc import Callable, Iterable, Iterator
 from itertools import chain
 from pathlib import Path
-from typing import IO, Any, NamedTuple, TypeAlias
-
-import msgspec
+from typing import IO, Any, Final, NamedTuple, TypeAlias
 
 from webgym.core.errors import TaskFileError
 from webgym.tasks.files import refuse_device
 from webgym.tasks.sources.base import Skipped
-from webgym.tasks.sources.csv_text import csv_rows
 from webgym.tasks.sources.fields import Fields, kind
-from webgym.tasks.sources.json_text import BrokenValue, json_values
 
 SUFFIXES = (".jsonl", ".ndjson", ".json", ".csv", ".tsv", ".parquet")
 COMPRESSIONS = (".gz", ".bz2", ".xz", ".zst")
 REFUSED = tuple(".zip .tar .tgz .7z .rar .arrow .feather .xlsx .db .sqlite .pkl .pt".split())
 """Suffixes of files that may contain tasks, in formats that are not supported."""
-_ROWS_AT_ONCE = 512
+_ROWS_AT_ONCE: Final = 512
 """Parquet rows in memory at a time; a row of TravelPlanner may take 100 kB."""
+_LONGEST_CSV_FIELD: Final = 2**31 - 1
+_DELIMITERS: Final = ",\t;|"
+_BETWEEN_ELEMENTS: Final = re.compile(r"\s*,?\s*")
 
 _DAMAGE = (OSError, EOFError, zlib.error, lzma.LZMAError)
 """Exceptions raised when reading a damaged compressed file."""
@@ -80,8 +82,10 @@ def read_records(path: Path, is_record: IsRecord) -> Iterator[Found]:
             if magic[:4] == b"PAR1":
                 yield from _parquet_records(path)
                 return
-            with _decompressed(file, magic) as stream:
-                yield from _text_records(path, stream, is_record)
+            lines = _Lines(path, _decompressed(file, magic))
+            yield from _text_records(path, lines, is_record)
+            if lines.damage is not None:
+                yield lines.damage
     except OSError as error:
         raise TaskFileError(f"cannot read {path}: {error.strerror or error}") from error
 
@@ -103,140 +107,109 @@ def _decompressed(file: IO[bytes], magic: bytes) -> IO[bytes]:
 # --- text ---------------------------------------------------------------------------------------------
 
 
-def _text_records(path: Path, stream: IO[bytes], is_record: IsRecord) -> Iterator[Found]:
+Line: TypeAlias = tuple[int, str]
+
+
+class _Lines:
+    """The lines of a text with their numbers, from 1, up to where the file is damaged.
+
+    Every line ends with ``\\n``. A byte that is not UTF-8 becomes half of a surrogate pair, so only the field
+    that contains it is invalid.
+
+    Attributes:
+        damage: what is wrong with the file, once it was met.
+    """
+
+    def __init__(self, path: Path, stream: IO[bytes]) -> None:
+        self._path = path
+        self._stream = stream
+        self.damage: Skipped | None = None
+
+    def __iter__(self) -> Iterator[Line]:
+        number = 0
+        try:
+            stream: Any = self._stream  # which has peek, whatever it was opened by
+            head = stream.peek(4)[:4]
+            encoding = json.detect_encoding(head)
+            errors = "surrogateescape" if encoding.startswith("utf-8") else "replace"
+            with io.TextIOWrapper(stream, encoding, errors) as texts:
+                for number, text in enumerate(texts, start=1):
+                    yield number, text
+        except _DAMAGE as error:
+            reason = f"the rest of the file is damaged: {error}"
+            self.damage = Skipped(str(self._path), f"after line {number}", reason)
+
+
+def _text_records(path: Path, lines: Iterable[Line], is_record: IsRecord) -> Iterator[Found]:
     name = str(path)
     suffix = next((part.lower() for part in reversed(path.suffixes) if part.lower() not in COMPRESSIONS), "")
-    lines = _lines(name, stream)
-    first = next((line for line in lines if isinstance(line, Skipped) or line[1].strip()), None)
+    filled = iter(lines)
+    first = next((line for line in filled if line[1].strip()), None)
     if first is None:
         return
-    if isinstance(first, Skipped):
-        yield from (first, *(line for line in lines if isinstance(line, Skipped)))
+    start = first[1].lstrip()[0]
+    if start not in "[{" and suffix not in (".json", ".jsonl", ".ndjson"):
+        yield from _csv_records(name, first, filled)
         return
-    lines = chain([first], lines)
-    start = first[1].lstrip()[:1]
-    if start not in b"[{" and suffix not in (".json", ".jsonl", ".ndjson"):
-        yield from _csv_records(name, lines)
-    elif start == b"[" or (start == b"{" and _is_multiline_object(first[1], suffix)):
-        yield from _json_records(name, lines, is_record)
+    is_whole = not isinstance(_decoded(first[1]), ValueError)
+    is_lines = is_whole or start not in "[{" or (start == "{" and suffix in (".jsonl", ".ndjson"))
+    second = next((line for line in filled if line[1].strip()), None)
+    others = filled if second is None else chain([second], filled)
+    if is_lines and second is not None:
+        yield from _json_lines(name, chain([first], others))
     else:
-        yield from _json_lines(name, lines, is_record)
+        yield from _json_document(name, first, others, is_record)
 
 
-Line: TypeAlias = "tuple[int, bytes] | Skipped"
+# --- JSON ---------------------------------------------------------------------------------------------
 
 
-def _lines(name: str, stream: IO[bytes]) -> Iterator[Line]:
-    """The lines of a text with their numbers, from 1, without line ends and byte-order mark.
-
-    A line ends with ``\\n``, ``\\r\\n`` or ``\\r``. If the data are damaged, the last item is
-    :class:`Skipped`.
-    """
-    number = 0
+def _decoded(text: str) -> object | ValueError:
+    """The value of a text, or what is wrong with it."""
     try:
-        head = stream.read(4)
-        rest: IO[bytes] = stream
-        for mark, encoding in _MARKS:
-            if head.startswith(mark):
-                text = (head + stream.read()).decode(encoding, "replace")
-                head, rest = b"", io.BytesIO(text.removeprefix("\ufeff").encode("utf-8", "surrogatepass"))
-                break
-        head = head.removeprefix(codecs.BOM_UTF8)
-        # The head may contain complete lines.
-        for chunk in chain(_with_rest(head, rest), rest):
-            for line in chunk.splitlines():
-                number += 1
-                yield number, line
-    except _DAMAGE as error:
-        yield Skipped(name, f"after line {number}", f"the rest of the file is damaged: {error}")
-
-
-_MARKS = (
-    (codecs.BOM_UTF32_LE, "utf-32"),
-    (codecs.BOM_UTF32_BE, "utf-32"),
-    (codecs.BOM_UTF16_LE, "utf-16"),
-    (codecs.BOM_UTF16_BE, "utf-16"),
-)
-
-
-def _with_rest(head: bytes, stream: IO[bytes]) -> Iterator[bytes]:
-    if head:
-        yield head + stream.readline() if not head.endswith(b"\n") else head
-
-
-def _is_multiline_object(line: bytes, suffix: str) -> bool:
-    """Whether the first object of a file continues after its first line."""
-    if suffix in (".jsonl", ".ndjson"):
-        return line.strip() == b"{"
-    return not isinstance(_decoded(line), dict)
-
-
-def _decoded(line: bytes) -> object | ValueError:
-    """The value of a line, or what is wrong with it.
-
-    A byte that is not UTF-8 becomes half of a surrogate pair, so only the field that contains it is invalid.
-    """
-    try:
-        return msgspec.json.decode(line)  # type: ignore[no-any-return]
-    except (ValueError, RecursionError):
-        pass  # Python's json module accepts more numbers and has better messages
-    try:
-        return json.loads(line.decode("utf-8", "surrogateescape"))  # type: ignore[no-any-return]
+        return json.loads(text)  # type: ignore[no-any-return]
     except ValueError as error:
         return error
     except RecursionError:
         return ValueError("it is nested too deeply")
 
 
-def _json_lines(name: str, lines: Iterator[Line], is_record: IsRecord) -> Iterator[Found]:
-    only: tuple[int, bytes] | None = None
-    many = False
-    for line in lines:
-        if isinstance(line, Skipped):
-            if only is not None:
-                yield from _json_line(name, *only, is_record)
-            yield line
+def _json_lines(name: str, lines: Iterable[Line]) -> Iterator[Found]:
+    for number, text in lines:
+        if text.strip():
+            yield _record(name, f"line {number}", _decoded(text))
+
+
+def _json_document(name: str, first: Line, others: Iterable[Line], is_record: IsRecord) -> Iterator[Found]:
+    blank = "\n" * (first[0] - 1)  # so that errors name the file's lines
+    text = "".join((blank, first[1], *(line for _, line in others)))
+    if text.lstrip().startswith("["):
+        yield from _json_array(name, text)
+    else:
+        yield from _top_level(name, f"line {first[0]}", _decoded(text), is_record)
+
+
+def _json_array(name: str, text: str) -> Iterator[Found]:
+    """The elements of an array up to the first broken one, with which reading ends."""
+    decoder = json.JSONDecoder()
+    at, line, counted, index = text.index("[") + 1, 1, 0, 0
+    while (at := _end(_BETWEEN_ELEMENTS, text, at)) < len(text) and text[at] != "]":
+        line, counted, index = line + text.count("\n", counted, at), at, index + 1
+        place = f"line {line} (record {index})"
+        try:
+            value, at = decoder.raw_decode(text, at)
+        except (ValueError, RecursionError) as error:
+            yield Skipped(name, place, f"no JSON, and nothing after it is read: {error}")
             return
-        if not line[1].strip():
-            continue
-        if only is not None:
-            many = True
-            yield from _json_line(name, *only, None)
-        only = line
-    if only is not None:
-        yield from _json_line(name, *only, None if many else is_record)
+        yield _record(name, place, value)
+    if text[at:].strip() != "]":
+        line += text.count("\n", counted, at)
+        yield Skipped(name, f"line {line}", "the array is not closed, or something follows it")
 
 
-def _json_line(name: str, number: int, line: bytes, is_record: IsRecord | None) -> Iterator[Found]:
-    value = _decoded(line)
-    if isinstance(value, ValueError):
-        yield Skipped(name, f"line {number}", f"no JSON: {value}")
-    elif is_record is None:
-        yield _record(name, f"line {number}", value)
-    else:  # a file of one line may be one object with all records
-        yield from _top_level(name, f"line {number}", value, is_record)
-
-
-def _json_records(name: str, lines: Iterator[Line], is_record: IsRecord) -> Iterator[Found]:
-    damage: list[Skipped] = []
-    parts: list[bytes] = []
-    offset = 1
-    for line in lines:
-        if isinstance(line, Skipped):
-            damage.append(line)
-        else:
-            offset = offset if parts else line[0]
-            parts.append(line[1])
-    text = b"\n".join(parts).decode("utf-8", "surrogateescape")
-    del parts
-    for result in json_values(text, first_line=offset):
-        if isinstance(result, BrokenValue):
-            yield Skipped(name, result.place, f"no JSON: {result.reason}")
-        elif result.inside:
-            yield _record(name, result.place, result.value, result.key)
-        else:
-            yield from _top_level(name, result.place, result.value, is_record)
-    yield from damage
+def _end(pattern: re.Pattern[str], text: str, at: int) -> int:
+    match = pattern.match(text, at)
+    return match.end() if match else at
 
 
 def _top_level(name: str, place: str, value: object, is_record: IsRecord) -> Iterator[Found]:
@@ -263,24 +236,39 @@ def _has_objects(values: Iterable[object]) -> bool:
 
 
 def _record(name: str, place: str, value: object, key: str | None = None) -> Found:
+    if isinstance(value, ValueError):
+        return Skipped(name, place, f"no JSON: {value}")
     if not isinstance(value, dict):
         return Skipped(name, place, f"{kind(value)}, not an object")
     return Record(name, place, Fields(value, key))
 
 
-def _csv_records(name: str, lines: Iterator[Line]) -> Iterator[Found]:
-    damage: list[Skipped] = []
+# --- CSV ----------------------------------------------------------------------------------------------
 
-    def texts() -> Iterator[tuple[int, str]]:
-        for line in lines:
-            if isinstance(line, Skipped):
-                damage.append(line)
-            else:
-                yield line[0], line[1].decode("utf-8", "surrogateescape")
 
-    for place, row in csv_rows(texts()):
-        yield Skipped(name, place, row) if isinstance(row, str) else Record(name, place, Fields(row))
-    yield from damage
+def _csv_records(name: str, first: Line, others: Iterable[Line]) -> Iterator[Found]:
+    limit = csv.field_size_limit(_LONGEST_CSV_FIELD)  # of the process; TravelPlanner's fields are longer
+    try:
+        texts = chain([first[1]], (text for _, text in others))
+        reader = csv.reader(texts, delimiter=max(_DELIMITERS, key=first[1].count), strict=True)
+        header: list[str] | None = None
+        while True:
+            place = f"line {first[0] + reader.line_num}"
+            try:
+                cells = next(reader)
+            except StopIteration:
+                return
+            except csv.Error as error:
+                yield Skipped(name, place, f"no row of a CSV file: {error}")
+                continue
+            if header is None:
+                header = [cell.strip() for cell in cells]
+            elif len(cells) == len(header):
+                yield Record(name, place, Fields(dict(zip(header, cells, strict=True))))
+            elif "".join(cells).strip():
+                yield Skipped(name, place, f"{len(cells)} columns where the header has {len(header)}")
+    finally:
+        csv.field_size_limit(limit)
 
 
 # --- Parquet ------------------------------------------------------------------------------------------
@@ -297,12 +285,10 @@ def _parquet_records(path: Path) -> Iterator[Found]:
                 for value in _rows(batch):
                     row += 1
                     place = f"row {row}"
-                    broken = isinstance(value, ValueError)
-                    yield (
-                        Skipped(str(path), place, str(value))
-                        if broken
-                        else Record(str(path), place, Fields(value))
-                    )
+                    if isinstance(value, ValueError):
+                        yield Skipped(str(path), place, str(value))
+                    else:
+                        yield Record(str(path), place, Fields(value))
     except (pa.ArrowException, *_DAMAGE, ValueError) as error:
         reason = str(error).strip().partition("\n")[0]
         yield Skipped(str(path), f"after row {row}", f"the rest of the Parquet file is damaged: {reason}")

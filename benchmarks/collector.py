@@ -31,8 +31,8 @@ from webgym.judge.config import JudgeChoice
 from webgym.llm.config import ChatConfig
 from webgym.rollout.config import CollectorConfig
 from webgym.rollout.progress import Progress
-from webgym.run_config import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice
-from webgym.runs import collect
+from webgym.run.collect import collect
+from webgym.run.config import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice
 from webgym.server.config import ClientLimits
 from webgym.tasks.formats import write_tasks
 

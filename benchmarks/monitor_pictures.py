@@ -35,9 +35,9 @@ from webgym.rollout.config import CollectorConfig
 from webgym.rollout.feed import feeding
 from webgym.rollout.live import panel
 from webgym.rollout.progress import STATES, Progress
-from webgym.rollout.store import RunWriter
-from webgym.run_config import RunConfig, TaskChoice
-from webgym.runs import collect
+from webgym.run.collect import collect
+from webgym.run.config import RunConfig, TaskChoice
+from webgym.store.runs import RunWriter
 
 COUNT_FRAMES = """
   window.frames_ms = [];

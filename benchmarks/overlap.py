@@ -23,11 +23,11 @@ from webgym.agent.policy import BasePolicy, Policy, PolicyInput, PolicySession
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply
 from webgym.offline.small.wording import small_vocabulary
-from webgym.run_config import Secrets
-from webgym.run_services import services
-from webgym.task_choice import all_tasks
-from webgym.tiny.demonstrators import Demonstrators
-from webgym.tiny.model import TinyConfig, make_model, save_model
+from webgym.run.choice import all_tasks
+from webgym.run.config import Secrets
+from webgym.run.services import services
+from webgym.study.demonstrators import Demonstrators
+from webgym.study.model import TinyConfig, make_model, save_model
 from webgym.train.folder import TrainingFolder
 from webgym.train.learner import Learner
 from webgym.train.loop import TrainConfig, Training

@@ -23,8 +23,8 @@ import psutil
 from webgym.offline.config import SitesConfig
 from webgym.rollout.config import CollectorConfig
 from webgym.rollout.progress import Progress
-from webgym.run_config import PolicyChoice, RunConfig, TaskChoice
-from webgym.runs import collect
+from webgym.run.collect import collect
+from webgym.run.config import PolicyChoice, RunConfig, TaskChoice
 
 SAMPLE_SECONDS = 1.0
 

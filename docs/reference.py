@@ -18,21 +18,21 @@ from pydantic.fields import FieldInfo
 
 from webgym import cli
 from webgym.core.errors import UsageError, WebGymError
-from webgym.settings import field_docstring
+from webgym.core.settings import field_docstring
 
 ROOTS = {
-    "webgym.run_config.RunConfig": "`webgym rollout` and `webgym eval`; `rollout` of a training",
+    "webgym.run.config.RunConfig": "`webgym rollout` and `webgym eval`; `rollout` of a training",
     "webgym.train.loop.TrainConfig": "`webgym train`",
-    "webgym.tiny.recipe.RecipeConfig": "`webgym pretrain`",
-    "webgym.tiny.study.StudyConfig": "`webgym study`",
-    "webgym.tasks.construction.config.BuildConfig": "`webgym tasks build`",
+    "webgym.study.recipe.RecipeConfig": "`webgym pretrain`",
+    "webgym.study.conditions.StudyConfig": "`webgym study`",
+    "webgym.taskset.construction.config.BuildConfig": "`webgym tasks build`",
     "webgym.simulate.questions.Questions": "`webgym simulate`",
     "webgym.server.config.ServerConfig": "`webgym serve`, by its options",
     "webgym.server.config.GatewayConfig": "`webgym serve` of several processes",
     "webgym.server.config.RayConfig": "`webgym serve --ray`",
     "webgym.report.config.ReportConfig": "`webgym report`, by its options",
     "webgym.report.config.ViewConfig": "`webgym view`, by its options",
-    "webgym.server.compat.config.CompatConfig": "{func}`webgym.server.compat.running_compat`",
+    "webgym.compat.config.CompatConfig": "{func}`webgym.compat.running_compat`",
 }
 """Settings that somebody gives, and to what; those that they hold follow them."""
 

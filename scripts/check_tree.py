@@ -17,7 +17,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 
 LARGEST_FILE_MIB = 2
-LARGER = {Path("src/webgym/tiny/weights/model.safetensors"): 8}
+LARGER = {Path("src/webgym/study/weights/model.safetensors"): 8}
 """Files that may have more, MiB."""
 LOCK_LINE = re.compile(r"(#.*|[A-Za-z0-9._-]+==[A-Za-z0-9.!+_-]+( ; [^@/]+)?)?")
 

@@ -20,12 +20,12 @@ import webgym
 from webgym import cli
 from webgym.cli import serve
 from webgym.core import errors
+from webgym.core.settings import field_docstring, load_settings
 from webgym.judge.config import JudgeChoice
 from webgym.llm.prices import Prices
-from webgym.settings import field_docstring, load_settings
 from webgym.simulate.questions import read_questions
-from webgym.tasks.construction import read_config
 from webgym.tasks.formats import read_tasks
+from webgym.taskset.construction import read_config
 from webgym.train.start import load_train_config
 
 

@@ -54,8 +54,8 @@ async def nothing(_: pytest.MonkeyPatch) -> AsyncIterator[Names]:
 async def readme(patch: pytest.MonkeyPatch) -> AsyncIterator[Names]:
     """The run is of two small tasks without browsers; the environment's browsers and judge are stand-ins."""
     given = webgym.RunConfig.model_validate({"tasks": {"count": 2}, **SMALL})
-    patch.setattr("webgym.run_config.RunConfig", lambda: given)
-    patch.setattr("webgym.environment.make", lambda *_, **__: stand_in_environment())
+    patch.setattr("webgym.run.config.RunConfig", lambda: given)
+    patch.setattr("webgym.env.environment.make", lambda *_, **__: stand_in_environment())
     yield {}
 
 
@@ -64,11 +64,11 @@ async def environment(patch: pytest.MonkeyPatch) -> AsyncIterator[Names]:
     """Browsers, judge, model and engine are stand-ins; an adapter that changes nothing."""
     from tests.inference.tiny import tiny_image_processor, tiny_renderer, tiny_tokenizer
 
-    patch.setattr("webgym.environment.make", lambda *_, **__: stand_in_environment())
+    patch.setattr("webgym.env.environment.make", lambda *_, **__: stand_in_environment())
     pool = webgym.EnvironmentPool(**stand_in_pool(Path(), 1))
     real = webgym.EnvironmentPool
     patch.setattr(
-        "webgym.environment_pool.EnvironmentPool",
+        "webgym.env.pool.EnvironmentPool",
         lambda *_, **given: real(**given) if "browsers" in given else pool,
     )
     sampled, logprobs = Engine(tiny_renderer(), ["-"]).sample(await answers())

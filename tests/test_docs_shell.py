@@ -42,8 +42,8 @@ from webgym.bench.rollout.plan import PARTS, RolloutPlan
 from webgym.cli import main
 from webgym.core.action import Answer
 from webgym.judge.labels import HumanLabel
-from webgym.rollout.labels import LABELS, LabelStore
-from webgym.rollout.store import RunReader
+from webgym.results.labels import LABELS, LabelStore
+from webgym.store.runs import RunReader
 
 SMALL: dict[str, Any] = {
     "sites": {"collection": "small", "per_family": 6},

@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 import pytest
 
 import webgym
-from webgym import Environment, SyncEnvironment, conformance
+from webgym import Environment, SyncEnvironment
 from webgym.agent.config import AgentConfig
 from webgym.agent.solver import Solver
 from webgym.core.action import Answer, Hover, Scroll, Target
@@ -34,8 +34,9 @@ from webgym.core.errors import (
 )
 from webgym.core.trajectory import Reply
 from webgym.rollout.config import CollectorConfig
-from webgym.run_config import RunConfig, TaskChoice
+from webgym.run.config import RunConfig, TaskChoice
 from webgym.testing import check_environment, stand_in_environment, stand_in_pool
+from webgym.testing import environments as conformance
 
 SMALL = RunConfig(tasks=TaskChoice(count=6), agent=AgentConfig(mode="marks"))
 
@@ -341,9 +342,9 @@ async def test_an_opening_that_was_interrupted_closes_nothing_of_the_next(
                 await may_end.wait()
         yield None, conformance.StandInBrowsers()
 
-    monkeypatch.setattr(webgym.environment, "refuse_unjudgeable", lambda *_: None)
-    monkeypatch.setattr(webgym.environment, "open_judge", judging)
-    monkeypatch.setattr(webgym.environment, "open_services", starting)
+    monkeypatch.setattr(webgym.env.environment, "refuse_unjudgeable", lambda *_: None)
+    monkeypatch.setattr(webgym.env.environment, "open_judge", judging)
+    monkeypatch.setattr(webgym.env.environment, "open_services", starting)
     env = Environment(conformance.STAND_IN_TASKS, config=stand_in_environment().config)
     first = asyncio.create_task(env.__aenter__())
     await entered.wait()

@@ -18,12 +18,12 @@ from webgym.agent.profiles import profile_of
 from webgym.cli import _run
 from webgym.cli._judge_options import judge_choice, own_choice
 from webgym.core.errors import ConfigError
+from webgym.core.settings import Section, merged, without_none
 from webgym.judge.config import JudgeConfig, StageConfig
 from webgym.judge.rubric import RubricJudge
 from webgym.llm.config import ChatConfig, Sampling
-from webgym.run_config import RunConfig, TaskChoice, resolved
-from webgym.settings import Section, merged, without_none
-from webgym.tasks.construction.config import BuildConfig
+from webgym.run.config import RunConfig, TaskChoice, resolved
+from webgym.taskset.construction.config import BuildConfig
 
 CHAT = {"base_url": "http://127.0.0.1:1/v1", "model": "Qwen/Qwen3-VL-8B-Instruct"}
 

@@ -11,12 +11,12 @@ import psutil
 import pytest
 from playwright.async_api import Error
 
-from webgym import static_browsers
 from webgym.agent.solver import Solver
 from webgym.core.action import Answer, GoBack, LeftClick, Navigate, Target
 from webgym.offline.web import OfflineWeb
 from webgym.server.messages import SessionOptions
-from webgym.static_browsers import PageImages, StaticBrowsers, StaticSession
+from webgym.study import static_browsers
+from webgym.study.static_browsers import PageImages, StaticBrowsers, StaticSession
 
 WEB = OfflineWeb(7, per_family=6, collection="small")
 

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from webgym import task_cache
 from webgym.offline.web import COLLECTIONS, OfflineWeb
 from webgym.offline.website import Split
-from webgym.task_cache import KEPT_FILES, cached_tasks
+from webgym.run import cache as task_cache
+from webgym.run.cache import KEPT_FILES, cached_tasks
 
 
 def small(seed: int = 0, per_family: int = 2) -> OfflineWeb:
@@ -40,7 +40,7 @@ def test_they_are_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 def test_another_process_reads_them(tmp_path: Path) -> None:
     script = (
         "import sys; from pathlib import Path; from webgym.offline.web import COLLECTIONS, OfflineWeb;"
-        "from webgym.task_cache import cached_tasks;"
+        "from webgym.run.cache import cached_tasks;"
         "cached_tasks(OfflineWeb(per_family=1, collection='small'), None, Path(sys.argv[1]), tell=print)"
     )
     said = [

@@ -15,13 +15,13 @@ from tests.inference.tiny import tiny_renderer
 from tests.integrations.engine import Engine, reply_text
 
 import webgym
-from webgym.conformance import STAND_IN_TASKS, StandInBrowsers, StandInJudge
 from webgym.core.action import Answer, Scroll
 from webgym.core.errors import ConfigError, NoCapacity, UsageError
 from webgym.core.outcome import Outcome
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.config import CollectorConfig
 from webgym.testing import stand_in_environment, stand_in_pool
+from webgym.testing.environments import STAND_IN_TASKS, StandInBrowsers, StandInJudge
 
 renderer = functools.cache(tiny_renderer)  # by the first test that needs it
 RIGHT = (reply_text(Scroll("down")), reply_text(Answer("right")))

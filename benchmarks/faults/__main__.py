@@ -13,9 +13,9 @@ from benchmarks.reward.measure import choose
 from rich.console import Console
 
 from webgym.core.errors import ConfigError
+from webgym.core.tables import Table, show
 from webgym.offline.config import SitesConfig
 from webgym.offline.web import OfflineWeb
-from webgym.tables import Table, show
 
 
 def command(

@@ -29,9 +29,9 @@ from webgym.judge.config import JudgeChoice
 from webgym.offline.config import SitesConfig
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.config import CollectorConfig
-from webgym.rollout.store import RunReader
-from webgym.run_config import SITES_TOKEN, PolicyChoice, RunConfig, ServerChoice, TaskChoice
+from webgym.run.config import SITES_TOKEN, PolicyChoice, RunConfig, ServerChoice, TaskChoice
 from webgym.server.config import GatewayConfig, ServerConfig
+from webgym.store.runs import RunReader
 from webgym.tasks.formats import write_tasks
 
 KINDS: Final = ("renderer", "browser", "worker", "server", "collector", "web", "policy", "judge")

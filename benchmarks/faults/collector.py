@@ -19,9 +19,9 @@ from webgym.core.trajectory import Episode, Reply
 from webgym.core.verdict import Verdict
 from webgym.judge.base import Pictures
 from webgym.judge.offline import OfflineJudge
-from webgym.rollout.files import CONFIG
-from webgym.run_config import RunConfig, Secrets
-from webgym.runs import collect, resume
+from webgym.run.collect import collect, resume
+from webgym.run.config import RunConfig, Secrets
+from webgym.store.files import CONFIG
 
 FOLDER = "WEBGYM_FAULTS"
 """Variable that names the folder of the run's settings."""

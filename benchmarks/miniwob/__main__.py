@@ -25,7 +25,7 @@ from webgym.browser.find import find_browser
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.slot import Slot
 from webgym.core.action import Mode, Space
-from webgym.tables import Table, show
+from webgym.core.tables import Table, show
 
 _ = clicks, drawings, fields, widgets  # importing them registers their solvers
 MODES: tuple[Mode, ...] = ("coordinates", "marks")

@@ -15,10 +15,10 @@ from benchmarks.reward.measure import Hacked, measure, table
 from rich.console import Console
 
 from webgym.core.errors import ConfigError
+from webgym.core.tables import markdown, show
 from webgym.offline.config import SitesConfig
 from webgym.rollout.config import CollectorConfig
-from webgym.run_config import RunConfig
-from webgym.tables import markdown, show
+from webgym.run.config import RunConfig
 
 
 def command(

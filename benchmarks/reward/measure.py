@@ -20,15 +20,15 @@ from webgym.agent.policy import Policy
 from webgym.agent.scripted import ScriptedPolicy
 from webgym.core.errors import ConfigError
 from webgym.core.outcome import Outcome
+from webgym.core.tables import Table
 from webgym.core.task import Task
 from webgym.offline.web import OfflineWeb
-from webgym.rollout.evaluation import evaluate
-from webgym.rollout.rates import Rate, Successes
-from webgym.rollout.store import RunReader
-from webgym.rollout.summary import Summary
-from webgym.run_config import RunConfig, TaskChoice
-from webgym.runs import collect, resume
-from webgym.tables import Table
+from webgym.results.evaluation import evaluate
+from webgym.results.rates import Rate, Successes
+from webgym.results.summary import Summary
+from webgym.run.collect import collect, resume
+from webgym.run.config import RunConfig, TaskChoice
+from webgym.store.runs import RunReader
 from webgym.tasks.formats import write_tasks
 from webgym.tasks.sampling import draw_spread
 

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from webgym.core.errors import ConfigError
-from webgym.tables import markdown, show
+from webgym.core.tables import markdown, show
 
 
 def command(

@@ -35,8 +35,8 @@ from webgym.browser.settle import settle
 from webgym.browser.slot import Slot
 from webgym.core.action import BrowserAction, LeftClick, Navigate, Target
 from webgym.core.errors import BrowserTimeout, ConfigError, PageError
-from webgym.settings import Settings
-from webgym.tables import Table
+from webgym.core.settings import Settings
+from webgym.core.tables import Table
 
 _NOWHERE = LeftClick(Target(coordinate=(995, 500)))
 _IDLE_CLICKS = 3

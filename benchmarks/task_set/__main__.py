@@ -13,7 +13,7 @@ from benchmarks.task_set.synthetic import Shape
 from rich.console import Console
 
 from webgym.core.errors import ConfigError
-from webgym.tables import markdown, show
+from webgym.core.tables import markdown, show
 
 
 def command(

@@ -20,8 +20,8 @@ import msgspec
 from benchmarks.task_set.synthetic import Shape, make_lengths, make_tasks
 
 from webgym.bench.usage import MEGABYTE
+from webgym.core.tables import Table
 from webgym.core.task import Task
-from webgym.tables import Table
 from webgym.tasks.formats import read_tasks, write_tasks
 
 DRAWN: Final = 1_024
@@ -122,7 +122,7 @@ def _load_parquet(folder: Path, bench: TasksBench, clock: _Clock) -> None:
 
 def _split(folder: Path, bench: TasksBench, clock: _Clock) -> None:
     from webgym.tasks.split import SplitConfig, split
-    from webgym.tasks.validate import validate
+    from webgym.taskset.validate import validate
 
     tasks = read_tasks(folder / _JSON).tasks
     with clock.part("split"):
@@ -142,7 +142,7 @@ def _sample(folder: Path, bench: TasksBench, clock: _Clock) -> None:
 
 
 def _decompose(folder: Path, _: TasksBench, clock: _Clock) -> None:
-    from webgym.tasks.decompose import decompose
+    from webgym.taskset.decompose import decompose
 
     tasks = read_tasks(folder / _JSON).tasks
     with clock.part("decompose"):
@@ -150,7 +150,7 @@ def _decompose(folder: Path, _: TasksBench, clock: _Clock) -> None:
 
 
 def _duplicates(folder: Path, _: TasksBench, clock: _Clock) -> None:
-    from webgym.tasks.duplicates import drop_duplicates
+    from webgym.taskset.duplicates import drop_duplicates
 
     tasks = read_tasks(folder / _JSON).tasks
     with clock.part("duplicates"):
@@ -158,12 +158,12 @@ def _duplicates(folder: Path, _: TasksBench, clock: _Clock) -> None:
 
 
 def _pipeline(folder: Path, bench: TasksBench, clock: _Clock) -> None:
-    from webgym.tasks.decompose import decompose
-    from webgym.tasks.duplicates import drop_duplicates
-    from webgym.tasks.figures import draw_figures
     from webgym.tasks.split import SplitConfig, split
-    from webgym.tasks.statistics import describe
-    from webgym.tasks.validate import validate
+    from webgym.taskset.decompose import decompose
+    from webgym.taskset.duplicates import drop_duplicates
+    from webgym.taskset.figures import draw_figures
+    from webgym.taskset.statistics import describe
+    from webgym.taskset.validate import validate
 
     with clock.part("load"):
         tasks = read_tasks(folder / _JSON).tasks

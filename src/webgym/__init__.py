@@ -23,23 +23,23 @@ if TYPE_CHECKING:
     from webgym.core.text import visible
     from webgym.core.trajectory import Episode, Reply, Step, Trajectory
     from webgym.core.verdict import Verdict
-    from webgym.environment import Environment, make, make_many, random_action
-    from webgym.environment_pool import EnvironmentPool, task_rows
+    from webgym.env.environment import Environment, make, make_many, random_action
+    from webgym.env.pool import EnvironmentPool, task_rows
+    from webgym.env.sync import LoopThread, SyncEnvironment
+    from webgym.env.tokens import Sampled, TokenRequest, TokenRollout, TokenRow, roll_out
     from webgym.inference.rendering import Renderer
     from webgym.judge.base import Judge
     from webgym.judge.offline import OfflineJudge
     from webgym.offline.web import OfflineWeb
     from webgym.report.write import write_report
-    from webgym.rollout.store import RunReader
-    from webgym.run_config import RunConfig, TaskChoice
-    from webgym.runs import collect, resume
+    from webgym.run.collect import collect, resume
+    from webgym.run.config import RunConfig, TaskChoice
     from webgym.server.client import BrowserClient
     from webgym.server.config import ServerConfig
     from webgym.server.messages import View
     from webgym.server.run_worker import running_server
-    from webgym.sync import LoopThread, SyncEnvironment
+    from webgym.store.runs import RunReader
     from webgym.tasks.formats import read_tasks, write_tasks
-    from webgym.token_rollout import Sampled, TokenRequest, TokenRollout, TokenRow, roll_out
 
 __version__ = "0.1.0"
 
@@ -50,8 +50,8 @@ _HOMES = {
     "webgym.agent.config": "AgentConfig",
     "webgym.agent.policy": "BasePolicy PolicySession Policy PolicyInput",
     "webgym.agent.prompts": "render_reply",
-    "webgym.run_config": "RunConfig TaskChoice",
-    "webgym.runs": "collect resume",
+    "webgym.run.config": "RunConfig TaskChoice",
+    "webgym.run.collect": "collect resume",
     "webgym.core.action": "Action Answer GoBack LeftClick Navigate Scroll Target Type Wait",
     "webgym.core.errors": "UsageError WebGymError",
     "webgym.core.observation": "Observation",
@@ -60,21 +60,21 @@ _HOMES = {
     "webgym.core.text": "visible",
     "webgym.core.trajectory": "Episode Reply Step Trajectory",
     "webgym.core.verdict": "Verdict",
-    "webgym.environment": "Environment make make_many random_action",
-    "webgym.environment_pool": "EnvironmentPool task_rows",
+    "webgym.env.environment": "Environment make make_many random_action",
+    "webgym.env.pool": "EnvironmentPool task_rows",
     "webgym.inference.rendering": "Renderer",
     "webgym.judge.base": "Judge",
     "webgym.judge.offline": "OfflineJudge",
     "webgym.offline.web": "OfflineWeb",
     "webgym.report.write": "write_report",
-    "webgym.rollout.store": "RunReader",
+    "webgym.store.runs": "RunReader",
     "webgym.server.client": "BrowserClient",
     "webgym.server.config": "ServerConfig",
     "webgym.server.messages": "View",
     "webgym.server.run_worker": "running_server",
-    "webgym.sync": "LoopThread SyncEnvironment",
+    "webgym.env.sync": "LoopThread SyncEnvironment",
     "webgym.tasks.formats": "read_tasks write_tasks",
-    "webgym.token_rollout": "Sampled TokenRequest TokenRollout TokenRow roll_out",
+    "webgym.env.tokens": "Sampled TokenRequest TokenRollout TokenRow roll_out",
 }
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names.split()}
 

@@ -14,7 +14,6 @@ from tests.conftest import Calls
 from tests.llm.endpoint import Endpoint, serve
 from tests.rollout.test_summary import task
 
-from webgym import run_config, runs, task_choice
 from webgym.agent.agent import Agent
 from webgym.agent.config import AgentConfig
 from webgym.agent.preflight import check_policy
@@ -27,8 +26,11 @@ from webgym.core.trajectory import Reply
 from webgym.judge.config import JudgeChoice, JudgeConfig
 from webgym.llm.config import ChatConfig, Retry
 from webgym.offline.config import SitesConfig
-from webgym.run_config import PolicyChoice, RunConfig, TaskChoice
-from webgym.runs import collect
+from webgym.run import choice as task_choice
+from webgym.run import collect as runs
+from webgym.run import config as run_config
+from webgym.run.collect import collect
+from webgym.run.config import PolicyChoice, RunConfig, TaskChoice
 from webgym.tasks.formats import write_tasks
 
 SMALL = SitesConfig(per_family=1)

@@ -17,7 +17,7 @@ from webgym.agent.profiles import GENERIC, all_profiles, choose_profile, profile
 from webgym.agent.prompts import tool_declaration
 from webgym.core.errors import ConfigError
 from webgym.llm.config import ChatConfig, Sampling
-from webgym.run_config import PolicyChoice, RunConfig, resolved
+from webgym.run.config import PolicyChoice, RunConfig, resolved
 
 DOCS = Path(__file__).parents[2] / "docs" / "agent.md"
 

@@ -27,7 +27,7 @@ from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, Outcome
 from webgym.core.trajectory import Episode, Trajectory
 from webgym.llm.config import ChatConfig, Sampling
-from webgym.rollout.store import RunReader, RunWriter
+from webgym.store.runs import RunReader, RunWriter
 
 SAID = render_reply(
     LeftClick(Target(coordinate=(512, 300))), "memory", description="Klick „ja“ 🎉", memory={"price": "12 €"}

@@ -15,6 +15,7 @@ from tests.judge.judge_model import Asked, serve_judge
 from tests.judge.test_both_judges import Reader
 
 from webgym.core.outcome import Outcome
+from webgym.core.tables import markdown
 from webgym.judge.answers import compare
 from webgym.judge.config import JudgeChoice
 from webgym.judge.factory import open_judge
@@ -23,10 +24,9 @@ from webgym.offline.web import OfflineWeb
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.config import AttemptConfig, CollectorConfig
 from webgym.rollout.rejudge import judge_run
-from webgym.rollout.store import RunReader, verdicts_of
-from webgym.run_config import RunConfig, TaskChoice
-from webgym.runs import collect
-from webgym.tables import markdown
+from webgym.run.collect import collect
+from webgym.run.config import RunConfig, TaskChoice
+from webgym.store.runs import RunReader, verdicts_of
 from webgym.tasks.formats import write_tasks
 
 SITES = SitesConfig(per_family=3, latency=0)

@@ -28,8 +28,8 @@ from tests.documented import documented
 
 from webgym.core.task import LEVELS
 from webgym.core.websites import site_of
-from webgym.tasks.sources import SOURCES
-from webgym.tasks.statistics import describe
+from webgym.taskset.sources import SOURCES
+from webgym.taskset.statistics import describe
 
 SMALL = Shape(tasks=6_000, websites=2_500)
 

@@ -23,13 +23,13 @@ from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.offline.config import CollectionName
 from webgym.offline.web import OfflineWeb
-from webgym.rollout.store import RunReader, RunWriter
-from webgym.run_config import RunConfig, Secrets, ServerChoice
-from webgym.run_services import services
-from webgym.runs import collect
+from webgym.run.collect import collect
+from webgym.run.config import RunConfig, Secrets, ServerChoice
+from webgym.run.services import services
 from webgym.server.config import ServerConfig
 from webgym.server.listening import listen
 from webgym.server.run_worker import running_server
+from webgym.store.runs import RunReader, RunWriter
 from webgym.tasks.formats import write_tasks
 from webgym.tasks.sampling import draw
 
@@ -211,7 +211,7 @@ def test_options_that_a_resumed_run_would_ignore_are_refused(
         raise StoreFull("it was resumed")
 
     asyncio.run(make())
-    monkeypatch.setattr("webgym.runs.resume", resumed)
+    monkeypatch.setattr("webgym.run.collect.resume", resumed)
     code, said = calls.run(command, "--resume", tmp_path / "run", *options)
     expected = f"--resume keeps the run's settings, and excludes {unused} (" if unused else "it was resumed"
     assert expected in one_line(said)

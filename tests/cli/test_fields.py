@@ -12,7 +12,7 @@ from pydantic import Field
 from typer.testing import CliRunner
 
 from webgym.cli._fields import Given, Option, Options, takes
-from webgym.settings import Settings
+from webgym.core.settings import Settings
 
 
 class Inner(Settings):

@@ -19,9 +19,9 @@ from tests.report.conftest import build_run
 from tests.serving import beside
 
 from webgym.cli import main
-from webgym.rollout.records import decode
-from webgym.rollout.store import RunReader
-from webgym.rollout.verdicts import read_verdicts
+from webgym.store.records import decode
+from webgym.store.runs import RunReader
+from webgym.store.verdicts import read_verdicts
 
 
 @pytest.fixture(scope="module")

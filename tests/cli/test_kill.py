@@ -17,7 +17,7 @@ from tests.conftest import Calls, Commands, wait_until
 from webgym.core.errors import RunFolderError
 from webgym.core.outcome import Outcome
 from webgym.offline.web import OfflineWeb
-from webgym.rollout.store import RunReader
+from webgym.store.runs import RunReader
 from webgym.tasks.formats import write_tasks
 from webgym.tasks.sampling import draw
 

@@ -24,7 +24,6 @@ from benchmarks.stand_ins import TOKEN
 from pydantic import SecretStr
 from tests.rollout.running import Model, World, a_world, until
 
-from webgym import runs
 from webgym.cli import _run
 from webgym.core.errors import (
     ConfigError,
@@ -36,8 +35,9 @@ from webgym.core.errors import (
 )
 from webgym.judge.config import JudgeChoice
 from webgym.offline.web import OfflineWeb
-from webgym.rollout.store import RunWriter
-from webgym.run_config import PolicyChoice, RunConfig, Secrets, ServerChoice
+from webgym.run import collect as runs
+from webgym.run.config import PolicyChoice, RunConfig, Secrets, ServerChoice
+from webgym.store.runs import RunWriter
 
 
 async def interrupted(number: int = signal.SIGINT) -> None:

@@ -12,7 +12,7 @@ from webgym.cli._summary import all_failed, print_retry, print_summary
 from webgym.core.action import Wait
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Failure
-from webgym.rollout.summary import summarise
+from webgym.results.summary import summarise
 
 REFUSED = Failure("policy_bad_reply", "the endpoint answered 401:\x1b[31m\nwrong [key]")
 

@@ -25,7 +25,7 @@ from webgym.inference.local import LocalConfig, LocalPolicy  # noqa: E402
 from webgym.inference.model import Loaded, load_model  # noqa: E402
 from webgym.inference.sampling import draw, processed_logprobs  # noqa: E402
 from webgym.llm.config import Sampling  # noqa: E402
-from webgym.tiny.model import TinyConfig, make_model, save_model  # noqa: E402
+from webgym.study.model import TinyConfig, make_model, save_model  # noqa: E402
 
 WORDS = "say the number of red blue star moon".split()
 

@@ -12,7 +12,7 @@ import webgym.testing
 from webgym import Action, Answer, RunConfig, Scroll
 from webgym.offline.config import SitesConfig
 from webgym.offline.web import OfflineWeb
-from webgym.run_config import TaskChoice
+from webgym.run.config import TaskChoice
 from webgym.testing import Adapt, Told
 
 

@@ -13,9 +13,10 @@ from typing import Any
 import pytest
 
 import webgym
-from webgym import Action, RunConfig, adapter_conformance
-from webgym.adapter_conformance import _StandIns
+from webgym import Action, RunConfig
 from webgym.testing import Adapted, Told, check_adapter
+from webgym.testing import adapters as adapter_conformance
+from webgym.testing.adapters import _StandIns
 
 
 async def played(env: webgym.Environment, task_id: str, actions: Sequence[Action | str]) -> list[float]:

@@ -14,12 +14,12 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from tests.integrations.engine import example
 
-from webgym.conformance import StandInBrowsers
 from webgym.core.action import Answer, GoBack, Scroll
 from webgym.core.errors import BrowserCrashed, UsageError
 from webgym.integrations.gymnasium import IDS, WebGymEnv, WebGymVectorEnv
 from webgym.rollout.config import CollectorConfig
 from webgym.testing import check_environment, stand_in_environment, stand_in_pool
+from webgym.testing.environments import StandInBrowsers
 
 
 def test_it_passes_gymnasiums_own_check() -> None:

@@ -17,9 +17,9 @@ from tests.integrations.engine import example
 
 from webgym.agent.config import AgentConfig
 from webgym.offline.config import SitesConfig
-from webgym.rollout.export import export
-from webgym.run_config import RunConfig, ServerChoice, TaskChoice
-from webgym.runs import collect
+from webgym.results.export import export
+from webgym.run.collect import collect
+from webgym.run.config import RunConfig, ServerChoice, TaskChoice
 
 PYTHON = os.environ.get("WEBGYM_LLAMAFACTORY_PYTHON", "")
 

@@ -16,10 +16,10 @@ from tests.inference.tiny import tiny_image_processor, tiny_model, tiny_tokenize
 from tests.integrations.engine import example
 
 from webgym import Action, Answer, RunConfig, Scroll
-from webgym.conformance import StandInJudge
 from webgym.core.errors import JudgeError, UsageError
 from webgym.core.verdict import Verdict
 from webgym.testing import Adapted, Told, check_adapter, stand_in_pool
+from webgym.testing.environments import StandInJudge
 
 pytest.importorskip("trl", reason="trl is not installed")
 

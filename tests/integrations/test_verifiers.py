@@ -23,8 +23,8 @@ from tests.llm import endpoint
 
 import webgym
 from webgym import Action, Answer, Scroll
-from webgym.conformance import STAND_IN_TASKS
 from webgym.testing import Adapted, Told, check_adapter, stand_in_pool
+from webgym.testing.environments import STAND_IN_TASKS
 
 pytest.importorskip("verifiers.v1", reason="verifiers is not installed")
 

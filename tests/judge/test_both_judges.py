@@ -24,9 +24,9 @@ from webgym.offline.config import SitesConfig
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.config import CollectorConfig
 from webgym.rollout.rejudge import compare, judge_run
-from webgym.rollout.store import RECORDED, RunReader, verdicts_of
-from webgym.run_config import PolicyChoice, RunConfig, TaskChoice
-from webgym.runs import collect
+from webgym.run.collect import collect
+from webgym.run.config import PolicyChoice, RunConfig, TaskChoice
+from webgym.store.runs import RECORDED, RunReader, verdicts_of
 from webgym.tasks.formats import write_tasks
 from webgym.tasks.sampling import draw
 

@@ -11,7 +11,6 @@ import msgspec
 import pytest
 
 from webgym.browser.slot import Slot
-from webgym.browser_check import Result, ResultFile, _moves_of, _Tab, check_in_browsers, content_of
 from webgym.core.action import BrowserAction, LeftClick, Scroll, Target
 from webgym.core.errors import StoreCorrupt, StoreLocked
 from webgym.core.observation import Notice, Observation
@@ -19,8 +18,9 @@ from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.truth import Click, Give
 from webgym.offline.web import OfflineWeb
+from webgym.results.rates import Successes
 from webgym.rollout.progress import Progress
-from webgym.rollout.rates import Successes
+from webgym.testing.browser_check import Result, ResultFile, _moves_of, _Tab, check_in_browsers, content_of
 
 
 @pytest.fixture(scope="module")

@@ -8,13 +8,13 @@ from urllib.parse import urlsplit
 import msgspec
 import pytest
 
-from webgym.browser_check import check_in_browsers
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode
 from webgym.judge.base import no_picture
 from webgym.judge.offline import OfflineJudge
 from webgym.offline.web import OfflineWeb
-from webgym.validation import typed
+from webgym.testing.browser_check import check_in_browsers
+from webgym.testing.solutions import typed
 
 KINDS = {"compare", "difference", "carry"}
 

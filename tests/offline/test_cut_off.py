@@ -22,7 +22,7 @@ from webgym.core.truth import AnswerTruth, Evidence, FactTruth, Give, Truth
 from webgym.offline.app import serving
 from webgym.offline.config import SitesConfig
 from webgym.offline.families.timetable import Timetable
-from webgym.validation import cut_off
+from webgym.testing.solutions import cut_off
 
 SITES = 6
 

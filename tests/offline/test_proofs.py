@@ -13,7 +13,7 @@ from webgym.offline.proofs import repeating_pages, typed_proofs
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Response, Visit, Website, page, redirect
 from webgym.tasks.sampling import draw
-from webgym.validation import typed
+from webgym.testing.solutions import typed
 
 PER_FAMILY = 1
 

@@ -31,15 +31,15 @@ from webgym.offline.small.questions import Phrases
 from webgym.offline.small.screen import COLUMNS, ROWS, Tile, bar_room, capacity, placed
 from webgym.offline.small.signs import Sign, number_sign
 from webgym.offline.small.wording import words_of
-from webgym.offline.static_browser import StaticBrowser, read_page
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Split, Visit, Website
 from webgym.rollout.config import AttemptConfig
-from webgym.rollout.store import RunWriter
-from webgym.run_config import RunConfig, Secrets, ServerChoice, TaskChoice, resolved
-from webgym.run_services import services
-from webgym.runs import collect, resume
+from webgym.run.collect import collect, resume
+from webgym.run.config import RunConfig, Secrets, ServerChoice, TaskChoice, resolved
+from webgym.run.services import services
 from webgym.server.config import ServerConfig
+from webgym.store.runs import RunWriter
+from webgym.study.static_pages import StaticBrowser, read_page
 from webgym.tasks.formats import write_tasks
 from webgym.testing import check_family, check_tasks, play
 
@@ -476,7 +476,7 @@ async def test_browsers_that_are_started_here_reach_an_offline_web_elsewhere(
         allowed.append(list(config.browser.egress.allow))
         raise ConfigError("that will do")
 
-    monkeypatch.setattr("webgym.run_services.running_server", start)
+    monkeypatch.setattr("webgym.run.services.running_server", start)
     secrets = Secrets(sites_token=SecretStr("the-token-of-the-sites"))
     own = SitesConfig(collection="small", seed=5)
     async with serving(own.model_copy(update={"token": secrets.sites_token})) as sites:

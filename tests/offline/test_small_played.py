@@ -12,13 +12,13 @@ from webgym.offline.config import SitesConfig
 from webgym.offline.small import FAMILIES
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.config import CollectorConfig
-from webgym.rollout.store import RunReader
-from webgym.run_config import PolicyChoice, RunConfig, TaskChoice
-from webgym.runs import collect
+from webgym.run.collect import collect
+from webgym.run.config import PolicyChoice, RunConfig, TaskChoice
+from webgym.store.runs import RunReader
 from webgym.tasks.formats import write_tasks
 from webgym.tasks.sampling import draw
 from webgym.testing import play
-from webgym.validation import unexpected, wrongly_accepted
+from webgym.testing.solutions import unexpected, wrongly_accepted
 
 
 @pytest.mark.browser

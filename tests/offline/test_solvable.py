@@ -10,7 +10,6 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from webgym.browser_check import check_in_browsers
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode
@@ -21,12 +20,13 @@ from webgym.offline.engine.specified import SpecifiedWebsite
 from webgym.offline.families import FAMILIES
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.config import AttemptConfig, CollectorConfig
-from webgym.rollout.store import RunReader
-from webgym.run_config import PolicyChoice, RunConfig, TaskChoice
-from webgym.runs import collect
+from webgym.run.collect import collect
+from webgym.run.config import PolicyChoice, RunConfig, TaskChoice
+from webgym.store.runs import RunReader
 from webgym.tasks.formats import write_tasks
 from webgym.tasks.sampling import draw
-from webgym.validation import cut_off, degraded_solutions, unexpected, wrongly_accepted
+from webgym.testing.browser_check import check_in_browsers
+from webgym.testing.solutions import cut_off, degraded_solutions, unexpected, wrongly_accepted
 
 
 def sample(web: OfflineWeb, per_family: int, most_moves: int) -> list[Task]:

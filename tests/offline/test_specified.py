@@ -35,7 +35,7 @@ from webgym.offline.look import look
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Visit, slug
 from webgym.testing import check_family
-from webgym.validation import typed
+from webgym.testing.solutions import typed
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "own_website"
 SEEDS = range(3)

@@ -25,8 +25,8 @@ from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.trajectory import Episode, Failure, ImageRef, Message, Reply, Step, TextPart, Trajectory
 from webgym.core.verdict import FactJudgement, Judgement, Verdict
 from webgym.judge.offline import OfflineJudge
-from webgym.rollout.store import RunReader, RunWriter
-from webgym.rollout.summary import summarise
+from webgym.results.summary import summarise
+from webgym.store.runs import RunReader, RunWriter
 
 expect.set_options(timeout=30_000)  # a busy machine is no reason to fail
 

@@ -19,7 +19,7 @@ from webgym.report.config import ViewConfig
 from webgym.report.live import serve_view
 from webgym.report.write import write_report
 from webgym.rollout.rejudge import judge_run
-from webgym.rollout.store import RunReader, recorded
+from webgym.store.runs import RunReader, recorded
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 

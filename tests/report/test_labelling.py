@@ -31,10 +31,10 @@ from webgym.core.verdict import Judgement, Verdict
 from webgym.judge.labels import read_labels
 from webgym.report.config import ViewConfig
 from webgym.report.live import view_app
-from webgym.rollout.labels import HumanLabel, LabelStore, labels_path, sample_to_label
-from webgym.rollout.records import Entry
-from webgym.rollout.store import RunReader
-from webgym.rollout.verdicts import Judged, VerdictLog
+from webgym.results.labels import HumanLabel, LabelStore, labels_path, sample_to_label
+from webgym.store.records import Entry
+from webgym.store.runs import RunReader
+from webgym.store.verdicts import Judged, VerdictLog
 
 HOST = "http://127.0.0.1:1234"
 
@@ -261,7 +261,7 @@ async def test_a_file_that_cannot_be_used_is_said(client: httpx.AsyncClient, run
 
 def test_kill_9_loses_no_label_that_was_acknowledged(tmp_path: Path) -> None:
     script = (
-        "import sys; from pathlib import Path; from webgym.rollout.labels import *\n"
+        "import sys; from pathlib import Path; from webgym.results.labels import *\n"
         "book = LabelStore(Path(sys.argv[1]))\n"
         "for n in range(10_000):\n"
         "    book.put(HumanLabel('success', f'{n}#0.0', str(n), 'ann')); print(n, flush=True)\n"

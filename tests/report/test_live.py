@@ -17,7 +17,7 @@ import pytest
 from webgym.core.errors import ConfigError, RunFolderError
 from webgym.report.config import ViewConfig
 from webgym.report.live import serve_view, view_app
-from webgym.rollout.store import RunReader
+from webgym.store.runs import RunReader
 
 
 @pytest.fixture

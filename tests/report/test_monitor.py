@@ -21,9 +21,9 @@ from tests.report.test_pages import CONTRAST, opened, viewed
 from webgym.core.outcome import Outcome
 from webgym.report.monitor import read_history
 from webgym.rollout.feed import STALE_SECONDS, feeding
-from webgym.rollout.files import LIVE, METRICS
 from webgym.rollout.progress import STATES, Progress, Queue
-from webgym.rollout.store import RunWriter
+from webgym.store.files import LIVE, METRICS
+from webgym.store.runs import RunWriter
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 

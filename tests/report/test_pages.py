@@ -21,7 +21,7 @@ from webgym.core.trajectory import Trajectory
 from webgym.report.config import ReportConfig, ViewConfig
 from webgym.report.live import serve_view
 from webgym.report.write import write_report
-from webgym.rollout.store import RunReader, RunWriter
+from webgym.store.runs import RunReader, RunWriter
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 

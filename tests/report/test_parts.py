@@ -41,8 +41,8 @@ from webgym.report.formatting import duration, milliseconds, number, percent
 from webgym.report.overview import Overview, overview_html
 from webgym.report.template import Page, inert
 from webgym.report.thumbnails import thumbnails
-from webgym.rollout.store import RunReader
-from webgym.rollout.summary import digest_of, quantiles
+from webgym.results.summary import digest_of, quantiles
+from webgym.store.runs import RunReader
 
 # --- content -----------------------------------------------------------------------------------------
 

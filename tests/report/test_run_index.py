@@ -15,10 +15,10 @@ from msgspec.structs import replace
 from webgym.core.outcome import Outcome
 from webgym.report.live_run import LiveRun
 from webgym.report.run_index import INDEX, RunIndex, TrajectoryQuery
-from webgym.rollout.records import seal
-from webgym.rollout.store import RunReader
-from webgym.rollout.summary import summarise
-from webgym.rollout.verify import verify
+from webgym.results.summary import summarise
+from webgym.store.records import seal
+from webgym.store.runs import RunReader
+from webgym.store.verify import verify
 
 
 @pytest.fixture

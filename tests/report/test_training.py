@@ -21,8 +21,8 @@ from webgym.report.config import ReportConfig
 from webgym.report.curves import Curves, Line, Point, nice_ticks
 from webgym.report.formatting import percent, points
 from webgym.report.training import Training, write_training_report
-from webgym.rollout.files import is_training
-from webgym.tiny.demo import before_and_after
+from webgym.store.files import is_training
+from webgym.study.demo import before_and_after
 from webgym.train.figures import success_line
 
 

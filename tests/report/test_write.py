@@ -27,7 +27,7 @@ from webgym.core.trajectory import ImageRef, Message, Trajectory
 from webgym.report.config import ReportConfig
 from webgym.report.template import CHUNK
 from webgym.report.write import write_report
-from webgym.rollout.store import RunReader, RunWriter
+from webgym.store.runs import RunReader, RunWriter
 
 SMALL = ReportConfig(embed=True, image_width=160)
 

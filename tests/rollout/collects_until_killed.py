@@ -18,9 +18,9 @@ from pathlib import Path
 from benchmarks.stand_ins import TOKEN
 from pydantic import SecretStr
 
-from webgym.rollout.files import CONFIG, TRAJECTORIES, Log
-from webgym.run_config import RunConfig, Secrets
-from webgym.runs import collect, resume
+from webgym.run.collect import collect, resume
+from webgym.run.config import RunConfig, Secrets
+from webgym.store.files import CONFIG, TRAJECTORIES, Log
 
 
 async def main(run: Path, config: Path) -> None:

@@ -20,12 +20,12 @@ from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Trajectory
 from webgym.judge.config import JudgeChoice
 from webgym.llm.config import ChatConfig, Retry
+from webgym.results.summary import Summary
 from webgym.rollout.config import CollectorConfig
 from webgym.rollout.progress import Progress
-from webgym.rollout.store import RunReader
-from webgym.rollout.summary import Summary
-from webgym.run_config import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice
-from webgym.runs import collect, resume
+from webgym.run.collect import collect, resume
+from webgym.run.config import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice
+from webgym.store.runs import RunReader
 from webgym.tasks.formats import write_tasks
 
 SECONDS = 60

@@ -11,9 +11,9 @@ from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.websites import host_of
 from webgym.offline.config import SitesConfig
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
-from webgym.run_config import RunConfig, ServerChoice, TaskChoice
-from webgym.runs import collect
-from webgym.task_choice import choose_tasks
+from webgym.run.choice import choose_tasks
+from webgym.run.collect import collect
+from webgym.run.config import RunConfig, ServerChoice, TaskChoice
 from webgym.tasks.formats import write_tasks
 
 

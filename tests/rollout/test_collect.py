@@ -28,12 +28,12 @@ from webgym.llm.config import ChatConfig, Sampling
 from webgym.offline.app import serving
 from webgym.offline.config import SitesConfig
 from webgym.offline.web import OfflineWeb
+from webgym.results.summary import Summary
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.config import AttemptConfig, CollectorConfig
 from webgym.rollout.progress import Progress
-from webgym.rollout.store import RunReader
-from webgym.rollout.summary import Summary
-from webgym.run_config import (
+from webgym.run.collect import Show, collect, resume
+from webgym.run.config import (
     PolicyChoice,
     RunConfig,
     Secrets,
@@ -42,11 +42,11 @@ from webgym.run_config import (
     read_config,
     resolved,
 )
-from webgym.run_services import services
-from webgym.runs import Show, collect, resume
+from webgym.run.services import services
+from webgym.store.runs import RunReader
 from webgym.tasks.formats import write_tasks
 from webgym.tasks.sampling import draw
-from webgym.validation import unexpected
+from webgym.testing.solutions import unexpected
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
 

@@ -30,12 +30,12 @@ from tests.rollout.stand_in_judge import ADDRESS
 
 from webgym.core.errors import LeaseLost, ServerUnreachable
 from webgym.core.task import LEVELS
+from webgym.results.rates import Successes
 from webgym.rollout.config import AttemptConfig
-from webgym.rollout.files import TRAJECTORIES, Log
 from webgym.rollout.lockstep import Lockstep
-from webgym.rollout.rates import Successes
 from webgym.server.client import BrowserClient
 from webgym.server.config import ClientLimits
+from webgym.store.files import TRAJECTORIES, Log
 
 
 @pytest.fixture

@@ -25,15 +25,15 @@ from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Level
 from webgym.core.verdict import Judgement, Verdict
 from webgym.judge.offline import OfflineJudge
-from webgym.rollout.comparison import compare
-from webgym.rollout.evaluation import GROUPS, EvaluationConfig, Sample, evaluate, rows_of
-from webgym.rollout.rates import wilson
-from webgym.rollout.store import RunReader, RunWriter
-from webgym.rollout.summary import summarise
-from webgym.rollout.verdicts import Judged, VerdictLog
-from webgym.runs import _software
+from webgym.results.comparison import compare
+from webgym.results.evaluation import GROUPS, EvaluationConfig, Sample, evaluate, rows_of
+from webgym.results.rates import wilson
+from webgym.results.summary import summarise
+from webgym.run.collect import _software
 from webgym.server.client import BrowserClient
 from webgym.server.messages import EgressInfo, ServerInfo
+from webgym.store.runs import RunReader, RunWriter
+from webgym.store.verdicts import Judged, VerdictLog
 
 QUICK = EvaluationConfig(resamples=500)
 GOOD, BAD = Outcome.SUCCESS, Outcome.FAILURE

@@ -23,8 +23,8 @@ from tests.report.conftest import build_run
 from webgym.core.errors import RunFolderError, StoreLocked, UsageError
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import ImageRef, Message, TextPart
-from webgym.rollout.export import Format, export
-from webgym.rollout.store import RunReader, RunWriter
+from webgym.results.export import Format, export
+from webgym.store.runs import RunReader, RunWriter
 
 
 @pytest.fixture(scope="module")
@@ -229,7 +229,7 @@ def test_an_export_that_was_killed_can_be_made_again(
 ) -> None:
     killed = tmp_path / "killed"
     export_slowly = (
-        "import os, sys; from pathlib import Path; from webgym.rollout.export import export; export("
+        "import os, sys; from pathlib import Path; from webgym.results.export import export; export("
     )
     export_slowly += "Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3], split='all', "
     export_slowly += "progress=lambda done: done < 3 or os.kill(os.getpid(), 9))"

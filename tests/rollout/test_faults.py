@@ -24,7 +24,6 @@ from tests.rollout.running import HALF, SECONDS, Run, World, a_world, books, out
 from tests.rollout.stand_in_judge import ADDRESS
 
 from webgym.bench.soak.disk import small_disk
-from webgym.conformance import StandInBrowsers as StandInPages
 from webgym.core.errors import (
     BrowserCrashed,
     BrowserLaunchFailed,
@@ -44,9 +43,10 @@ from webgym.rollout.collector import Collector
 from webgym.rollout.config import CollectorConfig
 from webgym.rollout.feed import read_feed
 from webgym.rollout.opening import open_patiently
-from webgym.rollout.store import RunReader
 from webgym.server.client import BrowserClient
 from webgym.server.messages import SessionOptions
+from webgym.store.runs import RunReader
+from webgym.testing.environments import StandInBrowsers as StandInPages
 
 
 @pytest.fixture

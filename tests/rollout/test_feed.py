@@ -13,8 +13,8 @@ import pytest
 from webgym.core.errors import StoreCorrupt
 from webgym.rollout import feed
 from webgym.rollout.feed import STALE_SECONDS, feeding, read_feed
-from webgym.rollout.files import LIVE
 from webgym.rollout.progress import Progress
+from webgym.store.files import LIVE
 
 
 async def _until(condition: object) -> None:

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from webgym.core.outcome import Outcome
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.rollout.plan import Plan, Planned
-from webgym.rollout.records import Entry
+from webgym.store.records import Entry
 
 
 def task(number: int) -> Task:

@@ -21,8 +21,8 @@ from webgym.core.trajectory import Episode
 from webgym.core.verdict import Cost, Judgement, Verdict
 from webgym.judge.base import Pictures
 from webgym.rollout.rejudge import RejudgeConfig, compare, judge_run
-from webgym.rollout.store import RECORDED, RunReader, RunWriter, recorded, verdicts_of
-from webgym.rollout.verdicts import VerdictLog, read_verdicts, verdicts_path
+from webgym.store.runs import RECORDED, RunReader, RunWriter, recorded, verdicts_of
+from webgym.store.verdicts import VerdictLog, read_verdicts, verdicts_path
 
 
 class Counting:

@@ -17,10 +17,10 @@ from webgym.core.verdict import FactJudgement, Judgement, Verdict
 from webgym.judge.base import Pictures
 from webgym.judge.labels import HumanLabel, annotator_agreement
 from webgym.judge.without_rubric import PREFIX, WithoutRubric
-from webgym.rollout.agreement import pairs_of, resolved
-from webgym.rollout.labels import LabelStore, labels_path
+from webgym.results.agreement import pairs_of, resolved
+from webgym.results.labels import LabelStore, labels_path
 from webgym.rollout.rejudge import judge_run
-from webgym.rollout.store import RECORDED, RunReader
+from webgym.store.runs import RECORDED, RunReader
 
 NO = Judgement(False, "no")
 

@@ -24,14 +24,14 @@ from tests.rollout.test_verify import Judge as Passing
 from webgym.core.errors import ConfigError, RunFolderError, StoreError
 from webgym.core.outcome import Outcome
 from webgym.report.overview import Overview
-from webgym.rollout.files import check_run
+from webgym.results.summary import digest_of
 from webgym.rollout.merging import merge_runs, runs_in
 from webgym.rollout.plan import Plan
 from webgym.rollout.rejudge import judge_run
 from webgym.rollout.sharing import Claim, Claims, SharingConfig
-from webgym.rollout.store import RunReader, recorded
-from webgym.rollout.summary import digest_of
-from webgym.rollout.verify import verify
+from webgym.store.files import check_run
+from webgym.store.runs import RunReader, recorded
+from webgym.store.verify import verify
 
 TASKS = [task(f"t{number}", 1) for number in range(4)]
 SETTINGS = {"seed": 1, "samples": 2, "agent": {}, "judge": {}, "attempt": {}} | {

@@ -24,10 +24,10 @@ from webgym.core.outcome import Ending, Outcome
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.trajectory import Episode, Failure, ImageRef, Message, Reply, Step, TextPart, Trajectory
 from webgym.core.verdict import FactJudgement, Judgement, Verdict
-from webgym.rollout.evaluation import evaluate
+from webgym.results.evaluation import evaluate
 from webgym.rollout.merging import merge_runs
-from webgym.rollout.records import decode, seal
-from webgym.rollout.store import RunReader, RunWriter, StoreLimits
+from webgym.store.records import decode, seal
+from webgym.store.runs import RunReader, RunWriter, StoreLimits
 
 WRITES = Path(__file__).with_name("writes_until_killed.py")
 TASK = Task(
@@ -104,7 +104,7 @@ async def test_folders_of_pictures_are_synced_with_the_first_record_that_needs_t
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     synced: list[str] = []
-    monkeypatch.setattr("webgym.rollout.store.sync_folder", lambda path: synced.append(path.name))
+    monkeypatch.setattr("webgym.store.runs.sync_folder", lambda path: synced.append(path.name))
     needed = {"screenshots", *(name[:2] for name in NAMES[:3])}
     async with await begun(tmp_path) as writer:
         assert {path.name for path in (tmp_path / "screenshots").iterdir()} == {name[:2] for name in NAMES}
@@ -467,7 +467,7 @@ from pathlib import Path
 sys.path.insert(0, sys.argv[2])
 from writes_until_killed import record
 from webgym.core.errors import StoreFull
-from webgym.rollout.store import RunWriter
+from webgym.store.runs import RunWriter
 import random
 
 async def main():

@@ -16,8 +16,8 @@ from webgym.core.outcome import Ending, Outcome
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.trajectory import Episode, Failure, Reply, Step, Trajectory
 from webgym.core.verdict import Judgement, Verdict
-from webgym.rollout.rates import wilson
-from webgym.rollout.summary import quantiles, summarise
+from webgym.results.rates import wilson
+from webgym.results.summary import quantiles, summarise
 
 SEEN = Observation("0" * 64, "http://a.test/", "A", (1280, 768), milliseconds={"screenshot": 40.0})
 VERDICT = Verdict("offline-1", 1, (), Judgement(False, "no"))

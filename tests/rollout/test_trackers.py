@@ -14,8 +14,8 @@ import pytest
 from webgym.core.errors import ConfigError
 from webgym.offline.config import SitesConfig
 from webgym.rollout.trackers import FOLDER, numbers_in, tracking
-from webgym.run_config import RunConfig, ServerChoice, TaskChoice
-from webgym.runs import collect, resume
+from webgym.run.collect import collect, resume
+from webgym.run.config import RunConfig, ServerChoice, TaskChoice
 
 
 def row(iteration: int, rate: float | None) -> dict[str, Any]:

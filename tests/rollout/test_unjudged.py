@@ -29,14 +29,14 @@ from webgym.llm.client import ChatClient
 from webgym.llm.completion import Completion
 from webgym.llm.config import ChatConfig, Sampling
 from webgym.report.live import view_app
+from webgym.results.summary import Summary, summarise
 from webgym.rollout.attempt import AttemptContext
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.config import AttemptConfig, CollectorConfig
 from webgym.rollout.judging import judge_episode
 from webgym.rollout.progress import Progress
-from webgym.rollout.store import RunReader, RunWriter
-from webgym.rollout.summary import Summary, summarise
 from webgym.rollout.unjudged import judge_again
+from webgym.store.runs import RunReader, RunWriter
 
 FACTS: dict[Level, int] = {"easy": 2, "medium": 5, "hard": 9}
 PER_LEVEL = 16

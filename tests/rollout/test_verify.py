@@ -18,11 +18,11 @@ from webgym.core.task import Task
 from webgym.core.trajectory import Episode, Trajectory
 from webgym.core.verdict import Judgement, Verdict
 from webgym.judge.base import Pictures
-from webgym.rollout.export import export
-from webgym.rollout.records import attempt_ids_in, pictures
+from webgym.results.export import export
 from webgym.rollout.rejudge import judge_run
-from webgym.rollout.store import RunReader, RunWriter, verdicts_of
-from webgym.rollout.verify import Findings, verify
+from webgym.store.records import attempt_ids_in, pictures
+from webgym.store.runs import RunReader, RunWriter, verdicts_of
+from webgym.store.verify import Findings, verify
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from webgym.core.action import Answer
 from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, Outcome
 from webgym.core.trajectory import Episode, Reply, Step, Trajectory
-from webgym.rollout.store import RunWriter, StoreLimits
+from webgym.store.runs import RunWriter, StoreLimits
 
 WRITERS = 3
 LIMITS = StoreLimits(shard_bytes=4_000_000)

@@ -14,8 +14,8 @@ import pytest
 import pytest_asyncio
 from PIL import Image
 
-from webgym.server.compat import CompatConfig, RunningCompat, running_compat
-from webgym.server.compat.commands import COMMANDS
+from webgym.compat import CompatConfig, RunningCompat, running_compat
+from webgym.compat.commands import COMMANDS
 from webgym.server.config import ClientLimits, ServerConfig
 from webgym.server.run_worker import RunningServer
 

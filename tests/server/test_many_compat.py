@@ -16,9 +16,9 @@ from webgym.browser.document import Document
 from webgym.browser.gestures import AnyAction
 from webgym.browser.observe import Metadata
 from webgym.browser.sandbox import SandboxState
+from webgym.compat import running_compat
 from webgym.core.action import Navigate
 from webgym.server import pool
-from webgym.server.compat import running_compat
 from webgym.server.config import ServerConfig
 from webgym.server.messages import SessionOptions
 from webgym.server.run_worker import RunningServer, running_server

@@ -34,7 +34,8 @@ from webgym.core.errors import BudgetSpent, ConfigError, LLMBadReply, TaskFileEr
 from webgym.core.task import Task
 from webgym.llm.batch import import_results
 from webgym.llm.cache import ReplyCache
-from webgym.tasks.construction import (
+from webgym.tasks.formats import read_tasks
+from webgym.taskset.construction import (
     BuildConfig,
     BuildPaths,
     FinishedBuild,
@@ -45,8 +46,7 @@ from webgym.tasks.construction import (
     run_build,
     run_dry,
 )
-from webgym.tasks.formats import read_tasks
-from webgym.tasks.validate import validate
+from webgym.taskset.validate import validate
 
 QUIET = StageProgress(Console(file=io.StringIO()))
 STOPPED = "interrupted: all replies are stored; run the same command again to continue\n"
@@ -503,7 +503,7 @@ async def test_a_manifest_does_not_outlive_its_set(tmp_path: Path, monkeypatch: 
         def full(*_: object) -> None:
             raise OSError(28, "No space left on device")
 
-        monkeypatch.setattr("webgym.tasks.construction.outputs.describe", full)
+        monkeypatch.setattr("webgym.taskset.construction.outputs.describe", full)
         with pytest.raises(UsageError, match="No space left on device"):
             await command.build(out, seed=1)
     assert not (out / "manifest.json").exists(), "it would tell of a set that is no longer there"

@@ -23,11 +23,11 @@ from webgym.core.errors import (
     NotCached,
 )
 from webgym.llm.client import EndpointRefused
-from webgym.tasks.construction import PURPOSES, BuildConfig, StageProgress, read_config
-from webgym.tasks.construction.accounting import CountMismatch, TaskAccounting
-from webgym.tasks.construction.bulk_requests import Done, Failed, Pending, ask_all
-from webgym.tasks.construction.importing import draw
-from webgym.tasks.sources import SourceTask
+from webgym.taskset.construction import PURPOSES, BuildConfig, StageProgress, read_config
+from webgym.taskset.construction.accounting import CountMismatch, TaskAccounting
+from webgym.taskset.construction.bulk_requests import Done, Failed, Pending, ask_all
+from webgym.taskset.construction.importing import draw
+from webgym.taskset.sources import SourceTask
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = {"deepshop": "a.jsonl"}

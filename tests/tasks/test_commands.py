@@ -17,7 +17,7 @@ from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, Outcome
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode, Reply, Step, Trajectory
-from webgym.rollout.store import RunWriter
+from webgym.store.runs import RunWriter
 from webgym.tasks.formats import read_tasks, write_tasks
 from webgym.tasks.taxonomy import DOMAIN_OF
 

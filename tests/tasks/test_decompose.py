@@ -9,8 +9,8 @@ from tests.tasks.making import RUBRICS, rubric, task
 
 from webgym.core.task import Rubric
 from webgym.core.truth import AnswerTruth, Truth
-from webgym.tasks.decompose import DecompositionLimits, decompose, derive, possible
 from webgym.tasks.published import DIFFICULTY_DIFFERS
+from webgym.taskset.decompose import DecompositionLimits, decompose, derive, possible
 
 FREELY = DecompositionLimits(per_parent=10_000)
 

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from tests.tasks.making import task
 
 from webgym.core.task import Task
-from webgym.tasks.duplicates import DuplicateLimits, drop_duplicates
-from webgym.tasks.sources.base import SourceTask
-from webgym.tasks.texts import fold, names, number
+from webgym.taskset.duplicates import DuplicateLimits, drop_duplicates
+from webgym.taskset.sources.base import SourceTask
+from webgym.taskset.texts import fold, names, number
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 

@@ -20,8 +20,8 @@ from tests.tasks.strategies import task_lists
 from webgym.core.errors import TaskFileError
 from webgym.core.task import Attachment, FactGroup, Rubric, Task
 from webgym.offline.web import OfflineWeb
-from webgym.run_config import RunConfig, TaskChoice
-from webgym.task_choice import all_tasks, choose_tasks
+from webgym.run.choice import all_tasks, choose_tasks
+from webgym.run.config import RunConfig, TaskChoice
 from webgym.tasks.formats import Format, read_tasks, write_tasks
 
 NAMES: dict[str, Format] = {

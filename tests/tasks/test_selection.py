@@ -12,8 +12,8 @@ from webgym.core.errors import ConfigError, NothingToDraw
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.offline.config import SitesConfig
 from webgym.offline.web import OfflineWeb
-from webgym.run_config import RunConfig, TaskChoice
-from webgym.task_choice import choose_tasks
+from webgym.run.choice import choose_tasks
+from webgym.run.config import RunConfig, TaskChoice
 from webgym.tasks.files import write_lines
 from webgym.tasks.formats import read_tasks, write_tasks
 from webgym.tasks.sampling import Sampler, SamplerConfig

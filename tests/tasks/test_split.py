@@ -17,10 +17,10 @@ from webgym.core.task import LEVELS, Task
 from webgym.core.truth import AnswerTruth, Evidence, FactTruth, Truth
 from webgym.core.websites import site_of
 from webgym.tasks.balance import balanced
-from webgym.tasks.decompose import decompose
 from webgym.tasks.split import SplitConfig, leaking, split
 from webgym.tasks.taxonomy import DOMAIN_OF
-from webgym.tasks.validate import validate
+from webgym.taskset.decompose import decompose
+from webgym.taskset.validate import validate
 
 FORMS = (
     "https://{}/",

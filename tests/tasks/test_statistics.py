@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from PIL import Image
 from tests.tasks.making import task
 
-from webgym.plotting import COLUMN
-from webgym.tasks.figures import draw_figures
-from webgym.tasks.statistics import Statistics, describe, kernel_density, measure, tables
+from webgym.core.plotting import COLUMN
+from webgym.taskset.figures import draw_figures
+from webgym.taskset.statistics import Statistics, describe, kernel_density, measure, tables
 
 TASKS = [
     task("a/1", "https://www.one.example/", 1, split="train"),

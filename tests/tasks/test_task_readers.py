@@ -15,7 +15,7 @@ from tests.conftest import Calls
 
 from webgym.core.task import Task
 from webgym.offline.web import OfflineWeb
-from webgym.run_config import RunConfig
+from webgym.run.config import RunConfig
 from webgym.tasks.formats import read_tasks, write_tasks
 
 DOCS = Path(__file__).parents[2] / "docs/task-files.md"
@@ -83,7 +83,7 @@ def test_tasks_that_come_with_webgym_are_exported_by_their_name(
         asked.append(config)
         return held
 
-    monkeypatch.setattr("webgym.task_choice.all_tasks", given)
+    monkeypatch.setattr("webgym.run.choice.all_tasks", given)
     code, said = calls.run("export", "offline-small-v2", "--split", "all", "--out", tmp_path / "out")
     assert code == 0, said
     assert asked[0].sites.collection == "small"

@@ -7,9 +7,9 @@ from tests.tasks.making import rubric, task
 
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.text import plain
-from webgym.tasks.decompose import derive
 from webgym.tasks.published import DIFFICULTY_DIFFERS
-from webgym.tasks.validate import RULES, Rule, validate
+from webgym.taskset.decompose import derive
+from webgym.taskset.validate import RULES, Rule, validate
 
 GOOD = task("s/1", "https://good.example/", 3, 2, split="train")
 TEST = task("s/2", "https://www.tested.example/", split="test")

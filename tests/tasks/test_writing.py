@@ -21,11 +21,11 @@ from webgym.llm.client import ChatClient
 from webgym.llm.completion import Completion
 from webgym.llm.config import ChatConfig, Retry, Sampling
 from webgym.offline.web import OfflineWeb
-from webgym.tasks import prompts
-from webgym.tasks.rubric_check import rubric_problem, text_problem
-from webgym.tasks.sources import SourceTask
 from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
-from webgym.tasks.writing import infer_website, rewrite, write_rubric
+from webgym.taskset import prompts
+from webgym.taskset.rubric_check import rubric_problem, text_problem
+from webgym.taskset.sources import SourceTask
+from webgym.taskset.writing import infer_website, rewrite, write_rubric
 
 TENT = SourceTask(
     id="insta-v3/1",

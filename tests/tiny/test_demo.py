@@ -13,9 +13,9 @@ from tests.documented import documented
 
 from webgym.inference.model import load_model
 from webgym.offline.small.wording import small_vocabulary
-from webgym.rollout.store import RunReader
-from webgym.tiny.demo import WEIGHTS
-from webgym.tiny.tokenizer import vocabulary
+from webgym.store.runs import RunReader
+from webgym.study.demo import WEIGHTS
+from webgym.study.tokenizer import vocabulary
 from webgym.train.folder import TrainingFolder
 
 

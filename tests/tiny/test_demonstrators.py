@@ -20,10 +20,10 @@ from webgym.offline.small.wording import small_vocabulary
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.config import AttemptConfig
 from webgym.rollout.plan import Planned
-from webgym.static_browsers import StaticBrowsers, StaticCollector
-from webgym.tiny.demonstrators import DEMONSTRATORS, Demonstrators, Habits
-from webgym.tiny.recipe import agent_of
-from webgym.tiny.tokenizer import cell_centres, make_tokenizer
+from webgym.study.demonstrators import DEMONSTRATORS, Demonstrators, Habits
+from webgym.study.recipe import agent_of
+from webgym.study.static_browsers import StaticBrowsers, StaticCollector
+from webgym.study.tokenizer import cell_centres, make_tokenizer
 
 WEB = OfflineWeb(7, per_family=6, collection="small")
 VIEWPORT = WEB.collection.viewport

@@ -21,18 +21,18 @@ pytest.importorskip("torch")
 
 from webgym.core.errors import ConfigError, StoreLocked
 from webgym.core.outcome import Outcome
+from webgym.core.settings import load_settings
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.config import AttemptConfig
-from webgym.rollout.files import take_lock
 from webgym.rollout.plan import Planned
-from webgym.rollout.store import RunReader
-from webgym.run_config import RunConfig
-from webgym.runs import collect
-from webgym.settings import load_settings
-from webgym.static_browsers import StaticBrowsers, StaticCollector
-from webgym.tiny import recipe
-from webgym.tiny.demonstrators import Demonstrators
-from webgym.tiny.recipe import RecipeConfig, agent_of, follow
+from webgym.run.collect import collect
+from webgym.run.config import RunConfig
+from webgym.store.files import take_lock
+from webgym.store.runs import RunReader
+from webgym.study import recipe
+from webgym.study.demonstrators import Demonstrators
+from webgym.study.recipe import RecipeConfig, agent_of, follow
+from webgym.study.static_browsers import StaticBrowsers, StaticCollector
 
 pytestmark = pytest.mark.browser
 

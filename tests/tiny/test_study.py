@@ -21,9 +21,9 @@ from tests.train.worlds import training_of
 
 from webgym.core.errors import ConfigError, RunFolderError, UsageError
 from webgym.offline.web import OfflineWeb
+from webgym.study import conditions as study
+from webgym.study.conditions import Result, carry_out, read_study, table, write
 from webgym.tasks.selection import select
-from webgym.tiny import study
-from webgym.tiny.study import Result, carry_out, read_study, table, write
 from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig, Training
 

@@ -18,7 +18,7 @@ from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.tokens import ReplyTokens
 from webgym.core.trajectory import Episode, ImageRef, Message, Reply, Step, TextPart, Trajectory
 from webgym.inference.rendering import Renderer
-from webgym.rollout.store import RunReader, RunWriter
+from webgym.store.runs import RunReader, RunWriter
 from webgym.train.samples import Sample
 
 PICTURES = {hashlib.sha256(data).hexdigest(): data for data in map(picture, ("red", "blue", "lime", "gray"))}

@@ -19,7 +19,7 @@ from tests.train.worlds import training_of
 from webgym.agent.openai_policy import OpenAIPolicy
 from webgym.core.errors import TrainingError
 from webgym.core.outcome import Outcome
-from webgym.run_config import Secrets
+from webgym.run.config import Secrets
 from webgym.train.config import LearnConfig
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.loop import LoopConfig, TrainConfig, make_run

@@ -10,10 +10,10 @@ import yaml
 from pydantic import ValidationError
 
 from webgym.agent.profiles import choose_profile
+from webgym.core.settings import merged
 from webgym.inference.vllm import VllmConfig
 from webgym.llm.config import altering
-from webgym.settings import merged
-from webgym.tiny import demo
+from webgym.study import demo
 from webgym.train.config import LearnConfig
 from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig
@@ -50,7 +50,7 @@ def test_the_preset_of_groups_is_asyncwebrls() -> None:
 
 
 def test_the_preset_of_the_tiny_policy_is_the_demo() -> None:
-    weights = Path("src/webgym/tiny/weights")
+    weights = Path("src/webgym/study/weights")
     assert (CONFIGS.parent / weights / "config.json").exists()
     expected = demo.settings(weights, seed=0, tasks=200, iterations=None, sessions=8)
     assert load_train_config([CONFIGS / "train/tiny.yaml"]) == expected

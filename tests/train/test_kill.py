@@ -21,9 +21,9 @@ from tests.train.trains_until_killed import main
 
 from webgym.cli import main as webgym
 from webgym.offline.small.wording import small_vocabulary
-from webgym.rollout.store import RunReader
-from webgym.run_config import read_config
-from webgym.tiny.model import TinyConfig, make_model, save_model
+from webgym.run.config import read_config
+from webgym.store.runs import RunReader
+from webgym.study.model import TinyConfig, make_model, save_model
 from webgym.train.folder import TrainingFolder
 from webgym.train.weights import read_optimizer
 
@@ -98,7 +98,7 @@ def test_the_command_goes_on_with_the_training_that_it_began(tmp_path: Path) -> 
     """``webgym train`` with its own model, as its settings file has it; only pages need no browser."""
     given, out, log = tmp_path / "train.yaml", tmp_path / "training", tmp_path / "log"
     settings = copy.deepcopy(GIVEN)
-    settings["learn"]["model"] = str(files("webgym.tiny") / "weights")
+    settings["learn"]["model"] = str(files("webgym.study") / "weights")
     settings["rollout"]["server"]["pictures"] = str(tmp_path / "pictures")
     given.write_text(yaml.safe_dump(settings))
     folder = TrainingFolder(out)

@@ -27,9 +27,9 @@ from webgym.judge.config import JudgeChoice, JudgeConfig
 from webgym.judge.offline import OfflineJudge
 from webgym.llm.config import ChatConfig, Sampling
 from webgym.offline.config import SitesConfig
+from webgym.results.summary import Summary
 from webgym.rollout.config import AttemptConfig
-from webgym.rollout.summary import Summary
-from webgym.run_config import RunConfig
+from webgym.run.config import RunConfig
 from webgym.train.config import FrontierConfig, LearnConfig, ReplayConfig
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.loop import EvaluationConfig, LoopConfig, TrainConfig

@@ -29,8 +29,8 @@ from webgym.core.errors import ConfigError, StoreError, StoreFull, StoreLocked, 
 from webgym.core.task import Task
 from webgym.core.tokens import ReplyTokens
 from webgym.core.trajectory import Reply, Trajectory
-from webgym.rollout import files
-from webgym.run_config import Secrets, ServerChoice, resolved
+from webgym.run.config import Secrets, ServerChoice, resolved
+from webgym.store import files
 from webgym.tasks.formats import write_tasks
 from webgym.train.estimate import Gpus
 from webgym.train.folder import Stage, TrainingFolder

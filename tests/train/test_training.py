@@ -21,14 +21,14 @@ from webgym.core.trajectory import Episode, Reply
 from webgym.judge.offline import OfflineJudge
 from webgym.offline.small.wording import small_vocabulary
 from webgym.rollout.attempt import Attempt
-from webgym.rollout.store import RunReader
 from webgym.rollout.trackers import numbers_in
-from webgym.run_config import Secrets, ServerChoice
-from webgym.run_services import services
+from webgym.run.choice import all_tasks
+from webgym.run.config import Secrets, ServerChoice
+from webgym.run.services import services
 from webgym.server.client import Session
-from webgym.task_choice import all_tasks
-from webgym.tiny.demonstrators import Demonstrators
-from webgym.tiny.model import TinyConfig, make_model, save_model
+from webgym.store.runs import RunReader
+from webgym.study.demonstrators import Demonstrators
+from webgym.study.model import TinyConfig, make_model, save_model
 from webgym.train.folder import TrainingFolder
 from webgym.train.learner import Learner
 from webgym.train.loop import TrainConfig, Training

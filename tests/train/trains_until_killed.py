@@ -18,9 +18,9 @@ import torch
 from tests.train import test_loop
 from tests.train.test_training import Breakable, Serving, settings
 
-from webgym.run_config import Secrets, ServerChoice, resolved
-from webgym.run_services import services
-from webgym.task_choice import all_tasks
+from webgym.run.choice import all_tasks
+from webgym.run.config import Secrets, ServerChoice, resolved
+from webgym.run.services import services
 from webgym.train.folder import TrainingFolder
 from webgym.train.learner import Learner
 from webgym.train.loop import TrainConfig, Training, make_run

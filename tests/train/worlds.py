@@ -12,9 +12,9 @@ from webgym.agent.policy import BasePolicy, Policy
 from webgym.agent.random_policy import RandomPolicy
 from webgym.core.task import Task
 from webgym.core.trajectory import Trajectory
-from webgym.rollout.store import RunReader, RunWriter
-from webgym.rollout.summary import Summary, summarise
-from webgym.run_config import RunConfig, Secrets, ServerChoice
+from webgym.results.summary import Summary, summarise
+from webgym.run.config import RunConfig, Secrets, ServerChoice
+from webgym.store.runs import RunReader, RunWriter
 from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig, Training
 from webgym.train.objectives import make_objective

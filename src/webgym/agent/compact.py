@@ -1,6 +1,6 @@
 """The compact prompt formats: the content of the memory format in as few tokens as possible.
 
-For models so small that every token counts (``webgym.tiny``). A request is a system message of a few words
+For models so small that every token counts (``webgym.study``). A request is a system message of a few words
 and, for every round, the picture and one line of text; a reply is one line::
 
     memory 1 = 7 ; progress 1 + 2 - ; intention 2 red moon ; left_click 375 437

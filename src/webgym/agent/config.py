@@ -8,7 +8,7 @@ from typing import Final, Literal, Self, TypeAlias
 from pydantic import Field, model_validator
 
 from webgym.core.action import Mode, Space
-from webgym.settings import Settings
+from webgym.core.settings import Settings
 
 PromptFormat: TypeAlias = Literal["memory", "official", "compact", "compact_official"]
 """``memory``: Memory, Progress, Intention, Action, tool call. ``official``: the last two (paper §5). The

@@ -9,7 +9,7 @@ from webgym.bench.ceiling import SERVER, Ceiling
 from webgym.bench.server import Burst, Cost, Density, ServerFigures, Thinking
 from webgym.bench.stepping import StepTimes, quantile
 from webgym.bench.usage import MEGABYTE
-from webgym.tables import DASH, Table
+from webgym.core.tables import DASH, Table
 
 _KINDS = {name: name for name in ("client", "server", "browser", "renderer")} | {"gpu-process": "gpu"}
 """Kinds of processes with a column; the others use little, and are included in the sum only."""

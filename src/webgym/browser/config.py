@@ -13,8 +13,8 @@ from pydantic import Field
 
 from webgym.browser.egress.config import EgressConfig
 from webgym.core.action import Mode
+from webgym.core.settings import Settings
 from webgym.core.task import Attachment, check_attachments
-from webgym.settings import Settings
 
 _TEXT = r"[^\x00-\x1f\x7f;\ud800-\udfff]"
 _COOKIE = {

@@ -30,7 +30,7 @@ from typing import Literal, TypeAlias
 from pydantic import Field, PositiveFloat
 
 from webgym.core.errors import BrowserNotFound
-from webgym.settings import Settings
+from webgym.core.settings import Settings
 
 Kind: TypeAlias = Literal["headless-shell", "chromium", "chrome"]
 Origin: TypeAlias = Literal["setting", "playwright", "system"]

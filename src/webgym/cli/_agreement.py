@@ -16,10 +16,10 @@ from webgym.core.text import plain
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from webgym.core.tables import Table
     from webgym.judge.agreement import Agreement, AgreementConfig, Case, Confusion, Estimate, Group, Metric
     from webgym.judge.labels import AnnotatorAgreement, BrokenLabel, HumanLabel, Humans
     from webgym.judge.webjudge import Labelled
-    from webgym.tables import Table
 
 _METRICS: Final[dict[Metric, str]] = {
     "accuracy": "accuracy",
@@ -170,10 +170,10 @@ def _read_run(
     humans: Humans,
 ) -> _Labelled:
     from webgym.judge.labels import annotator_agreement, read_labels
-    from webgym.rollout.agreement import pairs_of, resolved
-    from webgym.rollout.labels import labels_path
-    from webgym.rollout.store import RECORDED, RunReader
-    from webgym.rollout.verdicts import read_verdicts
+    from webgym.results.agreement import pairs_of, resolved
+    from webgym.results.labels import labels_path
+    from webgym.store.runs import RECORDED, RunReader
+    from webgym.store.verdicts import read_verdicts
 
     reader = RunReader(run, skip_corrupt=True)
     read = read_labels(labels or labels_path(run))
@@ -258,7 +258,7 @@ def _differences(result: Agreement) -> Iterator[tuple[str, Group, int, Mapping[M
 
 
 def _tables(result: Agreement) -> Iterator[Table]:
-    from webgym.tables import Table
+    from webgym.core.tables import Table
 
     def cell(estimate: Estimate, write: Callable[[float], str]) -> str:
         value, interval = _parts(estimate, write)
@@ -288,7 +288,7 @@ def _signed(value: float) -> str:
 
 def _parts(estimate: Estimate, write: Callable[[float], str]) -> tuple[str, str]:
     """A value and its interval as text; a dash if the value is undefined."""
-    from webgym.tables import DASH
+    from webgym.core.tables import DASH
 
     if estimate.value is None:
         return DASH, ""
@@ -308,7 +308,7 @@ def _print_document(
     """Print tables in Markdown or LaTeX on stdout, and the notes on stderr."""
     from rich.console import Console
 
-    from webgym.tables import latex, markdown
+    from webgym.core.tables import latex, markdown
 
     _print_notes(result, labelled, config, Console(stderr=True))
     print((latex if as_latex else markdown)(_tables(result)), end="")

@@ -9,11 +9,11 @@ from rich.console import Console
 from rich.table import Table as RichTable
 
 from webgym.agent.policy import ORACLES
+from webgym.core.tables import DASH, Table
 from webgym.core.text import plain
-from webgym.rollout.evaluation import GROUPS, Evaluation, Row
-from webgym.rollout.manifest import Manifest
-from webgym.rollout.rates import Interval
-from webgym.tables import DASH, Table
+from webgym.results.evaluation import GROUPS, Evaluation, Row
+from webgym.results.manifest import Manifest
+from webgym.results.rates import Interval
 
 _SHORT: Final = {
     "difficulty": "",

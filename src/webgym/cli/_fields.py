@@ -26,7 +26,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from rich.markup import escape
 
-from webgym.settings import field_docstring
+from webgym.core.settings import field_docstring
 
 Given: TypeAlias = dict[str, Any]
 """Values of options, nested like their model; fields whose option was not given are absent."""

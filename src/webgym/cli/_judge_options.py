@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from webgym.core.errors import ConfigError
+from webgym.core.settings import merged, read_yaml, validated
 from webgym.judge.config import STAGES, JudgeChoice
-from webgym.settings import merged, read_yaml, validated
 
 JUDGE_KEY = "WEBGYM_JUDGE_API_KEY"
 """Environment variable of the judge's API key; if it is not set, the policy's variable is used."""

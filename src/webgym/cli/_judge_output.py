@@ -10,12 +10,12 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.text import Text
 
 from webgym.core.outcome import Outcome
+from webgym.core.tables import Table, put
 from webgym.core.verdict import Cost
 from webgym.llm.ledger import Ledger
 from webgym.llm.usage import Usage
 from webgym.rollout.live import COLORS
 from webgym.rollout.rejudge import Judging
-from webgym.tables import Table, put
 
 
 @contextmanager

@@ -11,7 +11,7 @@ import typer
 from webgym.cli._fields import Given, Option, Options
 
 if TYPE_CHECKING:
-    from webgym.run_config import RunConfig
+    from webgym.run.config import RunConfig
 
 Resume: TypeAlias = Annotated[
     Path | None,
@@ -57,14 +57,14 @@ Collection: TypeAlias = Annotated[
 
 
 def run_options(*, split: str, limit: str, **more: str) -> Options:
-    """The options that set fields of :class:`webgym.run_config.RunConfig`.
+    """The options that set fields of :class:`webgym.run.config.RunConfig`.
 
     Args:
         split: the default that the help shows for ``--split``.
         limit: the default that the help shows for ``--limit``.
         more: further options: name and field.
     """
-    from webgym.run_config import RunConfig
+    from webgym.run.config import RunConfig
 
     key = "its key is read from WEBGYM_JUDGE_API_KEY, else WEBGYM_API_KEY"
     return Options(

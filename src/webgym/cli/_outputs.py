@@ -23,7 +23,7 @@ def check_figure(file: Path | None) -> None:
     Raises:
         UsageError: that is so.
     """
-    from webgym.plotting import check_suffix
+    from webgym.core.plotting import check_suffix
 
     check_writable(file)
     if file is not None:

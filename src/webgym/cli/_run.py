@@ -24,15 +24,15 @@ from rich.text import Text
 from webgym.cli import EXIT_INTERRUPTED
 from webgym.core.errors import ConfigError, StoreCorrupt, StoreLocked, UsageError
 from webgym.core.outcome import Outcome
+from webgym.core.settings import merged, read_files, validated, without_none
 from webgym.core.text import plain
 from webgym.report.write import write_report
-from webgym.rollout.files import CONFIG, is_training
+from webgym.results.summary import Summary
 from webgym.rollout.live import showing
 from webgym.rollout.progress import Progress
-from webgym.rollout.store import RunReader
-from webgym.rollout.summary import Summary
-from webgym.run_config import RunConfig, Secrets
-from webgym.settings import merged, read_files, validated, without_none
+from webgym.run.config import RunConfig, Secrets
+from webgym.store.files import CONFIG, is_training
+from webgym.store.runs import RunReader
 
 T = TypeVar("T")
 
@@ -119,7 +119,7 @@ def make_run(
     """Start or resume a run, and show its progress.
 
     Args:
-        job: takes ``secrets``, ``show``, ``tell`` and ``finishing`` of :func:`webgym.runs.collect`.
+        job: takes ``secrets``, ``show``, ``tell`` and ``finishing`` of :func:`webgym.run.collect.collect`.
         resumed_by: the command that resumes the run, and the run folder.
         console: where progress and notes are printed.
         token_file: contains the token of a browser server that runs elsewhere.
@@ -162,8 +162,8 @@ def resume_job(
         skip_corrupt: ignore damaged records.
         retry_errors: retry samples that ended in errors and have exhausted their retries.
     """
-    from webgym.run_config import ServerChoice
-    from webgym.runs import resume
+    from webgym.run.collect import resume
+    from webgym.run.config import ServerChoice
 
     server = ServerChoice.model_validate(settings["server"]) if "server" in settings else None
     return partial(resume, folder, server=server, skip_corrupt=skip_corrupt, retry_errors=retry_errors)
@@ -333,10 +333,10 @@ class _Lasting:
 
 
 def show_progress_on(console: Console) -> Callable[[Progress], AbstractAsyncContextManager[None]]:
-    """A function that shows a run's progress on a console: ``show`` of :func:`webgym.runs.collect`."""
+    """A function that shows a run's progress on a console: ``show`` of :func:`webgym.run.collect.collect`."""
     return lambda progress: showing(progress, console)
 
 
 def print_notes_on(console: Console) -> Callable[[str], None]:
-    """A function that prints a note on a console: ``tell`` of :func:`webgym.runs.collect`."""
+    """A function that prints a note on a console: ``tell`` of :func:`webgym.run.collect.collect`."""
     return lambda line: console.print(Text.assemble(("note ", "yellow"), plain(line)), soft_wrap=True)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from webgym.core.tables import Table
 from webgym.simulate.paper import Point
 from webgym.simulate.sizing import Sized
-from webgym.tables import Table
 
 
 def paper_table(points: Iterable[Point]) -> Table:

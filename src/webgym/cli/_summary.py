@@ -9,9 +9,9 @@ from rich.text import Text
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS
 from webgym.core.text import plain
+from webgym.results.rates import Interval
+from webgym.results.summary import Summary
 from webgym.rollout.live import COLORS, duration
-from webgym.rollout.rates import Interval
-from webgym.rollout.summary import Summary
 
 REASONS = 5
 """Number of reasons and hosts that are printed; the report shows all."""

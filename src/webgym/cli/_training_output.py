@@ -17,10 +17,10 @@ from rich.table import Table
 from webgym.cli import _run
 from webgym.core.background import running_in_background
 from webgym.report.training import write_training_report
-from webgym.rollout.files import CONFIG
 from webgym.rollout.live import LINE_SECONDS, REFRESH_SECONDS, duration, line, panel
 from webgym.rollout.progress import Progress
-from webgym.run_config import Secrets
+from webgym.run.config import Secrets
+from webgym.store.files import CONFIG
 from webgym.train.loop import TrainConfig
 from webgym.train.progress import TrainingProgress
 from webgym.train.start import is_complete, open_training
@@ -43,7 +43,7 @@ class TrainingView:
 
     @asynccontextmanager
     async def show(self, run: Progress) -> AsyncIterator[None]:
-        """Show a run's progress until the block ends; see :data:`webgym.runs.Show`."""
+        """Show a run's progress until the block ends; see :data:`webgym.run.collect.Show`."""
         self._runs.append(run)
         try:
             yield

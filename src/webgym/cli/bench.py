@@ -83,7 +83,7 @@ def server(
     from webgym.bench.server import PARTS, ServerFigures, measure
     from webgym.bench.stepping import BenchPlan
     from webgym.bench.tables import server_tables
-    from webgym.tables import markdown, show
+    from webgym.core.tables import markdown, show
 
     check_writable(json)
     logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
@@ -167,7 +167,7 @@ def soak(
     from webgym.bench.soak import Soak, SoakPlan, soak_tables
     from webgym.bench.soak import soak as run
     from webgym.bench.soak.progress import progress
-    from webgym.tables import markdown, show
+    from webgym.core.tables import markdown, show
 
     check_writable(json)
     check_writable(log)
@@ -275,7 +275,7 @@ def rollout(
 
     from webgym.bench.rollout.plan import MODE_NAMES, PAGE_LATENCIES, PARTS, RolloutPlan
     from webgym.bench.rollout.tables import draw_rollout, rollout_tables
-    from webgym.tables import markdown, show
+    from webgym.core.tables import markdown, show
 
     _check_known("part", only, PARTS)
     _check_known("mode", mode, MODE_NAMES)

@@ -9,10 +9,10 @@ import msgspec
 import typer
 from rich.console import Console
 
+from webgym.core.tables import Table, markdown, show
 from webgym.core.text import plain
-from webgym.rollout.comparison import Comparison, Difference, compare
-from webgym.rollout.store import RECORDED
-from webgym.tables import Table, markdown, show
+from webgym.results.comparison import Comparison, Difference, compare
+from webgym.store.runs import RECORDED
 
 
 def command(

@@ -123,7 +123,7 @@ def _collect(folder: Path, options: dict[str, Any]) -> None:
     from webgym.cli._run import lasting_console, print_notes_on, run, settings, show_progress_on
     from webgym.cli._summary import all_failed, print_summary
     from webgym.report.write import write_report
-    from webgym.runs import collect
+    from webgym.run.collect import collect
 
     console = lasting_console()
     config = settings((), options)
@@ -162,7 +162,7 @@ def _train(
         raise ConfigError(
             "training needs torch", hint="pip install 'webgym-rl[train]', or add --collect-only"
         ) from error
-    from webgym.tiny.demo import WEIGHTS, before_and_after, settings
+    from webgym.study.demo import WEIGHTS, before_and_after, settings
     from webgym.train.folder import TrainingFolder
 
     # Browsers need the other processors, and small models are slower with threads that wait for busy ones.

@@ -32,8 +32,8 @@ from webgym.browser.find import FoundBrowser, find_browser, run_bounded
 from webgym.browser.sandbox import remedy
 from webgym.cli._launch_check import LaunchCheck, try_browser
 from webgym.core.errors import BrowserError, BrowserNotFound, ConfigError, WebGymError
+from webgym.core.settings import Settings
 from webgym.core.text import plain
-from webgym.settings import Settings
 
 Status: TypeAlias = Literal["ok", "note", "missing"]
 

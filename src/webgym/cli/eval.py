@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from webgym.rollout.evaluation import Evaluation
-    from webgym.rollout.summary import Summary
-    from webgym.run_config import RunConfig
+    from webgym.results.evaluation import Evaluation
+    from webgym.results.summary import Summary
+    from webgym.run.config import RunConfig
 
 
 RUN = options.run_options(
@@ -69,8 +69,8 @@ def command(
     from webgym.cli import _run
     from webgym.cli._summary import all_failed, print_losses, print_retry, print_unjudged
     from webgym.report.write import write_report
-    from webgym.rollout.evaluation import evaluate
-    from webgym.rollout.store import RECORDED
+    from webgym.results.evaluation import evaluate
+    from webgym.store.runs import RECORDED
 
     if sum(1 for option in (out, resume, of) if option) > 1:
         raise UsageError("--out, --resume and --of exclude each other", hint="see webgym eval --help")
@@ -118,8 +118,8 @@ def _collection(
     """The job that collects a new evaluation; see :func:`webgym.cli._run.make_run`."""
     from functools import partial
 
-    from webgym.runs import collect
-    from webgym.settings import merged
+    from webgym.core.settings import merged
+    from webgym.run.collect import collect
 
     defaults = {"tasks": {"spread": True, "split": "test"}, "attempt": _budgets(budget)}
     run = _with_test_defaults(options.run_settings(config, merged(defaults, settings)))
@@ -133,9 +133,9 @@ def _print_results(
     import msgspec
 
     from webgym.cli._evaluation import conditions, notes, show, tables
+    from webgym.core.tables import latex, markdown
+    from webgym.core.tables import show as show_tables
     from webgym.core.text import plain
-    from webgym.tables import latex, markdown
-    from webgym.tables import show as show_tables
 
     if as_json:
         encoded = msgspec.json.encode(results[0] if len(results) == 1 else results)
@@ -171,7 +171,7 @@ def _with_test_defaults(settings: RunConfig) -> RunConfig:
     These are the paper's test budgets, all tasks of a file, and no early end of the slowest attempts, which
     would have fewer steps than the others.
     """
-    from webgym.rollout.evaluation import TEST_BUDGET
+    from webgym.results.evaluation import TEST_BUDGET
 
     budgets = {
         "budget_easy": TEST_BUDGET.easy,

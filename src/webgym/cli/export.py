@@ -15,9 +15,9 @@ from webgym.cli.tasks._files import read_all
 from webgym.core.errors import UsageError
 from webgym.core.outcome import Outcome
 from webgym.offline.config import collection_of
-from webgym.rollout.export import export
-from webgym.rollout.files import make_folder, refuse_used
-from webgym.rollout.summary import oracle_notes
+from webgym.results.export import export
+from webgym.results.summary import oracle_notes
+from webgym.store.files import make_folder, refuse_used
 from webgym.tasks.formats import write_tasks
 from webgym.tasks.split import leaking
 

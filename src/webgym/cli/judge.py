@@ -115,11 +115,11 @@ def judge_a_run(
 
     from webgym.cli._judge_options import judge_choice, own_choice
     from webgym.cli._run import run as run_job
+    from webgym.core.settings import validated
     from webgym.judge.factory import refuse_unjudgeable
     from webgym.llm.prices import Prices
     from webgym.rollout.rejudge import compare as compare_verdicts
-    from webgym.rollout.store import RunReader, verdicts_of
-    from webgym.settings import validated
+    from webgym.store.runs import RunReader, verdicts_of
 
     console = Console()
     choice = judge_choice(judge, file=config, default=own_choice(RunReader(run).config))
@@ -153,8 +153,8 @@ async def _judge(
     from webgym.llm.cache import ReplyCache
     from webgym.llm.health import report_problems, watch_clients
     from webgym.llm.ledger import Ledger
-    from webgym.rollout.files import VERDICTS, disk_errors
     from webgym.rollout.rejudge import judge_run
+    from webgym.store.files import VERDICTS, disk_errors
 
     folder = run / VERDICTS
     with disk_errors(f"making {folder}"):
@@ -176,7 +176,7 @@ async def _judge(
 def _print_result(state: Judging, spent: Cost, console: Console) -> None:
     from webgym.cli._judge_output import cost_line, outcomes_line
     from webgym.cli._summary import REASONS, line
-    from webgym.rollout.summary import oracle_notes
+    from webgym.results.summary import oracle_notes
 
     console.print(f"judge      {line(state.judge)}", highlight=False, soft_wrap=True, markup=False)
     unjudged = sum(state.failures.values())

@@ -91,7 +91,7 @@ def _prices(price: str, table: Path | None) -> Prices:
 def _print_totals(totals: Totals) -> None:
     from rich.console import Console
 
-    from webgym.tables import Table, put
+    from webgym.core.tables import Table, put
 
     columns = {
         "calls": "calls",

@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from webgym.report.config import ReportConfig
 from webgym.report.training import write_training_report
 from webgym.report.write import write_report
-from webgym.rollout.files import is_training
+from webgym.store.files import is_training
 
 _DEFAULTS = ReportConfig()
 

@@ -43,7 +43,7 @@ def command(
     from webgym.cli._summary import all_failed, print_retry, print_summary
     from webgym.core.errors import UsageError
     from webgym.report.write import write_report
-    from webgym.runs import collect
+    from webgym.run.collect import collect
 
     console = _run.lasting_console()
     if resume is not None and out is None:

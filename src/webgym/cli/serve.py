@@ -94,9 +94,9 @@ def command(
 
     import uvloop
 
+    from webgym.core.settings import validated
     from webgym.server.listening import raise_open_files_limit
     from webgym.server.tokens import check_token
-    from webgym.settings import validated
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     token = _read_or_create_token(token_file) if token_file else os.environ.get(TOKEN)
@@ -134,7 +134,7 @@ async def _serve(
     import signal
     from contextlib import AsyncExitStack, closing
 
-    from webgym.server.compat import running_compat
+    from webgym.compat import running_compat
     from webgym.server.gateway import running_gateway
     from webgym.server.listening import listen
 

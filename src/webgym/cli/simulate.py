@@ -68,10 +68,10 @@ def command(
     except ImportError as error:
         raise ConfigError("simulating needs simpy", hint="pip install 'webgym-rl[simulate]'") from error
     from webgym.cli._simulation_tables import paper_table, sizes_table
+    from webgym.core.tables import markdown, show
     from webgym.simulate.figures import draw_paper, draw_sizes
     from webgym.simulate.paper import reproduce
     from webgym.simulate.questions import read_questions
-    from webgym.tables import markdown, show
 
     if figure is not None and compare is not None:
         raise UsageError("there is no figure of a comparison", hint="webgym bench rollout --figure draws one")

@@ -45,7 +45,7 @@ def serve(
     from webgym.offline.app import serving
     from webgym.offline.config import DEFAULT_SEED, SitesConfig
     from webgym.offline.web import collection_name
-    from webgym.run_config import SITES_TOKEN
+    from webgym.run.config import SITES_TOKEN
 
     token = os.environ.get(SITES_TOKEN)
     config = SitesConfig(
@@ -149,11 +149,11 @@ def check(
     import tempfile
     from zlib import crc32
 
-    from webgym.browser_check import check_in_browsers
     from webgym.cli._run import lasting_console, run, show_progress_on
     from webgym.offline.web import OfflineWeb, collection_name
     from webgym.tasks.sampling import draw
-    from webgym.validation import typed
+    from webgym.testing.browser_check import check_in_browsers
+    from webgym.testing.solutions import typed
 
     if shard >= shards:
         raise ConfigError(f"there is no part {shard} of {shards}: they count from 0")

@@ -9,7 +9,9 @@ import typer
 
 def command(
     config: list[Path] = typer.Argument(
-        None, help="YAML files that override the study's settings; see webgym.tiny.study.", show_default=False
+        None,
+        help="YAML files that override the study's settings; see webgym.study.conditions.",
+        show_default=False,
     ),
     weights: Path | None = typer.Option(
         None,
@@ -39,14 +41,14 @@ def command(
 
     from webgym.cli import _run
     from webgym.core.errors import ConfigError, UsageError
-    from webgym.rollout.files import locked, make_folder
+    from webgym.store.files import locked, make_folder
 
     try:
         import torch
     except ImportError as error:
         raise ConfigError("training needs torch", hint="pip install 'webgym-rl[train]'") from error
-    from webgym.tiny.demo import WEIGHTS
-    from webgym.tiny.study import carry_out, findings, read_study, table
+    from webgym.study.conditions import carry_out, findings, read_study, table
+    from webgym.study.demo import WEIGHTS
 
     study, console = read_study(config or []), Console()
     rows = row or list(study.rows)

@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.progress import Progress, TextColumn
 
 from webgym.core.text import plain
-from webgym.rollout.files import SET_ASIDE
-from webgym.rollout.verify import verify
+from webgym.store.files import SET_ASIDE
+from webgym.store.verify import verify
 
 
 def command(

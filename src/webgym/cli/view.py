@@ -16,7 +16,7 @@ from rich.console import Console
 from webgym.report.config import ViewConfig
 from webgym.report.live import serve_view
 from webgym.report.taskset import serve_tasks
-from webgym.rollout.files import TRAJECTORIES
+from webgym.store.files import TRAJECTORIES
 from webgym.tasks.formats import task_files
 
 

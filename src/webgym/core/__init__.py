@@ -1,1 +1,1 @@
-"""The types that packages share. No I/O, and no import from any other package."""
+"""What all packages share: types, settings, tables, figures. No import from any other package."""

@@ -20,11 +20,11 @@ from webgym.agent.policy import PolicyInput
 from webgym.agent.profile import Profile
 from webgym.agent.profiles import choose_profile
 from webgym.core.errors import ConfigError, PolicyError
+from webgym.core.settings import Settings
 from webgym.core.task import Task
 from webgym.core.tokens import ReplyTokens
 from webgym.core.trajectory import Message, Reply
 from webgym.llm.config import Sampling
-from webgym.settings import Settings
 
 if TYPE_CHECKING:
     from webgym.inference.generate import Generated

@@ -21,12 +21,12 @@ from pydantic import Field, SecretStr, field_validator
 from webgym.agent.openai_policy import OpenAIPolicy, as_policy_error
 from webgym.agent.policy import BasePolicy, PolicyInput
 from webgym.core.errors import LLMBadReply, LLMError, LLMUnreachable, PolicyBadReply, PolicyError
+from webgym.core.settings import Settings
 from webgym.core.trajectory import Reply
 from webgym.llm.client import is_loopback
 from webgym.llm.completion import error_message, first_line, quote
 from webgym.llm.config import ChatConfig, Sampling
 from webgym.llm.health import register_client
-from webgym.settings import Settings
 
 PublishMethod: TypeAlias = Literal["lora", "in_place", "restart"]
 """How new weights are published: as a LoRA adapter, into the running server, or by restarting it."""

@@ -24,9 +24,9 @@ import msgspec
 import numpy as np
 from pydantic import Field
 
+from webgym.core.settings import Settings
+from webgym.core.stats import Counts, Values, percentiles, resampled
 from webgym.core.task import LEVELS, Level
-from webgym.settings import Settings
-from webgym.stats import Counts, Values, percentiles, resampled
 
 Metric: TypeAlias = Literal["accuracy", "precision", "recall", "f1", "kappa"]
 METRICS: Final[tuple[Metric, ...]] = ("accuracy", "precision", "recall", "f1", "kappa")

@@ -7,8 +7,8 @@ from typing import Annotated, Final, Literal, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
+from webgym.core.settings import Section, Settings
 from webgym.llm.config import ChatConfig, Sampling
-from webgym.settings import Section, Settings
 
 Stage: TypeAlias = Literal["keypoint", "fact", "response", "blocking", "reference"]
 STAGES: Final[tuple[Stage, ...]] = ("keypoint", "fact", "response", "blocking", "reference")

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from matplotlib.lines import Line2D
 
+from webgym.core.plotting import CATEGORIES, MUTED, PAGE, new_figure, save, styled
 from webgym.judge.agreement import GROUPS, METRICS, Agreement, Estimate, Metric
 from webgym.judge.without_rubric import PREFIX
-from webgym.plotting import CATEGORIES, MUTED, PAGE, new_figure, save, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

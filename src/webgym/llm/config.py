@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer
 
-from webgym.settings import Settings
+from webgym.core.settings import Settings
 
 _RESERVED_FIELDS: Final = frozenset({"messages", "model", "stream", "n"})
 """Fields that the client sets itself; ``extra_body`` must not change them."""

@@ -9,10 +9,10 @@ from contextlib import asynccontextmanager
 from pydantic import Field
 
 from webgym.core.errors import BudgetSpent, ConfigError
+from webgym.core.settings import Settings
 from webgym.llm.cache import ReplyCache
 from webgym.llm.prices import Prices
 from webgym.llm.usage import Call, Totals, Usage
-from webgym.settings import Settings
 
 
 class Budget(Settings):

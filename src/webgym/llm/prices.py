@@ -9,7 +9,7 @@ import yaml
 from pydantic import Field
 
 from webgym.core.errors import ConfigError
-from webgym.settings import Settings, validated
+from webgym.core.settings import Settings, validated
 
 _MILLION: Final = 1_000_000
 _ANY: Final = "*"

@@ -8,8 +8,8 @@ from typing import Final, Literal, TypeAlias
 from pydantic import Field, SecretStr
 
 from webgym.core.errors import ConfigError
+from webgym.core.settings import Settings
 from webgym.offline.latency import LONGEST_SECONDS, SIGMA
-from webgym.settings import Settings
 
 DEFAULT_SEED = 7
 

@@ -13,8 +13,8 @@ from markupsafe import Markup
 
 from webgym.core.outcome import Outcome
 from webgym.report.formatting import milliseconds, outcome_name, percent
-from webgym.rollout.rates import Interval
-from webgym.rollout.summary import Quantiles
+from webgym.results.rates import Interval
+from webgym.results.summary import Quantiles
 
 _DECADES = (1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pydantic import Field
 
-from webgym.settings import Settings
+from webgym.core.settings import Settings
 
 
 class ReportConfig(Settings):

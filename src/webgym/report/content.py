@@ -21,8 +21,8 @@ from webgym.core.observation import Element, Observation
 from webgym.core.task import Task
 from webgym.core.trajectory import Failure, Revision, Step, Trajectory
 from webgym.core.verdict import Cost, Judgement, Verdict
-from webgym.rollout.summary import environment_milliseconds
-from webgym.rollout.verdicts import Judged
+from webgym.results.summary import environment_milliseconds
+from webgym.store.verdicts import Judged
 
 _SNIPPET = 200
 """Characters of an answer that the table's search covers."""

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from markupsafe import Markup
 
-from webgym.rollout.rates import Interval
+from webgym.results.rates import Interval
 
 _TICKS = 5
 

@@ -23,7 +23,7 @@ from webgym.report.content import blind, page
 from webgym.report.live_run import LiveRun
 from webgym.report.serving import error_reply, json_reply, page_reply
 from webgym.report.template import Document, inert, outcome_words
-from webgym.rollout.labels import HumanLabel, Label, LabelStore, labels_path, sample_to_label
+from webgym.results.labels import HumanLabel, Label, LabelStore, labels_path, sample_to_label
 
 TOKEN_HEADER: Final = "X-WebGym-Token"  # noqa: S105 - a header's name
 _LARGEST: Final = 65_536

@@ -11,10 +11,10 @@ import msgspec
 from webgym.core.trajectory import Trajectory
 from webgym.report.overview import Figures, Overview, is_whole, overview_html
 from webgym.report.run_index import RunIndex
-from webgym.rollout.files import TASKS, TRAJECTORIES, disk_errors
-from webgym.rollout.records import CorruptLine, Entry, read_at
-from webgym.rollout.store import RunReader
-from webgym.rollout.verdicts import VerdictReader
+from webgym.store.files import TASKS, TRAJECTORIES, disk_errors
+from webgym.store.records import CorruptLine, Entry, read_at
+from webgym.store.runs import RunReader
+from webgym.store.verdicts import VerdictReader
 
 _OVERVIEW = "overview"
 

@@ -22,8 +22,8 @@ from webgym.report.config import ViewConfig
 from webgym.report.serving import SAFE, page_reply
 from webgym.report.template import Document, outcome_words
 from webgym.rollout.feed import read_feed
-from webgym.rollout.files import METRICS
 from webgym.rollout.progress import STATES
+from webgym.store.files import METRICS
 
 _SCRIPTS: Final = ("dom.js", "theme.js", "monitor.js")
 _HISTORY_BYTES: Final = 200_000

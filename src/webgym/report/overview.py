@@ -13,9 +13,9 @@ from markupsafe import Markup
 from webgym.core.task import LEVELS, Task
 from webgym.report.charts import Histogram, LogAxis
 from webgym.report.template import ENVIRONMENT
-from webgym.rollout.records import CorruptLine
-from webgym.rollout.store import RunReader
-from webgym.rollout.summary import Digest, Summary, Tally
+from webgym.results.summary import Digest, Summary, Tally
+from webgym.store.records import CorruptLine
+from webgym.store.runs import RunReader
 
 _ORDER = ("navigate", "execute", "settle", "screenshot", "metadata", "policy", "judge")
 """Operations in the order of a step; others follow by name."""

@@ -20,9 +20,9 @@ import msgspec
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.report.content import Row, row
-from webgym.rollout.files import TASKS, TRAJECTORIES
-from webgym.rollout.records import CorruptLine, Entry, decode
-from webgym.rollout.summary import Digest, digest_of
+from webgym.results.summary import Digest, digest_of
+from webgym.store.files import TASKS, TRAJECTORIES
+from webgym.store.records import CorruptLine, Entry, decode
 
 INDEX: Final = ".index.sqlite"
 _VERSION: Final = 1

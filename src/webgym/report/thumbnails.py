@@ -13,7 +13,7 @@ from typing import NamedTuple
 from PIL import Image
 
 from webgym.report.config import ReportConfig
-from webgym.rollout.files import image_path, write_whole
+from webgym.store.files import image_path, write_whole
 
 _CACHE = ".thumbnails"
 _METHOD = 2

@@ -25,10 +25,10 @@ from webgym.report.curves import Curves, Line, Point, phase_bars
 from webgym.report.template import Document, Page, outcome_words
 from webgym.report.thumbnails import thumbnails
 from webgym.report.write import ReportProgress, quiet, write_parts
-from webgym.rollout.files import CONFIG, EVALUATIONS, METRICS, REPORT, disk_errors, refuse_special_files
-from webgym.rollout.rates import Interval
-from webgym.rollout.records import Entry
-from webgym.rollout.store import RunReader
+from webgym.results.rates import Interval
+from webgym.store.files import CONFIG, EVALUATIONS, METRICS, REPORT, disk_errors, refuse_special_files
+from webgym.store.records import Entry
+from webgym.store.runs import RunReader
 
 _SCRIPTS: Final = ("dom.js", "theme.js", "stage.js", "training.js")
 _SMOOTHING: Final = 0.5

@@ -12,10 +12,10 @@ from webgym.report.content import page, row
 from webgym.report.overview import Overview, overview_html
 from webgym.report.template import CHUNK, Page
 from webgym.report.thumbnails import thumbnails
-from webgym.rollout.files import REPORT, disk_errors, write_lines
-from webgym.rollout.store import RunReader
-from webgym.rollout.summary import digest_of
-from webgym.rollout.verdicts import VerdictReader
+from webgym.results.summary import digest_of
+from webgym.store.files import REPORT, disk_errors, write_lines
+from webgym.store.runs import RunReader
+from webgym.store.verdicts import VerdictReader
 
 
 class ReportProgress(Protocol):

@@ -16,11 +16,11 @@ import msgspec
 from pydantic import AfterValidator, Field
 
 from webgym.core.outcome import Outcome
+from webgym.core.settings import Settings
 from webgym.core.trajectory import Trajectory
 from webgym.core.websites import host_or_text
 from webgym.judge.blocking import blocking_host
-from webgym.rollout.files import Log, disk_errors
-from webgym.settings import Settings
+from webgym.store.files import Log, disk_errors
 
 _SHOWN: Final = 5
 """Most websites that :meth:`Blocklist.description` names."""

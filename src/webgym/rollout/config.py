@@ -6,9 +6,9 @@ from typing import Literal
 
 from pydantic import Field
 
+from webgym.core.settings import Settings
 from webgym.core.task import StepBudget
 from webgym.rollout.sharing import SharingConfig
-from webgym.settings import Settings
 
 
 class AttemptConfig(Settings):

@@ -13,7 +13,7 @@ Who caused the end of an attempt is decided here, by what was asked for and by w
   afterwards counts: the environment's failure, unless the agent had typed the page's address.
 
 Attempts of a run (:mod:`webgym.rollout.attempt`) use it with WebGym's policies, the environment
-(:mod:`webgym.environment`) with the steps of its caller.
+(:mod:`webgym.env.environment`) with the steps of its caller.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class Browsers(Protocol):
 
 
 class ImageStore(Protocol):
-    """Stores screenshots: :class:`webgym.rollout.store.RunWriter`, or a replacement for it."""
+    """Stores screenshots: :class:`webgym.store.runs.RunWriter`, or a replacement for it."""
 
     async def put_image(self, name: str, data: bytes) -> None:
         """Store a picture.

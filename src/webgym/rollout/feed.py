@@ -17,8 +17,8 @@ from typing import Any, Final
 import msgspec
 
 from webgym.core.errors import StoreCorrupt
-from webgym.rollout.files import LIVE, disk_errors, write_whole
 from webgym.rollout.progress import Progress
+from webgym.store.files import LIVE, disk_errors, write_whole
 
 FEED_SECONDS: Final = 1.0
 """Interval at which it is written; with 1,000 attempts it has 60 kB."""

@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 import msgspec
 
 from webgym.core.errors import ConfigError, RunFolderError
-from webgym.rollout.files import whole_folder
-from webgym.rollout.records import Entry, pictures
+from webgym.core.settings import merged
+from webgym.results.summary import Summary, summarise
 from webgym.rollout.sharing import COLLECTORS, difference, shared_settings
-from webgym.rollout.store import RunReader, RunWriter, refuse_taken
-from webgym.rollout.summary import Summary, summarise
-from webgym.settings import merged
+from webgym.store.files import whole_folder
+from webgym.store.records import Entry, pictures
+from webgym.store.runs import RunReader, RunWriter, refuse_taken
 
 
 class Merged(NamedTuple):

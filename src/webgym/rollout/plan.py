@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 from webgym.core.outcome import Outcome
 from webgym.core.task import Level, Task
-from webgym.rollout.records import Entry
 from webgym.rollout.sharing import Claim, Claims
+from webgym.store.records import Entry
 
 
 @dataclass(frozen=True)

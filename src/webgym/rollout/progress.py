@@ -15,8 +15,8 @@ from webgym.core.calls import CallQueue, LoopLag
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Level
 from webgym.core.trajectory import Trajectory
-from webgym.rollout.rates import Successes
-from webgym.rollout.summary import form_notes
+from webgym.results.rates import Successes
+from webgym.results.summary import form_notes
 
 State: TypeAlias = Literal["opening", "acting", "thinking", "judging"]
 STATES: tuple[State, ...] = ("opening", "acting", "thinking", "judging")

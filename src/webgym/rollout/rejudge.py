@@ -1,6 +1,6 @@
 """Judges a stored run again, with any number of judges; each judges an attempt once.
 
-Trajectories are not changed. Verdicts are stored by the judge's name (:mod:`webgym.rollout.verdicts`), and an
+Trajectories are not changed. Verdicts are stored by the judge's name (:mod:`webgym.store.verdicts`), and an
 attempt with a verdict is not judged again, so that an interrupted judging continues where it stopped.
 """
 
@@ -17,13 +17,13 @@ from pydantic import Field
 
 from webgym.core.errors import JudgeError
 from webgym.core.outcome import Outcome
+from webgym.core.settings import Settings
 from webgym.core.task_group import task_group
 from webgym.core.verdict import Cost, Verdict
 from webgym.judge.base import Judge
 from webgym.rollout.judging import judge_episode
-from webgym.rollout.store import RunReader
-from webgym.rollout.verdicts import Judged, VerdictLog
-from webgym.settings import Settings
+from webgym.store.runs import RunReader
+from webgym.store.verdicts import Judged, VerdictLog
 
 
 class RejudgeConfig(Settings):

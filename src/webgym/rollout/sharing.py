@@ -34,10 +34,10 @@ import msgspec
 from pydantic import AfterValidator, Field
 
 from webgym.core.errors import ConfigError, RunFolderError, StoreError
+from webgym.core.settings import Settings
 from webgym.core.task import Task
-from webgym.rollout.files import disk_errors, write_whole
-from webgym.rollout.store import RunReader
-from webgym.settings import Settings
+from webgym.store.files import disk_errors, write_whole
+from webgym.store.runs import RunReader
 
 COLLECTORS: Final = "collectors"
 """Subfolder with a file for every collector, which holds the path of its run folder."""

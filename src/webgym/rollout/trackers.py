@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
 from webgym.core.errors import ConfigError
-from webgym.rollout.files import disk_errors
+from webgym.store.files import disk_errors
 
 TrackerName: TypeAlias = Literal["tensorboard", "wandb"]
 Log: TypeAlias = Callable[[int, Mapping[str, float], str], None]

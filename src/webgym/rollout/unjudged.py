@@ -24,7 +24,7 @@ from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.config import CollectorConfig
 from webgym.rollout.judging import TAKEN_OVER, JudgedEpisode, judge_episode
 from webgym.rollout.plan import Plan
-from webgym.rollout.store import RunReader, RunWriter
+from webgym.store.runs import RunReader, RunWriter
 
 
 async def judge_again(

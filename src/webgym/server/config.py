@@ -10,7 +10,7 @@ from pydantic import Field
 
 from webgym.browser.config import BrowserConfig
 from webgym.core.calls import BROWSER_CALLS
-from webgym.settings import Settings
+from webgym.core.settings import Settings
 
 
 def usable_cores() -> int:

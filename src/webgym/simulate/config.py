@@ -6,7 +6,7 @@ from typing import Final, Literal, TypeAlias
 
 from pydantic import Field
 
-from webgym.settings import Settings
+from webgym.core.settings import Settings
 
 Schedule: TypeAlias = Literal["async", "step_barrier", "episode_barrier"]
 Queues: TypeAlias = Literal["per_operation", "global"]

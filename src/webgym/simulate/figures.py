@@ -8,7 +8,7 @@ from typing import Final
 
 from matplotlib.axes import Axes
 
-from webgym.plotting import CATEGORIES, MUTED, PAGE, new_figure, save, styled
+from webgym.core.plotting import CATEGORIES, MUTED, PAGE, new_figure, save, styled
 from webgym.simulate.config import SCHEDULES, Schedule
 from webgym.simulate.paper import Reproduced
 from webgym.simulate.sizing import Sized

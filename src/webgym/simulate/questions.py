@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from webgym.settings import Section, load_settings, validated
+from webgym.core.settings import Section, load_settings, validated
 from webgym.simulate.config import Costs, System, Workload
 from webgym.simulate.sizing import Prices, Sized, size
 

@@ -8,7 +8,7 @@ from typing import Final, Literal, TypeAlias
 import msgspec
 from pydantic import Field
 
-from webgym.settings import Settings
+from webgym.core.settings import Settings
 from webgym.simulate.config import SCHEDULES, Costs, Schedule, System, Workload
 from webgym.simulate.model import SimulationResult, simulate
 

@@ -18,9 +18,9 @@ from typing import Final, Literal, TypeAlias
 from pydantic import Field, model_validator
 
 from webgym.core.errors import ConfigError
+from webgym.core.settings import Settings
 from webgym.core.task import Level, Task
 from webgym.core.websites import host_or_text
-from webgym.settings import Settings
 from webgym.tasks.split import leaking
 from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
 

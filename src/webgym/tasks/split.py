@@ -23,9 +23,9 @@ import msgspec
 from pydantic import Field
 
 from webgym.core.errors import ConfigError, TooFewWebsites
+from webgym.core.settings import Settings
 from webgym.core.task import Task
 from webgym.core.websites import site_or_text
-from webgym.settings import Settings
 from webgym.tasks.balance import balanced
 from webgym.tasks.brands import brand_of, brand_or_text
 from webgym.tasks.families import Member, inherited, roots_of

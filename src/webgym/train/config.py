@@ -7,7 +7,7 @@ from typing import Any, Literal, TypeAlias
 
 from pydantic import Field, field_validator, model_validator
 
-from webgym.settings import Settings
+from webgym.core.settings import Settings
 
 Precision: TypeAlias = Literal["bf16", "fp32"]
 

@@ -34,9 +34,9 @@ import torch
 from pydantic import Field
 
 from webgym.core.errors import ConfigError
+from webgym.core.settings import Settings
 from webgym.inference.local import LocalConfig
 from webgym.inference.model import loading
-from webgym.settings import Settings
 from webgym.train.config import LearnConfig
 from webgym.train.objectives import make_objective
 

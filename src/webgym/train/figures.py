@@ -8,9 +8,9 @@ from typing import Any
 
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS
+from webgym.results.summary import Summary
 from webgym.rollout.live import duration
-from webgym.rollout.store import RunReader
-from webgym.rollout.summary import Summary
+from webgym.store.runs import RunReader
 from webgym.train.progress import TrainingProgress
 
 

@@ -31,7 +31,7 @@ import msgspec
 
 from webgym.core.errors import RunFolderError
 from webgym.core.task import Task
-from webgym.rollout.files import (
+from webgym.store.files import (
     CONFIG,
     EVALUATIONS,
     ITERATIONS,

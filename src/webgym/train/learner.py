@@ -10,7 +10,7 @@ import msgspec
 
 from webgym.core.errors import TrainingError
 from webgym.core.trajectory import Step
-from webgym.rollout.store import RunReader
+from webgym.store.runs import RunReader
 from webgym.train.config import LearnConfig
 from webgym.train.folder import TrainingFolder
 from webgym.train.objectives import Objective

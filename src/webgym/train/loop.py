@@ -29,20 +29,20 @@ from webgym.agent.policy import Policy
 from webgym.agent.profiles import choose_profile
 from webgym.core.errors import ConfigError, TrainingError
 from webgym.core.outcome import Outcome
+from webgym.core.settings import Section
 from webgym.core.task import Task
 from webgym.inference.local import LocalConfig
 from webgym.inference.vllm import EXPLICIT, VllmConfig
 from webgym.judge.factory import name_of
 from webgym.llm.config import Sampling
+from webgym.results.summary import Summary
 from webgym.rollout.blocklist import Blocklist
-from webgym.rollout.files import CONFIG, EVALUATIONS
 from webgym.rollout.progress import Progress
-from webgym.rollout.store import RunReader
-from webgym.rollout.summary import Summary
 from webgym.rollout.trackers import TrackerName
-from webgym.run_config import RunConfig, Secrets, ServerChoice, read_config
-from webgym.runs import collect, resume
-from webgym.settings import Section
+from webgym.run.collect import collect, resume
+from webgym.run.config import RunConfig, Secrets, ServerChoice, read_config
+from webgym.store.files import CONFIG, EVALUATIONS
+from webgym.store.runs import RunReader
 from webgym.tasks.sampling import Sampler, SamplerConfig
 from webgym.tasks.split import refuse_leaks
 from webgym.train.config import LearnConfig

@@ -25,7 +25,7 @@ import torch
 from pydantic import Field, ValidationError
 
 from webgym.core.errors import ConfigError
-from webgym.settings import Settings, first_problem
+from webgym.core.settings import Settings, first_problem
 from webgym.train.config import ObjectiveConfig
 
 _LARGEST_LOG: Final = 20.0

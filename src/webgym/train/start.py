@@ -14,16 +14,16 @@ from webgym.agent.agent import Agent
 from webgym.agent.preflight import check_policy
 from webgym.agent.profiles import choose_profile
 from webgym.core.errors import ConfigError, RunFolderError
+from webgym.core.settings import load_settings, validated
 from webgym.inference.local import LocalConfig
 from webgym.inference.model import load_renderer
 from webgym.judge.factory import check_judge, refuse_unjudgeable
 from webgym.llm.config import altering
-from webgym.rollout.files import CONFIG, TASKS, refuse_special_files
 from webgym.rollout.trackers import tracking
-from webgym.run_config import RunConfig, Secrets, resolved
-from webgym.run_services import services
-from webgym.settings import load_settings, validated
-from webgym.task_choice import all_tasks
+from webgym.run.choice import all_tasks
+from webgym.run.config import RunConfig, Secrets, resolved
+from webgym.run.services import services
+from webgym.store.files import CONFIG, TASKS, refuse_special_files
 from webgym.train.estimate import estimate, present_gpus
 from webgym.train.folder import TrainingFolder
 from webgym.train.learner import Learner

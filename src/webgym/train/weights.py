@@ -24,7 +24,7 @@ from huggingface_hub import try_to_load_from_cache
 
 from webgym.core.errors import ConfigError, TrainingError
 from webgym.inference.model import Loaded, load_model, loading
-from webgym.rollout.files import TORN, disk_errors, sync_folder
+from webgym.store.files import TORN, disk_errors, sync_folder
 from webgym.train.config import LoraConfig, UpdateConfig
 from webgym.train.selftest import SELFTEST, SelfTest
 

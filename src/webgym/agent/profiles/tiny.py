@@ -1,4 +1,4 @@
-"""The tiny policy that comes with the package (``webgym.tiny``): a token per 32 pixels of picture."""
+"""The tiny policy that comes with the package (``webgym.study``): a token per 32 pixels of picture."""
 
 from __future__ import annotations
 

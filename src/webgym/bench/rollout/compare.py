@@ -11,9 +11,9 @@ import msgspec
 from webgym.bench.rollout.measure import CellResult, Measured, by_cell, over_async
 from webgym.bench.rollout.plan import Cell, RolloutPlan
 from webgym.core.errors import ConfigError
+from webgym.core.tables import Table
 from webgym.simulate.config import Costs, System
 from webgym.simulate.model import simulate
-from webgym.tables import Table
 
 _SCREENSHOT_SHARE: Final = 0.25
 """Assumed share of a step's CPU time for the screenshot, which the benchmark does not measure separately."""

@@ -27,12 +27,12 @@ from webgym.core.errors import ConfigError, RunFolderError
 from webgym.core.outcome import Outcome
 from webgym.offline.app import RunningSites, serving
 from webgym.offline.web import OfflineWeb
-from webgym.rollout.store import RunReader
-from webgym.rollout.summary import environment_milliseconds
-from webgym.run_config import RunConfig, Secrets
-from webgym.runs import collect
+from webgym.results.summary import environment_milliseconds
+from webgym.run.collect import collect
+from webgym.run.config import RunConfig, Secrets
 from webgym.server.client import BrowserClient
 from webgym.server.config import Admission, ServerConfig
+from webgym.store.runs import RunReader
 
 PLAN: Final = "plan.json"
 """File of the plan in the folder of the results."""

@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from webgym.bench.rollout.measure import CellResult, Measured, by_cell, over_async
 from webgym.bench.stepping import quantile
 from webgym.core.errors import UsageError
-from webgym.plotting import CATEGORIES, COLUMN, PAGE, new_figure, save, styled
-from webgym.tables import DASH, Table
+from webgym.core.plotting import CATEGORIES, COLUMN, PAGE, new_figure, save, styled
+from webgym.core.tables import DASH, Table
 
 
 def rollout_tables(measured: Sequence[Measured]) -> Iterator[Table]:

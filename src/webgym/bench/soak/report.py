@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from webgym.bench.soak.counts import Counts
 from webgym.bench.soak.leaks import Census
 from webgym.bench.soak.run import Soak
-from webgym.tables import Table
+from webgym.core.tables import Table
 
 
 def progress_line(counts: Counts) -> str:

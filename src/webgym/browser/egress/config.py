@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import Field, field_validator
 
 from webgym.browser.egress.rules import read_rule
-from webgym.settings import Settings
+from webgym.core.settings import Settings
 
 
 class EgressConfig(Settings):

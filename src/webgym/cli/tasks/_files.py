@@ -57,9 +57,9 @@ def read_all(files: Iterable[Path]) -> TaskRecords:
     Raises:
         TaskFileError: a file cannot be read or contains no task.
     """
-    from webgym.environment import config_of
+    from webgym.env.environment import config_of
     from webgym.offline.config import collection_of
-    from webgym.task_choice import all_tasks
+    from webgym.run.choice import all_tasks
 
     records = TaskRecords([], [], [])
     for path in files:

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from webgym.cli._fields import Given, Options, takes
-from webgym.tasks.construction import BuildConfig
+from webgym.taskset.construction import BuildConfig
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from webgym.tasks.construction import BuildPaths, Estimate, FinishedBuild, PendingBatches, StageProgress
+    from webgym.taskset.construction import BuildPaths, Estimate, FinishedBuild, PendingBatches, StageProgress
 
 
 BUILD = Options(
@@ -80,7 +80,7 @@ def build(
 
     from webgym.cli import _run
     from webgym.core.errors import UsageError
-    from webgym.tasks.construction import BuildPaths, PendingBatches, StageProgress, read_config, run_dry
+    from webgym.taskset.construction import BuildPaths, PendingBatches, StageProgress, read_config, run_dry
 
     if dry_run and batch is not None:
         raise UsageError("--dry-run and --batch exclude each other", hint="give one of them")
@@ -106,7 +106,7 @@ def _run_stages(
 ) -> FinishedBuild | PendingBatches:
     """Run all stages, or with a folder for batches those that need no further replies."""
     from webgym.cli import _run
-    from webgym.tasks.construction import run_batch, run_build
+    from webgym.taskset.construction import run_batch, run_build
 
     with stages.shown():
         if batch is None:
@@ -134,7 +134,7 @@ def _prices(given: str | None) -> dict[str, Any]:
 
 
 def _print_estimate(estimate: Estimate, console: Console) -> None:
-    from webgym.tables import Table, put
+    from webgym.core.tables import Table, put
 
     columns = ("stage", "tasks", "done", "calls", "prompt tokens", "reply tokens", "dollars")
     numbers = [
@@ -181,7 +181,7 @@ def _print_batches(pending: PendingBatches, paths: BuildPaths, console: Console)
 
 
 def _print_build(finished: FinishedBuild, paths: BuildPaths, console: Console) -> None:
-    from webgym.tables import Table, put
+    from webgym.core.tables import Table, put
 
     build = finished.build
     rows: dict[str, list[Any]] = {}

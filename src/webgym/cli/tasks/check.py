@@ -15,9 +15,9 @@ def check(file: Path = typer.Argument(..., help="Task file.")) -> None:
 
     from webgym.cli import EXIT_USAGE
     from webgym.cli.tasks._files import print_set_aside
+    from webgym.core.tables import Table, put
     from webgym.core.task import LEVELS
     from webgym.core.websites import site_or_text
-    from webgym.tables import Table, put
     from webgym.tasks.formats import read_tasks
 
     records = read_tasks(file)

@@ -122,7 +122,7 @@ def _write(drawn: list[Task], out: Path | None) -> None:
 
 def _config(choice: dict[str, Any], *, seed: int, ratio: str | None, shard: str) -> SamplerConfig:
     from webgym.core.errors import ConfigError
-    from webgym.settings import validated
+    from webgym.core.settings import validated
     from webgym.tasks.sampling import SamplerConfig, parse_ratio
 
     index, slash, count = shard.partition("/")
@@ -171,7 +171,7 @@ def _save(sampler: Sampler, state: Path | None) -> None:
 def _results(runs: list[Path]) -> dict[str, tuple[int, int]]:
     """The numbers of successes and of attempts with a reward, by task."""
     from webgym.core.outcome import Outcome
-    from webgym.rollout.store import RunReader
+    from webgym.store.runs import RunReader
 
     results: dict[str, tuple[int, int]] = {}
     for path in runs:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from webgym.tasks.sources import Read
+    from webgym.taskset.sources import Read
 
 
 def sources(
@@ -47,7 +47,7 @@ def sources(
 
 def _name_and_location(option: str) -> tuple[str, str]:
     from webgym.core.errors import UsageError
-    from webgym.tasks.sources import HUB
+    from webgym.taskset.sources import HUB
 
     name, separator, location = option.partition("=")
     if not (separator and name and location):
@@ -56,8 +56,8 @@ def _name_and_location(option: str) -> tuple[str, str]:
 
 
 def _list(console: Console) -> None:
-    from webgym.tables import Table, put
-    from webgym.tasks.sources import SOURCES
+    from webgym.core.tables import Table, put
+    from webgym.taskset.sources import SOURCES
 
     rows = [
         (source.name, source.licence, str(source.paper_tasks), str(source.paper_websites))
@@ -70,7 +70,7 @@ def _print_source(console: Console, name: str, location: str, lines: int) -> boo
     """Read a source and print its counts; whether it contains any task."""
     from rich.text import Text
 
-    from webgym.tasks.sources import SOURCES, read_source
+    from webgym.taskset.sources import SOURCES, read_source
 
     records = read_source(name, location)
     source = SOURCES[name]

@@ -51,8 +51,8 @@ def _print_result(result: Split, out: Path) -> None:
 
     from rich.console import Console
 
+    from webgym.core.tables import Table, show
     from webgym.core.task import LEVELS
-    from webgym.tables import Table, show
 
     domains = sorted({domain for _, domain in result.test})
     rows = [

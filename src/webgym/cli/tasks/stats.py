@@ -31,8 +31,8 @@ def stats(
 
     from webgym.cli.tasks._files import read_unique
     from webgym.core.errors import ConfigError, TaskFileError
-    from webgym.tables import csv_text, markdown, show
-    from webgym.tasks.statistics import describe, tables
+    from webgym.core.tables import csv_text, markdown, show
+    from webgym.taskset.statistics import describe, tables
 
     if form not in FORMS:
         raise ConfigError(f"unknown form {form!r}", hint=f"choose one of {', '.join(FORMS)}")
@@ -44,7 +44,7 @@ def stats(
     else:
         print(markdown(tables(counts)) if form == "markdown" else csv_text(tables(counts)), end="")
     if figures is not None:
-        from webgym.tasks.figures import draw_figures
+        from webgym.taskset.figures import draw_figures
 
         try:
             drawn = draw_figures(counts, figures)
@@ -57,7 +57,7 @@ def _lengths(runs: list[Path]) -> dict[Level, list[int]]:
     """Steps of answered attempts by level of the task; attempts that spent their budget do not count."""
     from webgym.core.outcome import Outcome
     from webgym.core.task import LEVELS
-    from webgym.rollout.store import RunReader
+    from webgym.store.runs import RunReader
 
     lengths: dict[Level, list[int]] = {level: [] for level in LEVELS}
     for path in runs:

@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from webgym.tasks.validate import Report
+    from webgym.taskset.validate import Report
 
 
 def validate(
@@ -31,7 +31,7 @@ def validate(
     from webgym.cli import EXIT_FAILED, EXIT_USAGE
     from webgym.cli.tasks._files import print_set_aside, read_all
     from webgym.tasks.files import whole_file
-    from webgym.tasks.validate import validate as check
+    from webgym.taskset.validate import validate as check
 
     records = read_all(files)
     report = check(records.tasks, split=not unsplit)
@@ -51,7 +51,7 @@ def validate(
 
 def _print_report(report: Report, broken: Sequence[str], lines: int) -> None:
     from webgym.core.text import plain
-    from webgym.tasks.validate import RULES
+    from webgym.taskset.validate import RULES
 
     print(
         f"{report.tasks:,} tasks on {report.websites:,} websites, {report.train:,} for training and", end=" "

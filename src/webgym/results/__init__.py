@@ -1,0 +1,1 @@
+"""What a run showed: summary, rates, evaluation, comparison, agreement with labels, export."""

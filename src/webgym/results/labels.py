@@ -1,0 +1,178 @@
+"""Human labels of a run, saved as they are given.
+
+One small file, which is rewritten atomically with every label, so that kill -9 loses no acknowledged label.
+Several viewers may write to it: each reads it again under a lock before it writes.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import zip_longest
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from webgym.core.errors import UsageError
+from webgym.core.outcome import Outcome
+from webgym.judge.labels import HumanLabel, Label, LabelFile, read_labels, render_labels
+from webgym.store.files import disk_errors, sync_folder, write_whole
+from webgym.store.runs import RunReader
+
+__all__ = ["LABELS", "HumanLabel", "Label", "LabelStore", "labels_path", "sample_to_label"]
+
+LABELS = "labels.csv"
+
+
+def labels_path(run: Path) -> Path:
+    """The default path of a run's labels."""
+    return run / LABELS
+
+
+class LabelStore:
+    """A writable file of labels. Its methods do blocking I/O: call them in a thread, one at a time.
+
+    Args:
+        path: the file, CSV or JSON by its suffix; need not exist yet.
+
+    Raises:
+        UsageError: the file exists, and rewriting it would lose some of its content.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._check(self._read())
+
+    def labels(self) -> list[HumanLabel]:
+        """The labels in the file."""
+        return self._read().labels
+
+    def put(self, label: HumanLabel) -> None:
+        """Store a label, in place of the same person's earlier one: on disk when this returns.
+
+        Raises:
+            StoreFull: there is no space; the file is unchanged.
+            UsageError: another program has changed the file, and rewriting it would lose some of its content.
+        """
+        with disk_errors("writing a label"), self._locked():
+            read = self._read()
+            self._check(read)
+            key = (label.subject, label.annotator)
+            kept = [it for it in read.labels if (it.subject, it.annotator) != key]
+            data = render_labels([*kept, label], as_json=self.path.suffix == ".json")
+            write_whole(self.path, data)
+            sync_folder(self.path.parent)
+
+    def _read(self) -> LabelFile:
+        return read_labels(self.path) if self.path.exists() else LabelFile([], [])
+
+    def _check(self, read: LabelFile) -> None:
+        if not read.is_ours or read.broken:
+            why = str(read.broken[0]) if read.broken else "it has columns that would be lost"
+            raise UsageError(
+                f"cannot write labels to {self.path}: {why}", hint="fix it, or give another file: --labels"
+            )
+
+    @contextmanager
+    def _locked(self) -> Iterator[None]:
+        # A separate lock file: the file of labels is replaced by every write.
+        fd = os.open(self.path.with_name(f".{self.path.name}.lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC)
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX)
+            yield
+        finally:
+            os.close(fd)
+
+
+_PER_DIFFICULTY: Final = dict.fromkeys(range(1, 7), 10) | dict.fromkeys(range(7, 11), 5)
+"""Number of the paper's 80 trajectories by difficulty: the number of facts of their tasks."""
+
+
+def sample_to_label(reader: RunReader, count: int, seed: int) -> list[str]:
+    """Sample attempts to be labelled, as in the paper's study (§3.4), as far as the run allows.
+
+    Of 80 attempts, ten are at tasks of each difficulty from 1 to 6 and five at each from 7 to 10, and about
+    half of them succeeded by the run's own verdict; other counts have the same proportions. Where a
+    difficulty has too few attempts, others are used instead, including those beyond 10.
+
+    Only attempts that ended regularly are sampled, and a second attempt at a task only after the first of
+    other tasks. The difficulties alternate, so that the proportions also hold if labelling stops early, and
+    the order does not depend on the verdicts. It is determined by the seed and the attempts, so that
+    everybody labels the same ones.
+
+    Args:
+        reader: reader of the run.
+        count: most attempts.
+        seed: seed of the sample.
+    """
+    strata = _strata(reader, seed)
+    sizes = _shares(count, {difficulty: len(strata.get(difficulty, ())) for difficulty in _PER_DIFFICULTY})
+    chosen: dict[int, list[_Ended]] = {}
+    remaining, successes_needed = sum(sizes.values()), round(sum(sizes.values()) / 2)
+    # Difficulties with few successes or failures first, so that the others can compensate.
+    for difficulty in sorted(sizes, key=lambda it: (_fewer(strata.get(it, ())), it)):
+        ended, size = strata.get(difficulty, []), sizes[difficulty]
+        won = [attempt for attempt in ended if attempt.succeeded]
+        lost = [attempt for attempt in ended if not attempt.succeeded]
+        share = round(size * successes_needed / remaining) if remaining else 0
+        successes = min(len(won), max(0, share, size - len(lost)))
+        chosen[difficulty] = sorted([*won[:successes], *lost[: size - successes]])
+        remaining, successes_needed = remaining - size, successes_needed - successes
+    used = {attempt.attempt_id for ended in chosen.values() for attempt in ended}
+    spare = [[it for it in ended if it.attempt_id not in used] for _, ended in sorted(strata.items())]
+    ordered = [*_spread(list(chosen.values())), *_round_robin(spare)]
+    return [attempt.attempt_id for attempt in ordered[:count]]
+
+
+class _Ended(NamedTuple):
+    """An attempt that ended regularly; the order of the fields is the order of sampling."""
+
+    nth: int
+    digest: str
+    attempt_id: str
+    succeeded: bool
+
+
+def _strata(reader: RunReader, seed: int) -> dict[int, list[_Ended]]:
+    """Attempts by the difficulty of their task, in random order; difficulty 0 if the task is not known."""
+    strata: dict[int, list[_Ended]] = defaultdict(list)
+    seen: dict[str, int] = defaultdict(int)
+    drawn = [
+        (hashlib.sha256(f"labels/{seed}/{entry.attempt_id}".encode()).hexdigest(), entry)
+        for entry in reader.attempts.values()
+        if not entry.outcome.is_retried
+    ]
+    for digest, entry in sorted(drawn):
+        task = reader.tasks.get(entry.task_id)
+        ended = _Ended(seen[entry.task_id], digest, entry.attempt_id, entry.outcome is Outcome.SUCCESS)
+        strata[task.difficulty if task else 0].append(ended)
+        seen[entry.task_id] += 1
+    return {difficulty: sorted(ended) for difficulty, ended in strata.items()}
+
+
+def _shares(count: int, available: Mapping[int, int]) -> dict[int, int]:
+    """The number of attempts per difficulty, by the paper's proportions as far as attempts are available."""
+    sizes = dict.fromkeys(available, 0)
+    for _ in range(min(count, sum(available.values()))):
+        open_ = [difficulty for difficulty in sizes if sizes[difficulty] < available[difficulty]]
+        sizes[min(open_, key=lambda it: ((sizes[it] + 0.5) / _PER_DIFFICULTY[it], it))] += 1
+    return sizes
+
+
+def _fewer(ended: Sequence[_Ended]) -> int:
+    """The number of successes or of failures, whichever is lower."""
+    won = sum(attempt.succeeded for attempt in ended)
+    return min(won, len(ended) - won)
+
+
+def _spread(lists: Sequence[Sequence[_Ended]]) -> list[_Ended]:
+    """One list of all items, in which the items of each list are evenly distributed."""
+    placed = [((index + 0.5) / len(ended), it) for ended in lists for index, it in enumerate(ended)]
+    return [attempt for _, attempt in sorted(placed, key=lambda pair: (pair[0], pair[1].digest))]
+
+
+def _round_robin(lists: Sequence[Sequence[_Ended]]) -> list[_Ended]:
+    return [attempt for turn in zip_longest(*lists) for attempt in turn if attempt is not None]

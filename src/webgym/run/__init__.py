@@ -1,0 +1,1 @@
+"""A run put together: its settings, services, tasks and collection."""

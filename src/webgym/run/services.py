@@ -1,0 +1,265 @@
+"""The services that runs use: browsers and the offline web, started here or reached elsewhere."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Mapping, Sequence, Set
+from contextlib import (
+    AsyncExitStack,
+    asynccontextmanager,
+)
+from importlib import import_module
+from typing import Any, Final
+
+import httpx
+import msgspec
+from pydantic import SecretStr
+
+from webgym.browser.config import Cookie
+from webgym.core.calls import CallQueue
+from webgym.core.errors import ConfigError, Unauthorized
+from webgym.core.task import Task
+from webgym.core.websites import host_or_text
+from webgym.offline.app import serving
+from webgym.offline.client import SitesClient
+from webgym.offline.web import OfflineWeb
+from webgym.rollout.driver import Browsers, SiteState
+from webgym.run.config import RunConfig, Secrets, ServerChoice, Tell, say
+from webgym.server.client import BrowserClient
+from webgym.server.config import Admission, ServerConfig
+from webgym.server.run_worker import running_server
+
+_STATIC_BROWSERS: Final = ("webgym.study.static_browsers", "StaticBrowsers")
+"""Module and class of browsers without Chromium. They stand beside runs, for studies: no run needs them."""
+
+
+@asynccontextmanager
+async def open_services(
+    config: RunConfig,
+    secrets: Secrets,
+    tasks: Sequence[Task],
+    tell: Tell | None,
+    calls: dict[str, CallQueue],
+    *,
+    are_recorded: bool = False,
+) -> AsyncIterator[tuple[SiteState | None, Browsers]]:
+    """The websites and browsers of a run, or static browsers for both, open until the block ends.
+
+    Args:
+        config: of the run.
+        secrets: tokens of servers that run elsewhere.
+        tasks: the run's, attempted ``config.samples`` times each.
+        tell: called with each line that the user should read, such as a warning.
+        calls: queues that limit concurrent calls, by kind of call.
+        are_recorded: the tasks are those of a run that is resumed.
+
+    Raises:
+        WebGymError: they cannot be started or reached, or do not serve these tasks.
+    """
+    are_recorded = are_recorded or config.tasks.file is not None
+    if config.server.static:
+        if config.sites.collection != "small" or config.tasks.file is not None:
+            raise ConfigError(
+                "only attempts at the small websites can be made without browsers",
+                hint="set sites.collection to small, or server.static to false",
+            )
+        web = OfflineWeb(config.sites.seed, per_family=config.sites.per_family, collection="small")
+        if are_recorded:
+            await asyncio.to_thread(_check_truths, web, tasks)
+        module, name = _STATIC_BROWSERS
+        async with getattr(import_module(module), name)(web, config.server.pictures) as browsers:
+            yield browsers, browsers
+        return
+    async with (
+        _sites(config, secrets, tasks, are_recorded=are_recorded) as (site_state, allowed),
+        _browsers(config, secrets, allowed, tell, len(tasks) * config.samples, calls) as client,
+    ):
+        yield site_state, client
+
+
+@asynccontextmanager
+async def services(config: RunConfig, secrets: Secrets) -> AsyncIterator[tuple[ServerChoice, Secrets]]:
+    """Browsers, and the offline web if the tasks are on it, started once for many runs.
+
+    Yields:
+        The ``config.server`` and secrets with which :func:`~webgym.run.collect.collect` uses them. Services
+        that run elsewhere are passed on unchanged.
+    """
+    if config.server.url is not None or config.server.static:
+        yield config.server, secrets
+        return
+    async with AsyncExitStack() as stack:
+        choice, allowed = config.server, tuple[str, ...]()
+        if config.tasks.file is None and choice.sites_url is None:
+            sites = await stack.enter_async_context(serving(config.sites))
+            choice = choice.model_copy(update={"sites_url": sites.url})
+            secrets = secrets.model_copy(update={"sites_token": SecretStr(sites.token)})
+            allowed = tuple(sites.allowed_hosts)
+        else:
+            allowed = _rules_for_sites_elsewhere(config)
+        serve = ServerConfig(
+            slots=config.collector.sessions,
+            browser=config.browser.allowing(*allowed),
+            admission=Admission(queues=config.server.queues),
+        )
+        server = await stack.enter_async_context(running_server(serve))
+        choice = choice.model_copy(update={"url": server.url})
+        token = server.token if isinstance(server.token, SecretStr) else SecretStr(server.token)
+        yield choice, secrets.model_copy(update={"server_token": token})
+
+
+class ServedState:
+    """The :class:`SiteState` of a served offline web.
+
+    Args:
+        sites: a client of its administration API.
+    """
+
+    def __init__(self, sites: SitesClient) -> None:
+        self._sites = sites
+
+    def cookies(self, visitor: str) -> tuple[Cookie, ...]:
+        """The cookie that makes a browser this visitor."""
+        name, value, domain = self._sites.visitor_cookie(visitor)
+        return (Cookie(name, value, domain),)
+
+    async def state(self, visitor: str, host: str) -> dict[str, Any] | None:
+        """The state of a website for this visitor; ``None`` if there is none."""
+        return await self._sites.state(visitor, host)
+
+
+@asynccontextmanager
+async def _sites(
+    config: RunConfig, secrets: Secrets, tasks: Sequence[Task], *, are_recorded: bool
+) -> AsyncIterator[tuple[SiteState | None, tuple[str, ...]]]:
+    """The offline web, here or elsewhere, and the egress rules that let browsers reach it."""
+    if not any(task.truth for task in tasks):
+        yield None, ()
+    elif config.server.sites_url is not None:
+        if secrets.sites_token is None:
+            raise ConfigError(
+                "the offline web's token is missing",
+                hint="set WEBGYM_SITES_TOKEN to what it was started with",
+            )
+        token = secrets.sites_token.get_secret_value()
+        async with SitesClient(config.server.sites_url, token) as client:
+            # Fails now, in one line, rather than once per attempt.
+            served = {site["host"]: site.get("digest") for site in await client.websites()}
+            _check_served(tasks, served.keys())
+            _check_digests(config, tasks, served)
+            if are_recorded:
+                web = _web(config)
+                known = [task for task in tasks if task.truth and _are_ours(web, task.truth.hosts, served)]
+                await asyncio.to_thread(_check_truths, web, known)
+            yield ServedState(client), _rules_for_sites_elsewhere(config)
+    elif config.server.url is not None:
+        raise ConfigError(
+            "these tasks are on the offline web, and the browser server runs elsewhere",
+            hint="start webgym sites serve where its browsers run, the server with the rules it prints, "
+            "and give its URL with --sites, or as server.sites_url",
+        )
+    else:
+        async with serving(config.sites) as sites, SitesClient(sites.url, sites.token) as client:
+            _check_served(tasks, sites.web.specs.keys())
+            if are_recorded:
+                await asyncio.to_thread(_check_truths, sites.web, tasks)
+            yield ServedState(client), tuple(sites.allowed_hosts)
+
+
+def _rules_for_sites_elsewhere(config: RunConfig) -> tuple[str, ...]:
+    """The egress rules that let browsers that are started here reach an offline web that is not."""
+    if config.server.url is not None or config.server.sites_url is None:
+        return ()
+    url, web = httpx.URL(config.server.sites_url), _web(config)
+    return tuple(web.allowed_hosts(f"{url.host}:{url.port or 80}"))
+
+
+def _check_served(tasks: Sequence[Task], hosts: Set[str]) -> None:
+    """Refuse tasks whose websites are not served: every attempt would end as an error of the environment."""
+    for task in tasks:
+        if task.truth is not None and (missing := sorted(task.truth.hosts - hosts)):
+            raise ConfigError(
+                f"the task {task.id} is on {missing[0]}, which is not served",
+                hint="sites.collection, seed and per_family, or the options of webgym sites serve, must be "
+                "what the tasks were made with",
+            )
+
+
+def _check_digests(config: RunConfig, tasks: Sequence[Task], served: Mapping[str, str | None]) -> None:
+    """Refuse websites that have only their names in common with those that the tasks were made for: every
+    attempt would fail."""
+    if config.tasks.file is not None:
+        return  # it does not say what its tasks were made for
+    web = _web(config)
+    for host in sorted({host for task in tasks if task.truth is not None for host in task.truth.hosts}):
+        if host in web.specs and web.specs[host].digest != served[host]:
+            raise ConfigError(
+                f"{host} is another website on the offline web at {config.server.sites_url} than here",
+                hint="start webgym sites serve with sites.seed, and in the same version of WebGym",
+            )
+
+
+def _web(config: RunConfig) -> OfflineWeb:
+    """The offline web of the config's settings, as this version of WebGym makes it."""
+    sites = config.sites
+    return OfflineWeb(sites.seed, per_family=sites.per_family, collection=sites.collection)
+
+
+def _are_ours(web: OfflineWeb, hosts: Set[str], served: Mapping[str, str | None]) -> bool:
+    """Whether the websites that are served under these names are those of a web."""
+    return all(host in web.specs and web.specs[host].digest == served[host] for host in hosts)
+
+
+def _check_truths(web: OfflineWeb, tasks: Sequence[Task]) -> None:
+    """Refuse tasks that say otherwise than their websites, as those of another version of WebGym or another
+    seed: right answers would be failures."""
+    hosts = {host_or_text(task.website) for task in tasks if task.truth is not None}
+    made = {task.id: task for host in sorted(hosts & web.specs.keys()) for task in web.tasks_of(host)}
+    for task in tasks:
+        if task.truth is None or task.id not in made:  # a task of the user's own
+            continue
+        if msgspec.json.encode(task.truth) != msgspec.json.encode(made[task.id].truth):
+            raise ConfigError(
+                f"the task {task.id} was made for another {host_or_text(task.website)} than is served",
+                hint="take the version of WebGym and the sites.seed that it was made with, or make the tasks "
+                "and the run anew",
+            )
+
+
+@asynccontextmanager
+async def _browsers(
+    config: RunConfig,
+    secrets: Secrets,
+    allowed: tuple[str, ...],
+    tell: Tell | None,
+    attempts: int,
+    calls: dict[str, CallQueue],
+) -> AsyncIterator[BrowserClient]:
+    """A client of the configured browser server, or of one started here with as many slots as needed."""
+    sessions = max(1, min(config.collector.sessions, attempts))
+    if config.server.url is not None:
+        token = secrets.server_token
+        if token is None:
+            raise Unauthorized(
+                "the browser server's token is missing", hint="set WEBGYM_TOKEN to what it was started with"
+            )
+        async with BrowserClient(
+            config.server.url, token=token.get_secret_value(), limits=config.limits, calls=calls
+        ) as client:
+            info = await client.info()  # fails now, in one line, rather than once per attempt
+            if sessions > info.slots:
+                say(
+                    tell, f"the server has {info.slots} slots so far, for {sessions} sessions: some will wait"
+                )
+            yield client
+        return
+    browser = config.browser.allowing(*allowed)
+    admission = Admission(queues=config.server.queues)
+    async with (
+        running_server(ServerConfig(slots=sessions, browser=browser, admission=admission)) as server,
+        BrowserClient(server.url, token=server.token, limits=config.limits, calls=calls) as client,
+    ):
+        info = await client.info()
+        if not info.sandboxed:
+            say(tell, "browsers run without a sandbox here: open only pages that you trust")
+        yield client

@@ -1,0 +1,1 @@
+"""A run on disk: its files, records, verdicts and their verification."""

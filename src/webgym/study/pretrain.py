@@ -1,0 +1,258 @@
+"""Pretraining: from random weights to a policy that sometimes succeeds.
+
+Attempts of the demonstrators at training websites become training sequences
+(:mod:`webgym.study.training_sequences`). Only pointing is trained first, then acting mixed with some
+pointing. Muon optimizes the matrices and AdamW the rest: with AdamW alone a model this small learns to point
+several times more slowly. All randomness derives from one seed; an interrupted training continues from its
+last checkpoint.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import random
+import shutil
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import torch
+from pydantic import Field
+
+from webgym.core.settings import Settings
+from webgym.inference.model import Loaded, fast_backward_attention
+from webgym.inference.rendering import Renderer
+from webgym.study.model import PATCH, TinyConfig, save_model
+from webgym.study.muon import Muon
+from webgym.study.patches import to_patches, to_pixel_values
+from webgym.study.training_sequences import IGNORED, Signs, TrainingSequence, pointing
+
+CHECKPOINT = "checkpoint.pt"
+LENGTHS = 4
+"""Number of groups into which acting sequences are divided by length."""
+
+
+class PretrainConfig(Settings):
+    """Settings of the tiny policy's pretraining."""
+
+    model: TinyConfig = TinyConfig()
+    seed: int = 0
+    """Seed of the weights and the sequences."""
+
+    steps: int = Field(default=6000, ge=1)
+    """Total number of updates."""
+
+    pointing_steps: int = Field(default=1500, ge=0)
+    """Number of first updates, which train only pointing."""
+
+    pointing_share: float = Field(default=0.25, ge=0, le=1)
+    """Share of the later updates that train pointing."""
+
+    questions: int = Field(default=8, ge=1)
+    """Questions per pointing sequence, which has one picture."""
+
+    batch: int = Field(default=48, ge=1)
+    """Sequences per update."""
+
+    muon_rate: float = Field(default=0.01, gt=0)
+    """Muon's learning rate, for matrices."""
+
+    adam_rate: float = Field(default=2e-3, gt=0)
+    """AdamW's learning rate, for everything else."""
+
+    warmup: int = Field(default=100, ge=0)
+    """Updates over which the learning rates rise linearly."""
+
+    decay_share: float = Field(default=0.3, ge=0, le=1)
+    """Share of the updates, at the end, over which the learning rates fall linearly to 0."""
+
+    weight_decay: float = Field(default=0.01, ge=0)
+    """Weight decay of both optimizers."""
+
+    threads: int | None = Field(default=None, ge=1)
+    """Threads of torch; by default torch's own choice."""
+
+    device: str = "cpu"
+    """Torch device."""
+
+    bfloat16: bool | None = None
+    """Compute in bfloat16, with weights in float32: about twice as fast with native support, twenty times
+    slower without; by default if the processor supports it."""
+
+    checkpoint_steps: int = Field(default=200, ge=1)
+    """Updates between checkpoints."""
+
+    report_steps: int = Field(default=50, ge=1)
+    """Updates between printed lines."""
+
+
+Kind: TypeAlias = Literal["pointing", "acting"]
+Tell: TypeAlias = Callable[[Mapping[str, Any]], None]
+
+
+class TrainingSet:
+    """The training sequences and their pictures.
+
+    Args:
+        acting: steps of demonstrators.
+        signs: what the screenshots show, for pointing.
+        pictures: screenshots by name, PNG.
+        renderer: of the model.
+        viewport: width and height of all pictures, pixels.
+    """
+
+    def __init__(
+        self,
+        acting: Sequence[TrainingSequence],
+        signs: Sequence[Signs],
+        pictures: Mapping[str, bytes],
+        renderer: Renderer,
+        viewport: tuple[int, int],
+    ) -> None:
+        self.renderer = renderer
+        self.acting = sorted(acting, key=lambda sequence: len(sequence.ids))
+        self.signs = signs
+        self.grid = (1, viewport[1] // PATCH, viewport[0] // PATCH)
+        self._viewport = viewport
+        self._names = sorted({name for picture_signs in signs for name, _ in picture_signs.places})
+        self._pictures = {name: to_patches(png) for name, png in pictures.items()}
+
+    def batch(self, config: PretrainConfig, step: int) -> tuple[Kind, list[TrainingSequence]]:
+        """The sequences of an update, all of one kind; determined by the seed and the update's number."""
+        rng = random.Random(f"{config.seed}\n{step}")
+        if step < config.pointing_steps or rng.random() < config.pointing_share:
+            chosen = rng.choices(self.signs, k=config.batch)
+            return "pointing", [
+                pointing(signs, self.renderer, self._viewport, rng, config.questions, self._names)
+                for signs in chosen
+            ]
+        # Batches of similar lengths have a quarter less padding.
+        group, count = rng.randrange(LENGTHS), len(self.acting)
+        first, end = group * count // LENGTHS, (group + 1) * count // LENGTHS
+        return "acting", rng.choices(self.acting[first : max(end, first + 1)], k=config.batch)
+
+    def tensors(self, sequences: Sequence[TrainingSequence], device: str) -> dict[str, torch.Tensor]:
+        """The model's inputs, including labels."""
+        longest = max(len(sequence.ids) for sequence in sequences)
+        ids = torch.zeros(len(sequences), longest, dtype=torch.int64)
+        labels = torch.full_like(ids, IGNORED)
+        mask = torch.zeros_like(ids)
+        for row, sequence in enumerate(sequences):
+            ids[row, : len(sequence.ids)] = torch.tensor(sequence.ids)
+            labels[row, : len(sequence.ids)] = torch.tensor(sequence.labels)
+            mask[row, : len(sequence.ids)] = 1
+        pixels = np.concatenate([to_pixel_values(self._pictures[sequence.picture]) for sequence in sequences])
+        inputs = {
+            "input_ids": ids,
+            "attention_mask": mask,
+            "labels": labels,
+            "mm_token_type_ids": (ids == self.renderer.image_id).int(),
+            "pixel_values": torch.from_numpy(pixels),
+            "image_grid_thw": torch.tensor([self.grid] * len(sequences)),
+        }
+        return {name: tensor.to(device) for name, tensor in inputs.items()}
+
+
+def _has_bfloat16(device: torch.device) -> bool:
+    if device.type == "cpu":
+        return bool(torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported())
+    return True
+
+
+def optimizers_of(model: Any, config: PretrainConfig, dtype: torch.dtype) -> list[torch.optim.Optimizer]:
+    """Muon for the matrices between layers, AdamW for embeddings, norms, biases and the patch projection."""
+    matrices, rest = list[torch.nn.Parameter](), list[torch.nn.Parameter]()
+    for name, weight in model.named_parameters():
+        is_matrix = weight.ndim == 2 and not any(part in name for part in ("embed", "lm_head"))
+        (matrices if is_matrix else rest).append(weight)
+    decay = config.weight_decay
+    return [
+        Muon(matrices, lr=config.muon_rate, weight_decay=decay, dtype=dtype),
+        torch.optim.AdamW(rest, lr=config.adam_rate, betas=(0.9, 0.95), weight_decay=decay),
+    ]
+
+
+def rate(config: PretrainConfig, step: int) -> float:
+    """Factor on the learning rates at an update: it rises, is constant, and falls to 0."""
+    falling = max(1.0, config.decay_share * config.steps)
+    return min(1.0, (step + 1) / max(1, config.warmup), max(0.0, (config.steps - step) / falling))
+
+
+def pretrain(sequences: TrainingSet, loaded: Loaded, out: Path, config: PretrainConfig, tell: Tell) -> None:
+    """Train a model on sequences, and save it in ``out``.
+
+    Args:
+        sequences: the training data.
+        loaded: the model, with random weights; trained in place.
+        out: output folder; training continues from a checkpoint in it.
+        config: of the pretraining.
+        tell: called with figures every ``report_steps`` updates.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    if config.threads is not None:
+        torch.set_num_threads(config.threads)
+    device = torch.device(config.device)
+    uses_bfloat16 = _has_bfloat16(device) if config.bfloat16 is None else config.bfloat16
+    model = loaded.model.to(device).train()
+    optimizers = optimizers_of(model, config, torch.bfloat16 if uses_bfloat16 else torch.float32)
+    first = _restore(out, model, optimizers, config)
+    started, smooth = time.monotonic(), dict[Kind, float](pointing=math.nan, acting=math.nan)
+    for step in range(first, config.steps):
+        for optimizer, peak in zip(optimizers, (config.muon_rate, config.adam_rate), strict=True):
+            for group in optimizer.param_groups:
+                group["lr"] = peak * rate(config, step)
+        kind, chosen = sequences.batch(config, step)
+        tensors = sequences.tensors(chosen, config.device)
+        with (
+            torch.autocast(device.type, torch.bfloat16, enabled=uses_bfloat16),
+            fast_backward_attention(device),
+        ):
+            loss = model(**tensors, use_cache=False).loss
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
+        for optimizer in optimizers:
+            optimizer.step()
+            optimizer.zero_grad(set_to_none=True)
+        value = float(loss.detach())
+        smooth[kind] = value if math.isnan(smooth[kind]) else 0.95 * smooth[kind] + 0.05 * value
+        if (step + 1) % config.report_steps == 0:
+            done = (step + 1 - first) * config.batch
+            tell({"step": step + 1, "sequences_per_second": done / (time.monotonic() - started), **smooth})
+        if (step + 1) % config.checkpoint_steps == 0 or step + 1 == config.steps:
+            _save_checkpoint(out, model, optimizers, config, step + 1)
+    model.eval().to(torch.bfloat16)  # half the size; it is read as float32 again
+    new = out / "model.new"
+    shutil.rmtree(new, ignore_errors=True)
+    save_model(loaded, new)
+    new.rename(out / "model")  # atomic: the model is always complete
+
+
+def _save_checkpoint(
+    out: Path, model: Any, optimizers: Sequence[torch.optim.Optimizer], config: PretrainConfig, step: int
+) -> None:
+    checkpoint = {
+        "step": step,
+        "config": config.model_dump_json(),
+        "model": model.state_dict(),
+        "optimizers": [optimizer.state_dict() for optimizer in optimizers],
+    }
+    torch.save(checkpoint, out / f"{CHECKPOINT}.new")
+    (out / f"{CHECKPOINT}.new").replace(out / CHECKPOINT)
+
+
+def _restore(
+    out: Path, model: Any, optimizers: Sequence[torch.optim.Optimizer], config: PretrainConfig
+) -> int:
+    """Load a checkpoint of the same model, if there is one; returns its number of updates."""
+    if not (out / CHECKPOINT).exists():
+        return 0
+    checkpoint = torch.load(out / CHECKPOINT, weights_only=True, map_location=config.device)
+    if json.loads(checkpoint["config"])["model"] != json.loads(config.model_dump_json())["model"]:
+        return 0
+    model.load_state_dict(checkpoint["model"])
+    for optimizer, state in zip(optimizers, checkpoint["optimizers"], strict=True):
+        optimizer.load_state_dict(state)
+    return int(checkpoint["step"])

@@ -1,0 +1,1 @@
+"""Construction of a task set from public sources: reading, rubrics, decomposition, checks."""

@@ -1,0 +1,227 @@
+"""Runs a build: completely, as a dry run, or up to writing batch files."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Mapping
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import Final
+
+import yaml
+
+from webgym.core.errors import ConfigError, TaskFileError, TooFewWebsites
+from webgym.llm.batch import BatchFile, Collector, write_batches
+from webgym.llm.cache import ReplyCache
+from webgym.llm.client import ChatClient
+from webgym.llm.completion import Completes
+from webgym.llm.config import ChatConfig
+from webgym.llm.ledger import Ledger
+from webgym.llm.prices import Prices
+from webgym.tasks.formats import refuse_others
+from webgym.taskset.construction.config import PURPOSES, BuildConfig, Purpose
+from webgym.taskset.construction.estimate import Estimate, Estimator, estimate
+from webgym.taskset.construction.outputs import TASK_FILES, write_build, write_failures
+from webgym.taskset.construction.pipeline import Build, Pipeline
+from webgym.taskset.construction.progress import StageProgress
+
+REPLIES: Final = "replies.sqlite"
+"""File name of the cache in a build's folder."""
+
+CONFIG: Final = "config.yaml"
+"""File name of the resolved config in a build's folder."""
+
+_WORKERS_PER_CALL: Final = 2
+"""Workers per concurrent call: while one waits for its reply, another's reply is checked."""
+
+_FEWEST_WORKERS: Final = 64
+"""Fewest workers. Cached replies are read in groups, so many concurrent requests are faster."""
+
+
+@dataclass(frozen=True)
+class BuildPaths:
+    """The paths of a build.
+
+    Attributes:
+        out: the folder of the build.
+        cache: the file that caches replies.
+    """
+
+    out: Path
+    cache: Path
+
+    @classmethod
+    def of(cls, out: Path, cache: Path | None = None) -> BuildPaths:
+        """The paths of a build in the folder ``out``; its cache is there, too, unless another file is
+        given."""
+        return cls(out, cache or out / REPLIES)
+
+
+@dataclass(frozen=True)
+class FinishedBuild:
+    """A completed build.
+
+    Attributes:
+        build: the result.
+        ledger: tokens and dollars spent, by all runs with the same cache.
+        written: paths of the files.
+    """
+
+    build: Build
+    ledger: Ledger
+    written: list[Path]
+
+
+async def run_build(config: BuildConfig, paths: BuildPaths, stages: StageProgress) -> FinishedBuild:
+    """Build a task set, or resume one.
+
+    Raises:
+        UsageError: a source or the config cannot be used, or there are too few websites.
+        LLMError: the endpoint cannot be used, or the budget is spent; replies so far are kept in the cache.
+    """
+    today = _write_config(config, paths.out)
+    async with _clients(config, paths.cache) as (clients, ledger):
+        pipeline = Pipeline(config, clients, stages, today=today, workers=_workers(config))
+        build = await _run(pipeline, paths.out)
+    return FinishedBuild(build, ledger, write_build(build, paths.out, today, stages))
+
+
+@dataclass(frozen=True)
+class PendingBatches:
+    """A build that waits for the results of batches.
+
+    Attributes:
+        build: its current state.
+        files: the batch files written; empty if all requests are in earlier files already.
+    """
+
+    build: Build
+    files: list[BatchFile]
+
+
+async def run_batch(
+    config: BuildConfig, paths: BuildPaths, folder: Path, stages: StageProgress
+) -> FinishedBuild | PendingBatches:
+    """As :func:`run_build`, but model requests are written to batch files.
+
+    Rubrics do not depend on websites, so nearly all requests take two rounds of files: first websites and
+    rubrics, then rewriting. Requests with unusable replies are repeated in the next round.
+
+    Args:
+        config: of the build.
+        paths: of the build's folder and cache.
+        folder: for the batch files.
+        stages: shows the progress.
+
+    Raises:
+        UsageError: a source, the config or the folder cannot be used, or there are too few websites.
+    """
+    today = _write_config(config, paths.out)
+    async with ReplyCache(paths.cache) as cache:
+        collectors = {
+            purpose: Collector(chat, cache).labelled(purpose) for purpose, chat in _chats(config).items()
+        }
+        pipeline = Pipeline(config, collectors, stages, today=today, workers=_FEWEST_WORKERS)
+        build = await _run(pipeline, paths.out)
+        if build.pending:
+            return PendingBatches(build, await write_batches(cache, folder))
+        ledger = Ledger(cache, prices=Prices(config.prices))
+    return FinishedBuild(build, ledger, write_build(build, paths.out, today, stages))
+
+
+async def run_dry(config: BuildConfig, paths: BuildPaths, stages: StageProgress) -> Estimate:
+    """Estimate the rest of :func:`run_build`, without model requests and without writing files.
+
+    Raises:
+        UsageError: a source or the config cannot be used.
+    """
+    chats = _chats(config)
+    async with AsyncExitStack() as stack:
+        cache = await stack.enter_async_context(ReplyCache(paths.cache)) if paths.cache.exists() else None
+        estimators = {
+            purpose: Estimator(ChatClient(chat, cache=cache), cache) for purpose, chat in chats.items()
+        }
+        today = config.today or _earlier_today(paths.out) or date.today()
+        build = await Pipeline(config, estimators, stages, today=today, workers=_FEWEST_WORKERS).run()
+    names = {purpose: chat.model for purpose, chat in chats.items()}
+    return estimate(build, estimators, names, Prices(config.prices))
+
+
+async def _run(pipeline: Pipeline, out: Path) -> Build:
+    """Run the stages; if too many tasks failed to make a split, write the list of failures."""
+    try:
+        return await pipeline.run()
+    except TooFewWebsites as error:
+        failures = pipeline.so_far.failures
+        if not failures:
+            raise
+        raise TooFewWebsites(
+            f"{error.message}; {len(failures):,} tasks failed, the last: {failures[-1].reason}",
+            hint=f"{write_failures(pipeline.so_far, out)} has every reason and reply",
+        ) from error
+
+
+@asynccontextmanager
+async def _clients(
+    config: BuildConfig, cache_file: Path
+) -> AsyncIterator[tuple[Mapping[Purpose, Completes], Ledger]]:
+    """Open the model clients by purpose; purposes with the same endpoint and model share one."""
+    chats = _chats(config)
+    async with AsyncExitStack() as stack:
+        cache_file.parent.mkdir(parents=True, exist_ok=True)
+        cache = await stack.enter_async_context(ReplyCache(cache_file))
+        ledger = Ledger(cache, prices=Prices(config.prices), budget=config.budget)
+        opened: list[ChatClient] = []
+        for chat in chats.values():
+            if all(client.config != chat for client in opened):
+                client = ChatClient(chat, cache=cache, ledger=ledger)
+                opened.append(await stack.enter_async_context(client))
+        yield (
+            {
+                purpose: next(client for client in opened if client.config == chat).labelled(purpose)
+                for purpose, chat in chats.items()
+            },
+            ledger,
+        )
+
+
+def _chats(config: BuildConfig) -> dict[Purpose, ChatConfig]:
+    asked = (purpose for purpose in PURPOSES if purpose != "critic" or config.writing.critic)
+    chats = ((purpose, config.chat(purpose)) for purpose in asked)
+    return {purpose: chat for purpose, chat in chats if chat is not None}
+
+
+def _workers(config: BuildConfig) -> int:
+    most = max((chat.concurrency for chat in _chats(config).values()), default=0)
+    return max(_FEWEST_WORKERS, _WORKERS_PER_CALL * most)
+
+
+def _write_config(config: BuildConfig, out: Path) -> date:
+    """Write the resolved config to the folder; the date that counts as today.
+
+    Raises:
+        TaskFileError: the folder cannot be written, or holds task files that no build wrote.
+    """
+    refuse_others(out, [name for names in TASK_FILES.values() for name in names])
+    today = config.today or _earlier_today(out) or date.today()
+    resolved = config.model_copy(update={"today": today}).model_dump(mode="json")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / CONFIG).write_text(yaml.safe_dump(resolved, sort_keys=False, allow_unicode=True), "utf-8")
+    except OSError as error:
+        raise TaskFileError(f"cannot write to {out}: {error.strerror or error}") from error
+    return today
+
+
+def _earlier_today(out: Path) -> date | None:
+    """The date that counted as today in an earlier run into the folder; ``None`` if there was none."""
+    try:
+        config = yaml.safe_load((out / CONFIG).read_text("utf-8"))
+        return date.fromisoformat(str(config["today"]))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError) as error:
+        raise ConfigError(
+            f"{out / CONFIG} is not the config of a build", hint="give another --out, or remove the file"
+        ) from error

@@ -1,0 +1,175 @@
+"""Validation of the offline web's tasks: the known solution must pass, and degraded versions of it must not.
+
+``webgym sites check`` plays every solution in real browsers (:mod:`webgym.testing.browser_check`) and
+evaluates the results with this module.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import AsyncIterator, Iterable, Iterator, Mapping
+from urllib.parse import urlsplit
+
+import msgspec
+
+from webgym.core.errors import JudgeError
+from webgym.core.observation import Observation
+from webgym.core.outcome import Ending, Outcome
+from webgym.core.task import Task
+from webgym.core.text import fold, says
+from webgym.core.trajectory import Episode, Trajectory
+from webgym.core.truth import Evidence, Truth
+from webgym.judge.base import Judge, no_picture
+from webgym.offline.proofs import repeating_pages, typed_proofs
+from webgym.offline.web import OfflineWeb
+from webgym.rollout.judging import judge_episode
+
+_JUDGE_SECONDS = 300.0
+
+
+def unexpected(tasks: Mapping[str, Task], trajectories: Iterable[Trajectory]) -> Iterator[str]:
+    """A line for every task whose solution did not end in the expected outcome, with the reason."""
+    attempted: set[str] = set()
+    for trajectory in trajectories:
+        episode = trajectory.episode
+        task = tasks[episode.task_id]
+        assert task.truth is not None
+        attempted.add(task.id)
+        if trajectory.outcome != task.truth.expects:
+            expected = f"expected {task.truth.expects}, got {trajectory.outcome}"
+            yield f"{task.id}: {expected} after {len(episode.steps)} steps: {_why(trajectory)}"
+    for task_id in tasks.keys() - attempted:
+        yield f"{task_id}: was not attempted"
+
+
+def typed(web: OfflineWeb, tasks: Iterable[Task]) -> Iterator[str]:
+    """A line for every piece of evidence that an agent could produce by typing it, on these tasks'
+    websites."""
+    hosts: dict[str, None] = {}
+    for task in tasks:
+        assert task.truth is not None
+        hosts |= dict.fromkeys(sorted(task.truth.hosts))
+        yield from typed_proofs(task)
+    for host in hosts:
+        site = web.website(host)
+        assert site is not None
+        yield from repeating_pages(site)
+
+
+def cut_off(tasks: Mapping[str, Task], trajectories: Iterable[Trajectory]) -> Iterator[str]:
+    """A line for all evidence that a page truncates at every scroll position. Needs ``record_cuts``."""
+    for trajectory in trajectories:
+        task = tasks[trajectory.episode.task_id]
+        assert task.truth is not None
+        lines = {
+            f'{task.id}: "{text}" is cut off on {url}, which shows "{shown}"'
+            for fact in task.truth.facts
+            for evidence in fact.evidence
+            for url, text, shown in _cuts(task.truth, evidence, trajectory.episode)
+        }
+        yield from sorted(lines)
+
+
+def may_be_cut_off(truth: Truth, observation: Observation) -> bool:
+    """Whether evidence belongs on this page that the observation does not show, so that :func:`cut_off` needs
+    the lines that the page truncates."""
+    host, path = _address(observation)
+    visible = fold(observation.text or "")
+    return any(
+        not says(visible, text)
+        for fact in truth.facts
+        for evidence in fact.evidence
+        if host == (evidence.host or truth.host) and re.match(evidence.path, path)
+        for text in evidence.texts
+    )
+
+
+def _address(observation: Observation) -> tuple[str | None, str]:
+    """Hostname, and path with query, of a page."""
+    address = urlsplit(observation.url)
+    return address.hostname, f"{address.path}?{address.query}" if address.query else address.path
+
+
+def _cuts(truth: Truth, evidence: Evidence, episode: Episode) -> Iterator[tuple[str, str, str]]:
+    """Path, text and visible part of every line that truncates a text which is visible nowhere on the
+    page."""
+    pages: dict[str, tuple[list[str], set[tuple[str, str]]]] = {}
+    for observation in episode.observations:
+        host, path = _address(observation)
+        if host == (evidence.host or truth.host) and re.match(evidence.path, path):
+            visible, cuts = pages.setdefault(path, ([], set()))
+            visible.append(fold(observation.text or ""))
+            cuts.update(observation.cuts)
+    for path, (visible, cuts) in pages.items():
+        for text in evidence.texts:
+            if not any(says(page_text, text) for page_text in visible):
+                for whole, shown in cuts:
+                    if says(fold(whole), text) and not says(fold(shown), text):
+                        yield path, text, shown
+
+
+def _why(trajectory: Trajectory) -> str:
+    episode, verdict = trajectory.episode, trajectory.verdict
+    failure = episode.failure or trajectory.judge_failure
+    if failure is not None:
+        return failure.message
+    if verdict is None:
+        return "it was not judged"
+    judgements = [verdict.reference, verdict.response, *(fact.judgement for fact in verdict.facts)]
+    reasons = [
+        judgement.reason for judgement in judgements if judgement is not None and judgement.passed is False
+    ]
+    return f"{'; '.join(reasons)} (answer: {episode.answer!r})"
+
+
+def degraded_solutions(task: Task, solved: Episode) -> Iterator[tuple[str, Episode]]:
+    """A successful episode, degraded in every way that must make it fail.
+
+    Yields:
+        What was changed, and the degraded episode.
+    """
+    change = msgspec.structs.replace
+    assert task.truth is not None
+    if task.truth.answer.required:
+        yield "a wrong answer", change(solved, answer="It is the other one, 987654321.")
+        yield "an answer that gives up", change(solved, answer="I could not find it.")
+        if task.truth.answer.others:
+            wrong = f"{solved.answer}\n{task.truth.answer.others[0]}"
+            yield "an answer that names another candidate too", change(solved, answer=wrong)
+    yield "no answer", change(solved, answer=None, ending=Ending.BUDGET_SPENT)
+    yield "a right answer at first sight", change(solved, steps=solved.steps[:1], final=None)
+    yield "a right answer without an observation", change(solved, steps=(), final=None)
+    nothing = change(solved, steps=(), final=None, answer=None, ending=Ending.BUDGET_SPENT, final_state={})
+    yield "an empty trajectory", nothing
+    if any(fact.state for fact in task.truth.facts):
+        yield "nothing done on the server", change(solved, final_state={})
+
+
+async def judged(task: Task, episode: Episode, judge: Judge) -> tuple[Trajectory, list[str]]:
+    """Judge an episode in which a solution was carried out.
+
+    Returns:
+        The trajectory, and a line for everything that is wrong with task or solution: another outcome than
+        expected, evidence that a page truncates, degraded solutions that pass.
+    """
+    found = await judge_episode(judge, task, episode, no_picture, _JUDGE_SECONDS)
+    trajectory, tasks = found.of(episode), {task.id: task}
+    faults = [*unexpected(tasks, [trajectory]), *cut_off(tasks, [trajectory])]
+    return trajectory, faults + [line async for line in wrongly_accepted(tasks, [trajectory], judge)]
+
+
+async def wrongly_accepted(
+    tasks: Mapping[str, Task], trajectories: Iterable[Trajectory], judge: Judge
+) -> AsyncIterator[str]:
+    """A line for every degraded solution that the judge accepts."""
+    for trajectory in trajectories:
+        if trajectory.outcome is not Outcome.SUCCESS:
+            continue
+        task = tasks[trajectory.episode.task_id]
+        for what, episode in degraded_solutions(task, trajectory.episode):
+            try:
+                verdict = await judge.judge(task, episode, no_picture)
+            except JudgeError:
+                continue
+            if verdict.reward == 1:
+                yield f"{task.id}: {what} passes"

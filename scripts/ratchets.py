@@ -49,8 +49,8 @@ def measure(root: Path) -> dict[str, int]:
     """Every figure of a checkout, under the names of :data:`ADVICE`."""
     source = {path: path.read_text("utf-8") for path in sorted((root / "src").rglob("*.py"))}
     trees = {path: list(ast.walk(ast.parse(text))) for path, text in source.items()}
-    classes = subclasses(trees)
-    settings = [name for nodes in trees.values() for name in fields(nodes, classes)]
+    modules = {".".join(path.relative_to(root / "src").with_suffix("").parts): trees[path] for path in trees}
+    settings = list(fields(modules))
     named = names_in(root)
     return {
         "src_lines": sum(text.count("\n") for text in source.values()),
@@ -81,30 +81,36 @@ def one_importer() -> int:
     return sum(len(graph.find_modules_that_directly_import(module)) == 1 for module in graph.modules)
 
 
-def subclasses(trees: Mapping[Path, list[ast.AST]]) -> set[str]:
-    """The names of the classes whose bases lead to ``Settings``."""
-    bases = {
-        node.name: {
-            base.attr if isinstance(base, ast.Attribute) else getattr(base, "id", "") for base in node.bases
+def subclasses(modules: Mapping[str, list[ast.AST]]) -> set[tuple[str, str]]:
+    """Module and name of each class whose bases lead to ``Settings``."""
+    bases: dict[tuple[str, str], set[tuple[str, str]]] = {}
+    for module, nodes in modules.items():
+        imported = {
+            name.asname or name.name: (str(node.module), name.name)
+            for node in nodes
+            if isinstance(node, ast.ImportFrom)
+            for name in node.names
         }
-        for nodes in trees.values()
-        for node in nodes
-        if isinstance(node, ast.ClassDef)
-    }
-    known = {"Settings"}
-    while grown := {name for name, above in bases.items() if above & known} - known:
+        for node in nodes:
+            if isinstance(node, ast.ClassDef):
+                above = [base.id for base in node.bases if isinstance(base, ast.Name)]
+                bases[module, node.name] = {imported.get(name, (module, name)) for name in above}
+    known = {each for each in bases if each[1] == "Settings"}
+    while grown := {each for each, above in bases.items() if above & known} - known:
         known |= grown
     return known
 
 
-def fields(nodes: list[ast.AST], classes: set[str]) -> Iterator[str]:
-    """The settings that a module's classes declare."""
-    for node in nodes:
-        if isinstance(node, ast.ClassDef) and node.name in classes:
-            for item in node.body:
-                match item:
-                    case ast.AnnAssign(target=ast.Name(id=name)) if "ClassVar" not in ast.unparse(item):
-                        yield name
+def fields(modules: Mapping[str, list[ast.AST]]) -> Iterator[str]:
+    """The settings that the classes of all modules declare."""
+    classes = subclasses(modules)
+    for module, nodes in modules.items():
+        for node in nodes:
+            if isinstance(node, ast.ClassDef) and (module, node.name) in classes:
+                for item in node.body:
+                    match item:
+                        case ast.AnnAssign(target=ast.Name(id=name)) if "ClassVar" not in ast.unparse(item):
+                            yield name
 
 
 def names_in(root: Path) -> set[str]:

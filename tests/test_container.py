@@ -168,7 +168,7 @@ def test_compose_confines_it() -> None:
 
 
 def test_the_document_runs_it_the_same_way() -> None:
-    text = (ROOT / "docs" / "container.md").read_text()
+    text = (ROOT / "docs" / "scaling.md").read_text()
     for flag in (
         "--read-only",
         "--cap-drop ALL",

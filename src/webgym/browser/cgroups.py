@@ -85,7 +85,7 @@ def new_cgroup(config: BrowserConfig) -> Cgroup | None:
     except OSError as error:
         raise ConfigError(
             f"{parent} is not a cgroup that can be divided: {error.strerror} ({error.filename})",
-            hint="it must be version 2, contain no process itself and be writable; see docs/container.md",
+            hint="it must be version 2, contain no process itself and be writable; see docs/scaling.md",
         ) from None
     return Cgroup(path)
 

@@ -1,4 +1,4 @@
-"""The look of a website: palette, fonts and layout."""
+"""The look of a website: palette, fonts, layout, and illustrations (SVG) generated from a name."""
 
 from __future__ import annotations
 

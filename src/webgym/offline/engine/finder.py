@@ -1,4 +1,4 @@
-"""Filters and sort order of a list.
+"""Filters, sort order and pages of a list.
 
 Pages, moves of solutions and evidence of facts all use the same :class:`Finder`, so that they agree on the
 address of a filtered list. Its markup is in ``finder.html``.

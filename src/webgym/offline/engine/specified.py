@@ -1,6 +1,6 @@
 """Websites generated from a specification: a list with filters, a page per item, forms, and a saved list.
 
-A family is a specification in TOML (see :mod:`webgym.offline.engine.spec`) and a class that may name its items.
+A family is a TOML file (see :mod:`webgym.offline.engine.spec`) and a class that may name its items.
 Pages, validation, server state, and tasks with solutions (:mod:`webgym.offline.engine.tasks`) are generated.
 """
 

@@ -1,4 +1,9 @@
-"""The tasks of a specified website: their kinds, how many of each kind, and their numbers of facts."""
+"""The tasks of a specified website: their kinds, how many of each kind, and their numbers of facts.
+
+The tasks on its list are here, too: count items, and find the first in an order. Every such function takes
+the website, a random generator and a number of facts, and returns a part with that many facts, or ``None`` if
+the draw gives no well-posed part.
+"""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ questions.py  from a table to parts of tasks: look up, compare, extreme, count, 
 signs.py      what a page can show: colours, icons, numbers, short words
 design.py     theme, layout and stock of signs of a website, and which combinations are held out
 screen.py     a page: signs on a grid of cells
-site.py       what every small website is
+site.py       what every small website is, and its tasks, composed of parts
 
 Data lies beside the code in TOML files: a family's own holds how its tasks are asked.
 """

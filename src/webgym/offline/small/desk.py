@@ -1,4 +1,7 @@
-"""Desks: forms of options, and pages that say which options to select."""
+"""Desks: forms of options, and pages that say which options to select.
+
+A task gives the option of an input itself, or names another page on which to read it.
+"""
 
 from __future__ import annotations
 

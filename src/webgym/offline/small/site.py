@@ -1,4 +1,7 @@
-"""The base class of small websites: a design, pages of signs, and tasks in a small vocabulary."""
+"""The base class of small websites: a design, pages of signs, and tasks in a small vocabulary.
+
+Tasks are composed of parts, in a mix of difficulties.
+"""
 
 from __future__ import annotations
 

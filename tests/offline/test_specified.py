@@ -19,7 +19,7 @@ from webgym.core.errors import SitesError
 from webgym.core.task import Task
 from webgym.core.text import fold, says
 from webgym.core.truth import Click, Evidence, Give
-from webgym.judge.answers import compare
+from webgym.judge.offline import compare
 from webgym.offline.data import load_beside
 from webgym.offline.engine.navigation import field_fact, row_view
 from webgym.offline.engine.spec import Spec, spec_of

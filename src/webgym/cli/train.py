@@ -47,8 +47,7 @@ def command(
         import torch  # noqa: F401
     except ImportError as error:
         raise ConfigError("training needs torch", hint="pip install 'webgym-rl[train]'") from error
-    from webgym.train.follow import follow, is_follower
-    from webgym.train.start import load_train_config, read_config
+    from webgym.train.start import follow, is_follower, load_train_config, read_config
 
     console = _run.lasting_console()
     files = list(config or ())

@@ -138,7 +138,7 @@ async def run(_: pytest.MonkeyPatch) -> AsyncIterator[Names]:
     """A run made of a few steps."""
     from tests.train.making import Made, trajectory
 
-    from webgym.agent.request import request_of
+    from webgym.agent.openai_policy import request_of
 
     folder = Path("runs/iteration-0")
     await asyncio.to_thread(Made([trajectory(number) for number in range(3)]).write, folder)

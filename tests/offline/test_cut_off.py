@@ -21,7 +21,7 @@ from webgym.core.trajectory import Episode, Reply, Step, Trajectory
 from webgym.core.truth import AnswerTruth, Evidence, FactTruth, Give, Truth
 from webgym.offline.app import serving
 from webgym.offline.config import SitesConfig
-from webgym.offline.families.timetable import Timetable
+from webgym.offline.families import Timetable
 from webgym.testing.solutions import cut_off
 
 SITES = 6

@@ -47,8 +47,7 @@ def command(
         hint = "webgym train CONFIG --out FOLDER starts one, webgym train --resume FOLDER continues it"
         raise UsageError("give either settings and --out, or --resume", hint=hint)
     from webgym.cli._training_output import run_training
-    from webgym.train.follow import follow, is_follower
-    from webgym.train.start import load_train_config, read_config
+    from webgym.train.start import follow, is_follower, load_train_config, read_config
 
     console = _run.lasting_console()
     if explain:

@@ -175,8 +175,7 @@ def test_ids_of_two_sets_do_not_clash(tmp_path: Path) -> None:
     assert (shop.id, voyage.id) == ("deepshop/Amazon--31", "pae-webvoyager/Amazon--31")
 
 
-@pytest.mark.parametrize("source", native.RECORDS)
-def test_no_two_sources_share_an_id(tmp_path: Path, source: str) -> None:
+def test_no_two_sources_share_an_id(tmp_path: Path) -> None:
     ids = [
         task.id
         for name, records in native.RECORDS.items()

@@ -187,6 +187,7 @@ async def test_facts_and_their_evidence(browser: Browser, report: Path, run_fold
     async with opened(browser, address(report, run_folder, 1)) as page:
         facts = page.locator("#rubric .finding")
         await expect(facts).to_have_count(len(made.verdict.facts))
+        await expect(page.locator("#judges")).to_have_count(0)  # there is one judge, and no choice
         for place, fact in enumerate(made.verdict.facts):
             await expect(facts.nth(place)).to_contain_text(fact.fact)
             await expect(facts.nth(place)).to_contain_text(fact.judgement.reason)
@@ -227,22 +228,21 @@ async def test_arrows_walk_through_the_steps(browser: Browser, report: Path, run
         await expect(page.locator(".notices")).to_contain_text("no tool call in the reply")
 
 
-@pytest.mark.parametrize(
-    ("sample", "outcome", "text"),
-    [
-        (3, "Blocked", "a challenge page that stays"),
-        (4, "Environment error", "browser_crashed"),
-        (5, "Policy error", "policy_timeout"),
-        (6, "Judge error", "three replies without a verdict line"),
-        (7, "Cancelled", "the attempt ended before its first step"),
-    ],
-)
-async def test_attempts_without_a_reward(
-    browser: Browser, report: Path, run_folder: Path, sample: int, outcome: str, text: str
-) -> None:
-    async with opened(browser, address(report, run_folder, sample)) as page:
-        await expect(page.locator(".verdict-badge")).to_have_text(outcome)
-        await expect(page.locator("#trajectory")).to_contain_text(text)
+UNREWARDED = {
+    3: ("Blocked", "a challenge page that stays"),
+    4: ("Environment error", "browser_crashed"),
+    5: ("Policy error", "policy_timeout"),
+    6: ("Judge error", "three replies without a verdict line"),
+    7: ("Cancelled", "the attempt ended before its first step"),
+}
+
+
+async def test_attempts_without_a_reward(browser: Browser, report: Path, run_folder: Path) -> None:
+    async with opened(browser, report.as_uri()) as page:
+        for sample, (outcome, text) in UNREWARDED.items():
+            await page.goto(address(report, run_folder, sample))
+            await expect(page.locator(".verdict-badge")).to_have_text(outcome)
+            await expect(page.locator("#trajectory")).to_contain_text(text)
 
 
 async def test_hostile_text_is_shown_and_inert(browser: Browser, report: Path, run_folder: Path) -> None:
@@ -321,21 +321,6 @@ async def test_a_phone_shows_figures_and_steps_whole(
         assert await page.evaluate("document.documentElement.scrollWidth") == 390
 
 
-async def test_tiles_have_borders_at_any_width(browser: Browser, report: Path) -> None:
-    """A line at the left of all but the first column, and at the top of all but the first row."""
-    for width, columns in ((1280, 6), (800, 2)):
-        async with opened(browser, report.as_uri(), viewport={"width": width, "height": 800}) as page:
-            lines = await page.locator(".tile").evaluate_all(
-                """(tiles) => tiles.map((tile) => {
-                  const [box, whole] = [tile, tile.parentElement].map((each) => each.getBoundingClientRect());
-                  const style = getComputedStyle(tile);
-                  return [style.borderLeftWidth === "1px" && box.x > whole.x + 1,
-                          style.borderTopWidth === "1px" && box.y > whole.y + 1];
-                })"""
-            )
-        assert lines == [[place % columns > 0, place >= columns] for place in range(len(lines))]
-
-
 async def _brightness(page: Page) -> float:
     """Mean of the visible pixels, 0 to 255."""
     shot = Image.open(io.BytesIO(await page.screenshot())).convert("L")
@@ -408,16 +393,6 @@ async def viewed(run: Path) -> AsyncIterator[str]:
         )
         yield await ready
         serving.cancel()
-
-
-async def test_the_same_pages_are_served(browser: Browser, run_folder: Path) -> None:
-    made = attempt(run_folder, 0)
-    async with viewed(run_folder) as url, opened(browser, url) as page:
-        await expect(page.locator("#rows-body tr")).to_have_count(12)
-        await page.get_by_role("searchbox").fill("tide fernhill")
-        await page.locator("#rows-body tr").first.locator("td").nth(3).click()
-        await loaded(page, 1280)
-        await expect(page.locator(".frame")).to_have_count(len(made.episode.steps))
 
 
 async def test_a_run_in_progress_is_followed(browser: Browser, run_folder: Path, tmp_path: Path) -> None:

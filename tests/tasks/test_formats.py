@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import gzip
 import re
 from collections.abc import Iterable, Iterator
@@ -366,18 +365,6 @@ def test_archives_hold_the_lines_and_nothing_else(tmp_path: Path) -> None:
     assert (
         gzip.decompress((tmp_path / "tasks.jsonl.gz").read_bytes()) == (tmp_path / "tasks.jsonl").read_bytes()
     )
-
-
-@pytest.mark.parametrize("enabled", [True, False])
-def test_the_garbage_collector_is_left_as_it_was(tmp_path: Path, enabled: bool) -> None:
-    write_tasks(tmp_path / "tasks.jsonl", [task(1)])
-    was = gc.isenabled()
-    try:
-        (gc.enable if enabled else gc.disable)()
-        read_tasks(tmp_path / "tasks.jsonl")
-        assert gc.isenabled() is enabled
-    finally:
-        (gc.enable if was else gc.disable)()
 
 
 @given(content=st.binary(max_size=200) | st.text(max_size=100).map(str.encode))

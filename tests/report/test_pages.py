@@ -29,7 +29,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 @pytest.fixture(scope="module")
 def report(run_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = shutil.copytree(run_folder, tmp_path_factory.mktemp("report") / "run")
-    return write_report(run, config=ReportConfig(embed=True))
+    return write_report(run, config=ReportConfig(embed=True, image_width=400))
 
 
 @asynccontextmanager
@@ -133,7 +133,7 @@ async def test_the_screenshot_is_shown_with_the_click_on_its_place(
 ) -> None:
     step = attempt(run_folder, 0).episode.steps[2]  # clicks “Add to basket”
     async with opened(browser, address(report, run_folder, 0, 3), reduced_motion="reduce") as page:
-        await loaded(page, 800)
+        await loaded(page, 400)
         await expect(page.locator("#did")).to_contain_text("Clicked “Add to basket”")
         picture, ring = await box_of(page.locator(".stage img")), await box_of(page.locator(".ring"))
         target = next(e.box for e in step.observation.elements or () if e.name == "Add to basket")
@@ -164,7 +164,7 @@ async def test_an_element_is_framed_and_the_typed_text_stands_by_it(
 ) -> None:
     seen = attempt(run_folder, 8).episode.steps[0].observation  # in marks mode: types into element 1
     async with opened(browser, address(report, run_folder, 8)) as page:
-        await loaded(page, 800)
+        await loaded(page, 400)
         picture, frame = await box_of(page.locator(".stage img")), await box_of(page.locator(".target"))
         x, y, w, h = next(e.box for e in seen.elements or () if e.number == 1)
         scale = picture["width"] / 1280

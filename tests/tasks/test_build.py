@@ -443,7 +443,7 @@ async def test_encrypted_sources_stay_out_unless_they_are_named(tmp_path: Path) 
 async def test_an_endpoint_that_cannot_be_used_ends_it_and_the_next_run_goes_on(tmp_path: Path) -> None:
     async with serve() as endpoint:
         endpoint.misbehaves = False
-        command = Command(endpoint, tmp_path, count=2)
+        command = Command(endpoint, tmp_path, count=4)
         for status, words in ((401, "WEBGYM_API_KEY"), (500, "500")):
             endpoint.status = status
             with pytest.raises(LLMBadReply, match=words):

@@ -49,7 +49,7 @@ def through(folder: Path, name: str, tasks: Iterable[Task]) -> tuple[list[Task],
 
 
 @given(tasks=task_lists)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_any_tasks_come_back_equal_in_every_format(
     tmp_path_factory: pytest.TempPathFactory, tasks: list[Task]
 ) -> None:
@@ -59,7 +59,7 @@ def test_any_tasks_come_back_equal_in_every_format(
 
 
 @given(tasks=task_lists)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_lines_and_parquet_give_each_other_back_byte_for_byte(
     tmp_path_factory: pytest.TempPathFactory, tasks: list[Task]
 ) -> None:
@@ -78,7 +78,7 @@ def test_the_files_of_a_task_come_back_in_every_format(tmp_path: Path) -> None:
 
 
 def test_the_offline_web_with_its_truths_comes_back_in_every_format(tmp_path: Path) -> None:
-    tasks = list(OfflineWeb(per_family=2).tasks(None))
+    tasks = list(OfflineWeb(per_family=1).tasks(None))
     for name in NAMES:
         given_back, first = through(tmp_path, name, tasks)
         assert given_back == tasks, name

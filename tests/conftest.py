@@ -46,7 +46,7 @@ def pytest_collection() -> Generator[None, object, object]:
         gc.enable()
 
 
-MODELS = {"inference", "tiny", "train"} | {
+MODELS = {"inference", "study", "train"} | {
     f"test_{name}.py" for name in ("docs_run", "docs_shell", "slime", "token_rollout")
 }
 """Folders and files whose tests import transformers' models, which takes a worker 3 s."""

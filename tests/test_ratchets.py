@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import importlib
+import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
-from tests.test_repository import load_script
 
-ratchets = load_script("ratchets")
+sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
+ratchets: Any = importlib.import_module("ratchets")
 
 
 @pytest.mark.parametrize(

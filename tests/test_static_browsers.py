@@ -12,7 +12,7 @@ import pytest
 from playwright.async_api import Error
 
 from webgym.agent.solver import Solver
-from webgym.core.action import Answer, GoBack, LeftClick, Navigate, Target
+from webgym.core.action import Answer, GoBack, Navigate
 from webgym.offline.web import OfflineWeb
 from webgym.server.messages import SessionOptions
 from webgym.study import static_browsers
@@ -117,17 +117,3 @@ async def test_an_address_without_a_page_is_a_page_as_in_a_browser() -> None:
         f"https://{host}/",
         f"{start}a%20b?c=d%20e",
     ]
-
-
-async def test_a_page_that_is_opened_again_is_one_entry_of_the_history() -> None:
-    start = f"http://{next(iter(WEB.specs))}/"
-    session = await opened(StaticBrowsers(WEB, None), start)
-    for url in (f"{start}a", f"{start}a"):
-        await session.step(Navigate(url))
-    assert (await session.step(GoBack())).observation.url == start
-
-
-async def test_an_unknown_element_is_a_failed_action() -> None:
-    session = await opened(StaticBrowsers(WEB, None), f"http://{next(iter(WEB.specs))}/")
-    view = await session.step(LeftClick(Target(element=99)))
-    assert [notice.kind for notice in view.observation.notices] == ["action_failed"]

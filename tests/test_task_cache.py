@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -35,23 +33,6 @@ def test_they_are_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(web, "tasks", unmade)
     for split, tasks in made.items():
         assert cached_tasks(web, split, tmp_path, tell=unmade) == tasks
-
-
-def test_another_process_reads_them(tmp_path: Path) -> None:
-    script = (
-        "import sys; from pathlib import Path; from webgym.offline.web import COLLECTIONS, OfflineWeb;"
-        "from webgym.run.choice import cached_tasks;"
-        "cached_tasks(OfflineWeb(per_family=1, collection='small'), None, Path(sys.argv[1]), tell=print)"
-    )
-    said = [
-        subprocess.run(
-            [sys.executable, "-c", script, tmp_path], capture_output=True, text=True, check=True
-        ).stdout
-        for _ in range(2)
-    ]
-    assert said[0].startswith("making the tasks of")
-    assert said[1] == ""
-    assert len(list(tmp_path.iterdir())) == 1
 
 
 def test_families_from_elsewhere_are_made_anew(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from webgym.offline.config import SitesConfig
 from webgym.offline.web import OfflineWeb
 
 
+@pytest.mark.slow  # tests/rollout/test_faults.py has each of these faults by itself
 @pytest.mark.browser
 @pytest.mark.timeout(240)
 async def test_faults_change_no_reward(tmp_path: Path) -> None:

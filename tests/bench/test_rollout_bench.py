@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 from argparse import Namespace
 from collections import Counter
@@ -31,11 +30,10 @@ from webgym.bench.rollout.plan import (
 )
 from webgym.bench.rollout.tables import draw_rollout, rollout_tables
 from webgym.cli import main
-from webgym.core.errors import ConfigError, RunFolderError, UsageError
+from webgym.core.errors import ConfigError, RunFolderError
 from webgym.offline import latency
 from webgym.offline.web import OfflineWeb
-from webgym.simulate.config import Costs, Workload
-from webgym.simulate.questions import Questions
+from webgym.simulate.config import Costs
 from webgym.simulate.resources import Inference, Process
 
 COSTS = Costs(
@@ -68,24 +66,6 @@ def test_a_request_is_read_in_chunks_and_then_written_a_token_per_iteration() ->
     # Three iterations read 100, 100 and 50 tokens; ten write one token each.
     assert finish(engine) == {1: pytest.approx(3 * 0.01 + 0.25 + 10 * 0.011)}
     assert (engine.read_tokens, engine.written_tokens) == (250, 10)
-
-
-def test_a_full_batch_makes_others_wait_and_costs_less_per_reply() -> None:
-    engine = Engine[int](COSTS)
-    for ticket in range(8):
-        engine.submit(1, 100, ticket)
-    ended = finish(engine)
-    first, last = [ended[ticket] for ticket in range(4)], [ended[ticket] for ticket in range(4, 8)]
-    assert max(first) == pytest.approx(100 * 0.014, rel=0.02)
-    assert max(last) == pytest.approx(2 * 100 * 0.014, rel=0.02)
-
-
-def test_a_long_prompt_slows_the_replies_that_are_being_written() -> None:
-    alone, disturbed = Engine[int](COSTS), Engine[int](COSTS)
-    for engine in (alone, disturbed):
-        engine.submit(1, 50, 1)
-    disturbed.submit(2000, 1, 2)
-    assert finish(disturbed)[1] > 2 * finish(alone)[1]
 
 
 def test_the_simulation_takes_the_engine_for_a_fluid() -> None:
@@ -131,14 +111,6 @@ def scripts() -> list[Script]:
     return scripts_of(PLAN, OfflineWeb(per_family=4), 8)
 
 
-def test_attempts_have_the_workload_s_lengths_and_tasks_of_its_levels(scripts: list[Script]) -> None:
-    again = scripts_of(PLAN, OfflineWeb(per_family=4), 8)
-    assert [script.task.id for script in again] == [script.task.id for script in scripts]
-    assert len({script.task.instruction for script in scripts}) == 8
-    budgets = {"easy": 15, "medium": 30, "hard": 45}
-    assert all(1 <= script.steps <= budgets[script.task.level] for script in scripts)
-
-
 def test_a_script_browses_and_answers_at_its_last_step(scripts: list[Script]) -> None:
     script = msgspec.structs.replace(scripts[0], steps=40)
     read = [parse_reply(script.reply(step), "marks", "memory") for step in range(40)]
@@ -173,18 +145,6 @@ async def test_replies_follow_the_script_and_a_new_attempt_begins_it_anew(script
         assert (await client.post("/chat/completions", json=unknown)).status_code == 400
         assert endpoint.requests == 0
         assert 0 < endpoint.read_tokens < endpoint.prompt_tokens
-
-
-async def test_many_requests_at_once_share_the_gpus(scripts: list[Script]) -> None:
-    short = [msgspec.structs.replace(script, tokens=[5.0]) for script in scripts]
-    async with (
-        serving_endpoint(short, Costs(), 2) as endpoint,
-        httpx.AsyncClient(base_url=endpoint.url, trust_env=False, timeout=60) as client,
-    ):
-        bodies = [{"messages": [{"role": "user", "content": one.task.instruction}]} for one in short]
-        answers = await asyncio.gather(*(client.post("/chat/completions", json=body) for body in bodies))
-        assert {answer.status_code for answer in answers} == {200}
-        assert endpoint.busy_seconds > 0
 
 
 # --- the plan and its figures -----------------------------------------------------------------------------
@@ -310,18 +270,6 @@ def test_the_collector_alone_takes_the_pages_numbers_of_sessions(
     ]
 
 
-def test_figures_become_shares_tables_and_a_drawing(tmp_path: Path) -> None:
-    found = [measured(cell, 30.0) for cell in PLAN.cells(PARTS)]
-    one = found[1]
-    assert (one.ended, one.lost_share, one.per_minute) == (6, 0.25, 12.0)
-    assert one.cpu == pytest.approx(20 / 30)
-    tables = list(rollout_tables(found))
-    assert tables[0].title.startswith("Schedules")
-    assert len(tables) == 4
-    draw_rollout(found, tmp_path / "found.svg")
-    assert (tmp_path / "found.svg").stat().st_size > 1000
-
-
 @pytest.mark.parametrize(
     ("parts", "drawn"),
     [
@@ -337,12 +285,6 @@ def test_a_drawing_has_the_panels_that_were_measured(
     shown = (tmp_path / "found.svg").read_text()
     titles = ("Policy capacity", "Overload", "Wall time", "CPU use")
     assert {title for title in titles if f"<!-- {title} -->" in shown or f">{title}<" in shown} == drawn
-
-
-def test_nothing_to_draw_is_told(tmp_path: Path) -> None:
-    found = [measured(cell, 30.0) for cell in PLAN.cells(["calibration"])]
-    with pytest.raises(UsageError, match="nothing to draw"):
-        draw_rollout(found, tmp_path / "found.svg")
 
 
 def test_rounds_become_a_median_and_a_range_of_ratios_within_a_round() -> None:
@@ -409,21 +351,6 @@ def test_the_simulation_is_held_against_the_measurement() -> None:
     assert len(comparison_table(compared).rows) == 2 * len(MODES)
     with pytest.raises(ConfigError, match="calibration"):
         service_times(PLAN, found[1:])
-
-
-def test_sizes_are_simulated_with_what_was_measured() -> None:
-    alone, *schedules = [measured(cell, 30.0) for cell in PLAN.cells(["calibration", "schedules"])]
-    crowded = [msgspec.structs.replace(one, cpu_seconds=1.4 * one.steps) for one in schedules]
-    costs = loaded_service_times(PLAN, [alone, *crowded])
-    assert costs.act_cpu + costs.look_cpu == pytest.approx(1.4)
-    assert loaded_service_times(PLAN, [alone]) == service_times(PLAN, [alone])  # no async cell yet
-    given = Questions(costs=Costs(page_seconds=9.0), workload=Workload(trajectories=5))
-    asked = given.over(costs, PLAN.workload)
-    assert asked.costs == costs.model_copy(update={"page_seconds": 9.0, "page_waits": ()})
-    both = Questions(costs=Costs(page_sigma=0.0, page_waits=(9.0,))).over(costs, PLAN.workload)
-    assert both.costs.page_waits == (9.0,)
-    assert Questions(costs=Costs(act_cpu=1.0)).over(costs, PLAN.workload).costs.page_waits == costs.page_waits
-    assert asked.workload == PLAN.workload.model_copy(update={"trajectories": 5})
 
 
 @pytest.mark.slow

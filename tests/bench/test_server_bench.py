@@ -18,7 +18,7 @@ from webgym.bench.stepping import BenchPlan, StepTimes
 from webgym.bench.tables import server_tables
 
 SMALL = (
-    "--sessions 2 --rounds 1 --seconds 0.2 --thinkers 2 --think 0.2 --thinking 0.5 "
+    "--sessions 1 --rounds 1 --seconds 0.2 --thinkers 2 --think 0.2 --thinking 0.5 "
     "--dense 2 --calls 2 --burst 2"
 ).split()
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 from benchmarks.settle.__main__ import command
-from benchmarks.settle.hardweb import PAGES
 from benchmarks.settle.trials import Trial, misses, settle_tables, summarize
 from tests.bench.conftest import Benchmark
 from tests.documented import documented
@@ -28,11 +27,6 @@ def test_a_row_says_how_often_how_late_and_by_how_much() -> None:
     assert math.isnan(load.over_p50)
     assert misses(trials, "load") == ["plain"]
     assert [len(table.rows) for table in settle_tables(trials)] == [2, 1]
-
-
-def test_every_page_has_a_name_that_is_a_path() -> None:
-    assert len(PAGES) >= 60
-    assert all(name.replace("-", "").isalnum() for name in PAGES)
 
 
 @pytest.mark.browser
@@ -57,9 +51,3 @@ def test_the_command_prints_a_table(benchmark: Benchmark, tmp_path: Path) -> Non
     assert "| ours | 100.0% |" in output
     assert "not always final with load: xhr-click" in output
     assert len(json.loads(figures.read_text())["trials"]) == 4
-
-
-def test_an_unknown_page_is_an_error(benchmark: Benchmark) -> None:
-    code, output = benchmark(command, "--page", "nowhere")
-    assert code == 2
-    assert "unknown page 'nowhere'" in output

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import AbstractAsyncContextManager
 from pathlib import Path
+from typing import Any
 
 import pytest
 import pytest_asyncio
@@ -107,6 +108,14 @@ async def shared_slot(executable: Path, profiles: ProfileRoot, egress: Egress) -
     slot = Slot(BrowserConfig(), executable, profiles, egress)
     yield slot
     await slot.stop()
+
+
+def one_in(every: int, rows: Iterable[str]) -> list[Any]:
+    """The names of a table's rows that make the same assertion: ``make test`` has one in so many of them."""
+    return [
+        pytest.param(name, marks=() if number % every == 0 else pytest.mark.slow)
+        for number, name in enumerate(rows)
+    ]
 
 
 class Tab:

@@ -14,10 +14,10 @@ import pytest
 from webgym.browser.config import BrowserConfig
 from webgym.browser.egress.proxy import Egress
 from webgym.browser.memory import Cgroup, new_cgroup
-from webgym.browser.process import launch, launch_sandboxed
+from webgym.browser.process import launch
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.sandbox import SandboxState
-from webgym.core.errors import BrowserLaunchFailed, BrowserOutOfMemory, ConfigError
+from webgym.core.errors import BrowserOutOfMemory, ConfigError
 
 OFF = SandboxState(False, "for a test")
 
@@ -68,18 +68,6 @@ def test_what_is_no_cgroup_of_ours_is_refused(tree: Path, tmp_path: Path) -> Non
     (tree / "cgroup.controllers").write_text("cpu\n")
     with pytest.raises(ConfigError, match="neither the memory nor the pids controller"):
         new_cgroup(BrowserConfig(cgroup=tree))
-
-
-async def test_a_cgroup_that_is_gone_later_is_no_fault_of_the_settings(
-    egress: Egress, tmp_path: Path
-) -> None:
-    """The server tries again: it may come back."""
-    config = BrowserConfig(cgroup=tmp_path / "none")
-    given = config, Path("browser"), ProfileRoot(tmp_path)
-    with pytest.raises(ConfigError):
-        await launch_sandboxed(*given, None, egress.main)
-    with pytest.raises(BrowserLaunchFailed, match="can be divided"):
-        await launch_sandboxed(*given, OFF, egress.main)
 
 
 def test_what_dead_servers_left_is_removed(tree: Path) -> None:

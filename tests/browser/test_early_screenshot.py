@@ -12,7 +12,7 @@ from webgym.browser.observe import EarlyScreenshot
 from webgym.browser.page import Page
 from webgym.core.action import LeftClick, Mode, Scroll, Target
 
-from .conftest import Open, Site, Tab
+from .conftest import Open, Site, Tab, one_in
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
@@ -115,7 +115,7 @@ LATE = {
 }
 
 
-@pytest.mark.parametrize("late", LATE)
+@pytest.mark.parametrize("late", one_in(2, LATE))
 async def test_what_a_click_brings_is_in_the_picture(site: Site, tab: Tab, late: str) -> None:
     await tab.goto(site.page(PLACED + LATE[late]))
     seen = await tab.step(LeftClick(HERE))

@@ -202,7 +202,10 @@ async def opened(evil: Site, executable: Path, profiles: ProfileRoot) -> AsyncIt
         yield way
 
 
-@pytest_asyncio.fixture(loop_scope="package", params=["guarded", "opened"])
+# That what is tried here succeeds where it may is a test of these tests.
+@pytest_asyncio.fixture(
+    loop_scope="package", params=["guarded", pytest.param("opened", marks=pytest.mark.slow)]
+)
 async def way(request: pytest.FixtureRequest, guarded: Way, opened: Way) -> AsyncIterator[Way]:
     chosen = guarded if request.param == "guarded" else opened
     await chosen.slot.open(PageOptions(text=True))

@@ -281,18 +281,6 @@ class Slow(Names):
         return [PUBLIC]
 
 
-async def test_slow_names_hold_up_no_others() -> None:
-    machine = Slow()
-    resolver = Resolver(EgressConfig(), machine)
-    slow = [asyncio.create_task(resolver.resolve(f"{nth}.a{nth}.slow.test")) for nth in range(500)]
-    while len(machine.asked) < 500:
-        await asyncio.sleep(0.001)
-    assert await resolver.resolve("quick.test") == (ip_address("1.1.1.1"),)
-    machine.release.set()
-    assert await asyncio.gather(*slow) == [(PUBLIC,)] * 500
-    await resolver.close()
-
-
 async def test_a_name_that_is_never_answered_is_given_up_and_asked_for_once() -> None:
     machine = Slow()
     resolver = Resolver(EgressConfig(resolve_seconds=0.05), machine)
@@ -383,17 +371,6 @@ async def test_some_names_are_never_asked_for() -> None:
         assert await resolver.resolve(name) == "no_such_name"
     assert await resolver.resolve("deep.below.localhost") == (ip_address("127.0.0.1"), ip_address("::1"))
     assert machine.asked == ["localhost"], "a name below it cannot be given another meaning"
-    await resolver.close()
-
-
-async def test_the_cache_is_bounded() -> None:
-    machine = Names({f"{nth}.test": ["1.1.1.1"] for nth in range(50)})
-    resolver = Resolver(EgressConfig(cache_names=10), machine)
-    for nth in range(50):
-        await resolver.resolve(f"{nth}.test")
-    assert len(resolver._cache) == 10
-    assert not resolver._lookups
-    assert not resolver._waiting
     await resolver.close()
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from webgym.browser.find import FindLimits, find_browser, playwright_browsers_folder, run_bounded
+from webgym.browser.find import FindLimits, find_browser, run_bounded
 from webgym.core.errors import BrowserNotFound
 
 
@@ -96,23 +96,6 @@ def test_of_playwrights_shells_the_newest_that_is_whole(machine: Machine) -> Non
     assert find_browser().path == newest
 
 
-def test_playwrights_folder_can_be_set(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:
-    machine.program("chromium")
-    shell = machine.playwright_shell(1255)
-    elsewhere = machine.home / "elsewhere"
-    monkeypatch.setenv("PLAYWRIGHT_BROWSERS_PATH", str(elsewhere))
-    assert find_browser().origin == "system"
-    machine.playwright.rename(elsewhere)
-    assert find_browser().path == elsewhere / shell.relative_to(machine.playwright)
-    monkeypatch.setenv("PLAYWRIGHT_BROWSERS_PATH", "0")
-    folder = playwright_browsers_folder()
-    assert folder is not None
-    assert (folder.parent / "cli.js").exists(), "0 means inside the package"
-    monkeypatch.delenv("PLAYWRIGHT_BROWSERS_PATH")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(machine.home / "cache"))
-    assert playwright_browsers_folder() == machine.home / "cache" / "ms-playwright"
-
-
 def test_one_that_does_not_work_is_passed_over(machine: Machine) -> None:
     """Ubuntu's chromium-browser is a stub that asks for a snap."""
     machine.write(
@@ -193,10 +176,3 @@ def test_a_browser_that_hangs_is_ended_with_its_children(machine: Machine) -> No
     # The child would have written its file by the time that another such program has ended.
     run_bounded(["/bin/sh", "-c", "sleep 1.2"], seconds=10)
     assert not marker.exists()
-
-
-@pytest.mark.browser
-def test_the_browser_of_this_machine() -> None:
-    found = find_browser()
-    assert found.path.is_absolute()
-    assert int(found.version.split(".")[0]) > 100

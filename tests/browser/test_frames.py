@@ -11,7 +11,7 @@ from starlette.responses import Response
 from webgym.core.action import GoBack, LeftClick, Scroll, Type
 from webgym.core.observation import Element
 
-from .conftest import VIEWPORT, Open, Site, Tab
+from .conftest import VIEWPORT, Open, Site, Tab, one_in
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
@@ -78,11 +78,10 @@ TURNED = {
 }
 
 
-@MODES
-@pytest.mark.parametrize("style", TURNED.values(), ids=TURNED.keys())
-@pytest.mark.parametrize("host", ["", "a"], ids=["own", "foreign"])
+@pytest.mark.parametrize("name", one_in(2, TURNED))
+@pytest.mark.parametrize(("mode", "host"), [("coordinates", ""), ("marks", "a")], ids=["own", "foreign"])
 async def test_transformed_frames_are_clicked_where_they_show(
-    site: Site, open_tab: Open, mode: str, style: str, host: str
+    site: Site, open_tab: Open, mode: str, name: str, host: str
 ) -> None:
     inner = site.page(
         "<style>button { position: fixed; right: 90px; bottom: 40px }</style>"
@@ -91,7 +90,7 @@ async def test_transformed_frames_are_clicked_where_they_show(
     inner = site.elsewhere(inner, host) if host else inner
     tab = await open_tab(mode)
     body = "<div style='zoom:.9;padding:60px 150px'>{}</div>"
-    await tab.goto(site.page(body.format(framed(inner, f"width:500px;height:200px;{style}"))))
+    await tab.goto(site.page(body.format(framed(inner, f"width:500px;height:200px;{TURNED[name]}"))))
     await tab.step(LeftClick(tab.at("Press")))
     assert names(tab) == ["Done"]
 
@@ -250,8 +249,7 @@ CLOSED = """
 """
 
 
-@MODES
-@pytest.mark.parametrize("host", ["div", "x-host"])
+@pytest.mark.parametrize(("mode", "host"), [("coordinates", "div"), ("marks", "x-host")])
 async def test_closed_shadow_roots_are_part_of_the_page(
     site: Site, open_tab: Open, mode: str, host: str
 ) -> None:

@@ -67,17 +67,14 @@ async def test_an_element_in_a_frame_far_down(site: Site, tab: Tab) -> None:
     assert title(tab) == "framed"
 
 
-@pytest.mark.parametrize(
-    "gesture",
-    [Click(Target(element=999)), HoverOver(Target(element=999)), ScrollElement(999, "down"), Choose(999)],
-    ids=lambda gesture: type(gesture).__name__,
-)
-async def test_a_number_that_no_element_has(site: Site, tab: Tab, gesture: object) -> None:
+async def test_a_number_that_no_element_has(site: Site, tab: Tab) -> None:
     await tab.goto(site.page("<button>One</button>"))
-    await tab.step(gesture)
-    [(kind, text)] = tab.notices
-    assert kind == "action_failed"
-    assert "999" in text
+    none = Target(element=999)
+    for gesture in (Click(none), HoverOver(none), ScrollElement(999, "down"), Choose(999)):
+        await tab.step(gesture)
+        [(kind, text)] = tab.notices
+        assert kind == "action_failed"
+        assert "999" in text
 
 
 async def test_an_element_that_left_the_document(site: Site, tab: Tab) -> None:
@@ -179,31 +176,32 @@ async def test_keys_edit(site: Site, tab: Tab) -> None:
     assert (tab.find("Name").value, tab.find("Next").value) == ("x", "z")
 
 
+FILLS: dict[str, dict[str, object]] = {
+    "old text": {},
+    " text": {"delete_existing": True},
+    "": {"text": "", "delete_existing": True},
+    "old": {"text": ""},
+}
+"""By the value that a field with ``old`` has afterwards."""
+
+
 @pytest.mark.parametrize(
-    ("gesture", "value"),
-    [
-        ({}, "old text"),
-        ({"delete_existing": True}, " text"),
-        ({"text": "", "delete_existing": True}, ""),
-        ({"text": ""}, "old"),
-    ],
+    "field", ["<input value=old {}>", "<textarea {}>old</textarea>"], ids=["input", "textarea"]
 )
-@pytest.mark.parametrize("field", ["<input value=old ", "<textarea "], ids=["input", "textarea"])
-async def test_filling_without_enter(
-    site: Site, tab: Tab, field: str, gesture: dict[str, object], value: str
-) -> None:
+async def test_filling_without_enter(site: Site, tab: Tab, field: str) -> None:
+    fields = "".join(field.format(f"aria-label=Name{n}") for n in range(len(FILLS)))
     await tab.goto(
         site.page(
-            f"<form action=/sent>{field} aria-label=Name>{'old</textarea>' if 'area' in field else ''}</form>"
-            "<p id=seen></p>"
+            f"<form action=/sent>{fields}</form><p id=seen></p>"
             "<script>oninput = (e) => seen.textContent = e.target.value</script>"
         )
     )
-    number = (await element(tab, "Name")).number
-    fill = {"text": " text", "press_enter": False, **gesture}
-    await tab.step(Fill(Target(element=number), **fill))  # type: ignore[arg-type]
-    assert tab.find("Name").value == value
-    assert tab.notices == []
+    for n, (value, gesture) in enumerate(FILLS.items()):
+        number = (await element(tab, f"Name{n}")).number
+        fill = {"text": " text", "press_enter": False, **gesture}
+        await tab.step(Fill(Target(element=number), **fill))  # type: ignore[arg-type]
+        assert tab.find(f"Name{n}").value == value
+        assert tab.notices == []
 
 
 async def test_filling_and_enter(site: Site, tab: Tab) -> None:

@@ -12,7 +12,7 @@ from starlette.responses import Response
 from webgym.browser import observe
 from webgym.browser.config import BrowserConfig
 from webgym.browser.page import Page
-from webgym.core.action import LeftClick, Scroll, Target, Type
+from webgym.core.action import LeftClick, Scroll, Target
 from webgym.core.observation import Element
 
 from .conftest import VIEWPORT, Open, Site, Tab
@@ -186,16 +186,6 @@ async def test_shadow_roots_and_frames_are_part_of_the_page(site: Site, tab: Tab
     await tab.step(LeftClick(tab.at("Inner")))
     await tab.step(LeftClick(tab.at("Shadow")))
     assert names(tab) == [("button", "Done"), ("button", "Clicked")]
-
-
-async def test_typing_and_choosing_inside_a_frame(site: Site, tab: Tab) -> None:
-    inner = site.page("<label>Name <input></label><label>Size <select><option>S<option>M</select></label>")
-    await tab.goto(site.page(f"<iframe src={inner} style='width:600px;height:300px'></iframe>"))
-    await tab.step(Type(tab.at("Name"), "Ann"))
-    assert tab.find("Name").value == "Ann"
-    await tab.step(LeftClick(tab.at("Size")))
-    await tab.step(LeftClick(tab.at("M", "option")))
-    assert tab.find("Size").value == "M"
 
 
 async def test_numbers_stay_with_their_elements(site: Site, tab: Tab) -> None:

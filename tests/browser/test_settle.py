@@ -299,18 +299,6 @@ async def test_images_are_there_before_the_look(site: Site, tab: Tab) -> None:
     assert tab.last.observation.title == "shown"
 
 
-async def test_a_transition_ends_before_the_look(site: Site, tab: Tab) -> None:
-    await tab.goto(
-        site.page(
-            "<div id=d style='position:fixed;left:0;top:100px;transition:left .5s'>Moving</div>"
-            "<button onclick=\"d.style.left = '700px'\">Move</button>"
-            "<script>d.ontransitionend = () => { document.title = 'ended' }</script>"
-        )
-    )
-    look = await tab.step(LeftClick(tab.at("Move")))
-    assert look.observation.title == "ended"
-
-
 async def test_a_long_transition_that_an_action_began(site: Site, tab: Tab) -> None:
     await tab.goto(
         site.page(
@@ -337,18 +325,3 @@ async def test_the_deadline_is_hard_and_said(site: Site, open_tab: Open) -> None
     assert [notice.kind for notice in look.observation.notices] == ["still_loading"]
     assert tab.text == ["first part"]
     assert settle_ms(tab) < 3000
-
-
-async def test_a_picture_is_of_the_page_as_it_is(site: Site, tab: Tab) -> None:
-    """What changes at once, a little later or not at all after a click is in the picture."""
-    await tab.goto(
-        site.page(
-            "<style>body { margin: 0; height: 100vh; background: white }</style><p id=out>0</p><script>"
-            "let n = 0; const paint = () => { out.textContent = n; };"
-            "onclick = () => { n += 1; setTimeout(paint, [0, 0, 50, 80][n % 4]); }</script>"
-        )
-    )
-    for clicks in range(1, 9):
-        look = await tab.step(NOWHERE)
-        assert tab.text == [str(clicks)]
-        assert look.image == await tab.slot.screenshot()

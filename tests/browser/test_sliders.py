@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import cycle
+
 import pytest
 
 from webgym.core.action import Target, Type
 
-from .conftest import Open, Site, Tab
+from .conftest import Open, Site, Tab, one_in
 from .test_marks import evaluate
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
@@ -72,7 +74,7 @@ KINDS = {
 }
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", one_in(2, KINDS))
 async def test_sliders_of_many_kinds(site: Site, tab: Tab, kind: str) -> None:
     page, text = KINDS[kind]
     await tab.goto(site.page(page))
@@ -212,8 +214,7 @@ BY_TEXT = {
 }
 
 
-@pytest.mark.parametrize("mode", ["coordinates", "marks"])
-@pytest.mark.parametrize("kind", BY_TEXT)
+@pytest.mark.parametrize(("kind", "mode"), list(zip(BY_TEXT, cycle(["coordinates", "marks"]))))
 async def test_a_slider_whose_value_stands_beside_it(
     site: Site, open_tab: Open, kind: str, mode: str
 ) -> None:
@@ -240,33 +241,33 @@ async def test_a_slider_that_shows_no_value_takes_a_share(site: Site, tab: Tab, 
 # --- fields of HTML -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("field", "text", "value", "told"),
-    [
-        ("range value=30", "70", "70", ""),
-        ("range value=30", "70 %", "70", ""),
-        ("range value=30", "150", "100", "the slider is at 100 now, not at 150"),
-        ("range value=30 step=5", "42", "40", "the slider is at 40 now, not at 42"),
-        ("range", "loud", "50", 'a range field does not take "loud"'),
-        ("range", "", "50", "a range field does not take"),
-        ("color value=#123456", "red", "#ff0000", ""),
-        ("color value=#123456", "F80", "#ff8800", ""),
-        ("color value=#123456", "AB2567", "#ab2567", ""),
-        ("color value=#123456", "rgb(0, 128, 255)", "#0080ff", ""),
-        ("color value=#123456", "#12345", "#123456", 'a color field does not take "#12345"'),
-        ("color value=#123456", "transparent", "#123456", "write #rrggbb"),
-        ("color value=#123456", "inherit", "#123456", "write #rrggbb"),
-        ("color value=#123456", "", "#123456", "write #rrggbb"),
-    ],
-)
-async def test_a_range_and_a_colour(
-    site: Site, tab: Tab, field: str, text: str, value: str, told: str
-) -> None:
-    heard = "oninput='document.title = this.value' onchange='document.title += `, ${this.value}`'"
-    await tab.goto(
-        site.page(f"<title>{value}, {value}</title><input id=f type={field} aria-label=Field {heard}>")
+FIELDS = [
+    ("range value=30", "70", "70", ""),
+    ("range value=30", "70 %", "70", ""),
+    ("range value=30", "150", "100", "the slider is at 100 now, not at 150"),
+    ("range value=30 step=5", "42", "40", "the slider is at 40 now, not at 42"),
+    ("range", "loud", "50", 'a range field does not take "loud"'),
+    ("range", "", "50", "a range field does not take"),
+    ("color value=#123456", "red", "#ff0000", ""),
+    ("color value=#123456", "F80", "#ff8800", ""),
+    ("color value=#123456", "AB2567", "#ab2567", ""),
+    ("color value=#123456", "rgb(0, 128, 255)", "#0080ff", ""),
+    ("color value=#123456", "#12345", "#123456", 'a color field does not take "#12345"'),
+    ("color value=#123456", "transparent", "#123456", "write #rrggbb"),
+    ("color value=#123456", "inherit", "#123456", "write #rrggbb"),
+    ("color value=#123456", "", "#123456", "write #rrggbb"),
+]
+
+
+async def test_a_range_and_a_colour(site: Site, tab: Tab) -> None:
+    heard = "oninput='this.title = this.value' onchange='this.title += `, ${this.value}`'"
+    fields = (
+        f"<input id=f{n} type={field} aria-label=Field{n} title='{value}, {value}' {heard}>"
+        for n, (field, _, value, _) in enumerate(FIELDS)
     )
-    await tab.step(Type(tab.at("Field"), text))
-    assert await evaluate(tab, "f.value") == value
-    assert [told in notice for _, notice in tab.notices] == [True] * bool(told)
-    assert await evaluate(tab, "document.title") == f"{value}, {value}"
+    await tab.goto(site.page("".join(fields)))
+    for n, (_, text, value, told) in enumerate(FIELDS):
+        await tab.step(Type(tab.at(f"Field{n}"), text))
+        assert await evaluate(tab, f"f{n}.value") == value
+        assert [told in notice for _, notice in tab.notices] == [True] * bool(told), text
+        assert await evaluate(tab, f"f{n}.title") == f"{value}, {value}"

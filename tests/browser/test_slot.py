@@ -103,20 +103,6 @@ async def test_what_is_no_browser_is_a_typed_error(program: str, tmp_path: Path,
     assert not root.path.exists()
 
 
-async def test_a_demanded_sandbox_is_never_given_up_silently(
-    executable: Path, tmp_path: Path, egress: Egress
-) -> None:
-    slot = Slot(BrowserConfig(sandbox="on"), executable, ProfileRoot(tmp_path), egress)
-    try:
-        await slot.start()
-    except BrowserLaunchFailed:
-        return  # this machine cannot have it, and says so
-    finally:
-        await slot.stop()
-    assert slot.sandbox is not None
-    assert slot.sandbox.on
-
-
 ORPHANS = """
 import asyncio, sys
 from pathlib import Path

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from webgym.browser.cdp_messages import FrameEvent, RequestDone, RequestWillBeSent
+from webgym.browser.cdp_messages import RequestDone, RequestWillBeSent
 from webgym.browser.config import BrowserConfig
 from webgym.browser.traffic import Traffic
 
@@ -57,35 +57,6 @@ async def test_a_map_that_asks_for_its_tiles_at_once_does_not_poll(
     assert traffic.is_idle()
     _asks(traffic, 20)
     assert traffic.is_idle() is not is_awaited
-
-
-async def test_answers_that_come_alone_are_not_waited_for_any_further() -> None:
-    traffic = Traffic(_Session(), "main", BrowserConfig())  # type: ignore[arg-type]
-    now = 0.0
-    traffic._clock = lambda: now
-    waits = []
-    for _ in range(3):
-        traffic._on_sent(RequestDone("socket"))
-        now += 0.1
-        traffic._on_received(RequestDone("socket"))
-        waits.append(not traffic.is_idle())
-        now += 0.5
-        assert traffic.is_idle()
-        traffic.give_up()
-    assert waits == [True, True, False]
-
-
-async def test_frames_that_come_for_ever_are_not_awaited_after_a_deadline() -> None:
-    traffic = Traffic(_Session(), "main", BrowserConfig())  # type: ignore[arg-type]
-    now = 0.0
-    traffic._clock = lambda: now
-    for number in range(10):
-        traffic._on_frame_started(FrameEvent(f"frame {number}"))
-        assert not traffic.is_idle()
-        now += 1.0
-    traffic.give_up(all_of_it=True)
-    traffic._on_frame_started(FrameEvent("another"))
-    assert traffic.is_idle()
 
 
 async def test_what_a_socket_sends_all_the_time_is_no_answer() -> None:

@@ -23,7 +23,7 @@ from webgym.tasks.sampling import draw
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(240)]
 
-TASKS = 7
+TASKS = 5
 
 
 @pytest.fixture

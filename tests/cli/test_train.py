@@ -45,17 +45,22 @@ def test_one_sees_iteration_stage_success_and_time_left(
     )
     view = TrainingView(console)
 
+    async def until(text: str) -> None:
+        async with asyncio.timeout(30):
+            while text not in shown(console):
+                await asyncio.sleep(0.01)
+
     async def watch() -> None:
         progress.begin(1)
         async with view.watching(progress):
             with progress.stage(2, "update"), progress.stage(3, "collect"):
                 async with view.show(Progress(total=7, done=3)):
-                    await asyncio.sleep(0.05)
+                    await until("3/7")
             progress.finish()
             view.print_line("iteration 2 of 4: [done]")
-            await asyncio.sleep(0.05)
+            await until("2/4 iterations, 0:00 left" if is_terminal else "[done]")
             progress.finished = 4
-            await asyncio.sleep(0.05)
+            await until("finished")
 
     asyncio.run(watch())
     said = shown(console)

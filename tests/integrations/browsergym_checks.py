@@ -134,24 +134,6 @@ class Adapter:
         env.close()
 
 
-class AFaultIs0(Adapter):
-    """Breaks a promise."""
-
-    def failed(self, told: Told) -> None:
-        told.final.append(0.0)
-
-
-class KeepsItsBrowser(Adapter):
-    """Breaks a promise. It holds its environments, as one that is garbage gives its browser back."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._held: list[BrowserGymEnv] = []
-
-    def close(self, env: BrowserGymEnv) -> None:
-        self._held.append(env)
-
-
 @contextmanager
 def playwright_in(adapter: Adapter, patch: pytest.MonkeyPatch) -> Iterator[None]:
     """Use a Playwright of the adapter's thread."""

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
 import subprocess
 import sys
 from collections import Counter
 from dataclasses import dataclass, replace
-from itertools import combinations
 from pathlib import Path
 from statistics import median
 from typing import Any, ClassVar, Literal
@@ -21,14 +19,14 @@ from tests.offline.golden import lines
 
 from webgym.core.task import FactGroup, Rubric
 from webgym.core.truth import Click, Evidence, Give, Home, See, StateCheck
-from webgym.offline import app, latency, names
+from webgym.offline import app, latency
 from webgym.offline.app import Visitors
 from webgym.offline.config import CollectionName
 from webgym.offline.engine.finder import paged
 from webgym.offline.families import FAMILIES
 from webgym.offline.look import FONTS, PALETTES, draw, look
 from webgym.offline.parts import Assignment, Fact, Part, Place, write
-from webgym.offline.seeds import number, pick, stream
+from webgym.offline.seeds import number
 from webgym.offline.web import MISBEHAVING, OfflineWeb
 from webgym.offline.website import Behaviour, Response, Visit, Website, json_response, page, redirect, slug
 
@@ -37,33 +35,6 @@ PLACE = Place("fern", "Fern", "fern.webgym.test", "http://fern.webgym.test/", "M
 
 
 # --- seeds, names, pictures ------------------------------------------------------------------------------
-
-
-def test_numbers_depend_on_the_names_alone() -> None:
-    assert number(7, "shop", 1) == number("7", "shop", "1")
-    assert number(7, "shop", 1) != number(7, "shop", 11)
-    assert number("a", "bc") != number("ab", "c")
-    # A change of this number would rename and rebuild every website.
-    assert number(7, "shop", 0) == int(hashlib.sha256(b"7\x1fshop\x1f0").hexdigest()[:16], 16)
-
-
-def test_streams_are_independent_of_each_other() -> None:
-    first, other = stream("one"), stream("another")
-    other.random()
-    assert first.random() == stream("one").random()
-    assert {pick("abc", "seed", index) for index in range(30)} == set("abc")
-
-
-def test_stems_are_unique_and_belong_to_their_family() -> None:
-    shops, events = names.stems(7, "shop"), names.stems(7, "events")
-    assert len(set(shops)) == len(shops) > 1000
-    assert shops != events
-    assert sorted(shops) == sorted(events)
-
-
-def test_people_and_towns_are_different_from_each_other() -> None:
-    assert len(set(names.people(stream("x"), 200))) == 200
-    assert len(set(names.towns(stream("x"), 200))) == 200
 
 
 @pytest.mark.parametrize("kind", ["thing", "scene", "dish", "face", "pattern", "unheard of"])
@@ -146,40 +117,6 @@ def groups(*sizes: int) -> Rubric:
 
 def ids(rubric: Rubric) -> set[int]:
     return {group.id for group in rubric.groups}
-
-
-def test_the_golden_example() -> None:
-    made = {tuple(sorted(ids(r))): r.difficulty for r in groups(2, 3, 4).decompositions()}
-    assert made == {(2,): 3, (3,): 4, (1, 2): 5, (1, 3): 6, (2, 3): 7}
-
-
-def test_three_and_one_give_exactly_one() -> None:
-    (only,) = groups(3, 1).decompositions()
-    assert (ids(only), only.difficulty) == ({1}, 3)
-
-
-@pytest.mark.parametrize("sizes", [(1,), (5,), (2, 2), (1, 1, 2)])
-def test_one_group_or_only_small_ones_give_nothing(sizes: tuple[int, ...]) -> None:
-    assert groups(*sizes).decompositions() == []
-
-
-@given(st.lists(st.integers(1, 5), min_size=1, max_size=6))
-def test_decompositions_are_the_proper_subsets_with_a_large_group(sizes: list[int]) -> None:
-    whole = groups(*sizes)
-    made = whole.decompositions()
-    chosen = [frozenset(ids(rubric)) for rubric in made]
-    expected = {
-        frozenset(subset)
-        for count in range(1, len(sizes))
-        for subset in combinations(range(1, len(sizes) + 1), count)
-        if any(sizes[group - 1] >= 3 for group in subset)
-    }
-    assert set(chosen) == expected
-    assert len(chosen) == len(expected)
-    for rubric in made:
-        assert 3 <= rubric.difficulty < whole.difficulty
-        assert set(rubric.groups) < set(whole.groups)
-    assert [len(subset) for subset in chosen] == sorted(len(subset) for subset in chosen)
 
 
 def test_an_assignment_is_written_out_with_all_that_derives_from_it() -> None:
@@ -302,14 +239,6 @@ def test_a_page_that_is_not_there_says_so() -> None:
     assert b"nowhere" not in missing.body  # what was asked for would be evidence that the agent wrote
     assert site.handle(visit(site.path("/~room/best"), "POST")).status == 303
     assert site.handle(visit("/consent")).status == 405
-
-
-def test_a_url_with_changed_parameters() -> None:
-    here = visit("/a b", sort="price", page="2")
-    assert here.url() == "/a%20b?sort=price&page=2"
-    assert here.url(page=None) == "/a%20b?sort=price"
-    assert here.url(page=None, sort="") == "/a%20b"
-    assert here.url(page=3, q="x y") == "/a%20b?sort=price&page=3&q=x+y"
 
 
 @given(st.text())

@@ -108,12 +108,3 @@ async def test_judges_stand_side_by_side_in_the_viewer(judged_run: Path, browser
     finally:
         serving.cancel()
         await asyncio.gather(serving, return_exceptions=True)
-
-
-async def test_a_run_with_one_judge_has_no_choice(run_folder: Path, browser: Browser, tmp_path: Path) -> None:
-    run = shutil.copytree(run_folder, tmp_path / "run")
-    report = await asyncio.to_thread(write_report, run)
-    attempt_id, _ = first_answered(run)
-    async with opened(browser, f"{report.as_uri()}#/t/{quote(attempt_id, safe='')}/1") as page:
-        await expect(page.locator("#rubric")).to_be_visible()
-        await expect(page.locator("#judges")).to_have_count(0)

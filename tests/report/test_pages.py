@@ -29,7 +29,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 @pytest.fixture(scope="module")
 def report(run_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = shutil.copytree(run_folder, tmp_path_factory.mktemp("report") / "run")
-    return write_report(run, config=ReportConfig(embed=True))
+    return write_report(run, config=ReportConfig(embed=True, image_width=400))
 
 
 @asynccontextmanager
@@ -133,7 +133,7 @@ async def test_the_screenshot_is_shown_with_the_click_on_its_place(
 ) -> None:
     step = attempt(run_folder, 0).episode.steps[2]  # clicks “Add to basket”
     async with opened(browser, address(report, run_folder, 0, 3), reduced_motion="reduce") as page:
-        await loaded(page, 800)
+        await loaded(page, 400)
         await expect(page.locator("#did")).to_contain_text("Clicked “Add to basket”")
         picture, ring = await box_of(page.locator(".stage img")), await box_of(page.locator(".ring"))
         target = next(e.box for e in step.observation.elements or () if e.name == "Add to basket")
@@ -164,7 +164,7 @@ async def test_an_element_is_framed_and_the_typed_text_stands_by_it(
 ) -> None:
     seen = attempt(run_folder, 8).episode.steps[0].observation  # in marks mode: types into element 1
     async with opened(browser, address(report, run_folder, 8)) as page:
-        await loaded(page, 800)
+        await loaded(page, 400)
         picture, frame = await box_of(page.locator(".stage img")), await box_of(page.locator(".target"))
         x, y, w, h = next(e.box for e in seen.elements or () if e.number == 1)
         scale = picture["width"] / 1280
@@ -187,6 +187,7 @@ async def test_facts_and_their_evidence(browser: Browser, report: Path, run_fold
     async with opened(browser, address(report, run_folder, 1)) as page:
         facts = page.locator("#rubric .finding")
         await expect(facts).to_have_count(len(made.verdict.facts))
+        await expect(page.locator("#judges")).to_have_count(0)  # there is one judge, and no choice
         for place, fact in enumerate(made.verdict.facts):
             await expect(facts.nth(place)).to_contain_text(fact.fact)
             await expect(facts.nth(place)).to_contain_text(fact.judgement.reason)
@@ -227,22 +228,21 @@ async def test_arrows_walk_through_the_steps(browser: Browser, report: Path, run
         await expect(page.locator(".notices")).to_contain_text("no tool call in the reply")
 
 
-@pytest.mark.parametrize(
-    ("sample", "outcome", "text"),
-    [
-        (3, "Blocked", "a challenge page that stays"),
-        (4, "Environment error", "browser_crashed"),
-        (5, "Policy error", "policy_timeout"),
-        (6, "Judge error", "three replies without a verdict line"),
-        (7, "Cancelled", "the attempt ended before its first step"),
-    ],
-)
-async def test_attempts_without_a_reward(
-    browser: Browser, report: Path, run_folder: Path, sample: int, outcome: str, text: str
-) -> None:
-    async with opened(browser, address(report, run_folder, sample)) as page:
-        await expect(page.locator(".verdict-badge")).to_have_text(outcome)
-        await expect(page.locator("#trajectory")).to_contain_text(text)
+UNREWARDED = {
+    3: ("Blocked", "a challenge page that stays"),
+    4: ("Environment error", "browser_crashed"),
+    5: ("Policy error", "policy_timeout"),
+    6: ("Judge error", "three replies without a verdict line"),
+    7: ("Cancelled", "the attempt ended before its first step"),
+}
+
+
+async def test_attempts_without_a_reward(browser: Browser, report: Path, run_folder: Path) -> None:
+    async with opened(browser, report.as_uri()) as page:
+        for sample, (outcome, text) in UNREWARDED.items():
+            await page.goto(address(report, run_folder, sample))
+            await expect(page.locator(".verdict-badge")).to_have_text(outcome)
+            await expect(page.locator("#trajectory")).to_contain_text(text)
 
 
 async def test_hostile_text_is_shown_and_inert(browser: Browser, report: Path, run_folder: Path) -> None:
@@ -321,21 +321,6 @@ async def test_a_phone_shows_figures_and_steps_whole(
         assert await page.evaluate("document.documentElement.scrollWidth") == 390
 
 
-async def test_tiles_have_borders_at_any_width(browser: Browser, report: Path) -> None:
-    """A line at the left of all but the first column, and at the top of all but the first row."""
-    for width, columns in ((1280, 6), (800, 2)):
-        async with opened(browser, report.as_uri(), viewport={"width": width, "height": 800}) as page:
-            lines = await page.locator(".tile").evaluate_all(
-                """(tiles) => tiles.map((tile) => {
-                  const [box, whole] = [tile, tile.parentElement].map((each) => each.getBoundingClientRect());
-                  const style = getComputedStyle(tile);
-                  return [style.borderLeftWidth === "1px" && box.x > whole.x + 1,
-                          style.borderTopWidth === "1px" && box.y > whole.y + 1];
-                })"""
-            )
-        assert lines == [[place % columns > 0, place >= columns] for place in range(len(lines))]
-
-
 async def _brightness(page: Page) -> float:
     """Mean of the visible pixels, 0 to 255."""
     shot = Image.open(io.BytesIO(await page.screenshot())).convert("L")
@@ -408,16 +393,6 @@ async def viewed(run: Path) -> AsyncIterator[str]:
         )
         yield await ready
         serving.cancel()
-
-
-async def test_the_same_pages_are_served(browser: Browser, run_folder: Path) -> None:
-    made = attempt(run_folder, 0)
-    async with viewed(run_folder) as url, opened(browser, url) as page:
-        await expect(page.locator("#rows-body tr")).to_have_count(12)
-        await page.get_by_role("searchbox").fill("tide fernhill")
-        await page.locator("#rows-body tr").first.locator("td").nth(3).click()
-        await loaded(page, 1280)
-        await expect(page.locator(".frame")).to_have_count(len(made.episode.steps))
 
 
 async def test_a_run_in_progress_is_followed(browser: Browser, run_folder: Path, tmp_path: Path) -> None:

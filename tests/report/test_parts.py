@@ -34,10 +34,9 @@ from webgym.core.action import (
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Revision
 from webgym.judge.prompts import action_history
-from webgym.report.charts import Histogram, LogAxis, outcome_bar, rate_bar
+from webgym.report.charts import Histogram
 from webgym.report.config import ReportConfig
 from webgym.report.content import page, row
-from webgym.report.formatting import duration, milliseconds, number, percent
 from webgym.report.overview import Overview, overview_html
 from webgym.report.template import Page, inert
 from webgym.report.thumbnails import thumbnails
@@ -182,32 +181,6 @@ def test_a_task_that_the_run_does_not_hold(run_folder: Path) -> None:
 # --- charts ------------------------------------------------------------------------------------------
 
 
-def test_the_outcome_bar_is_full() -> None:
-    svg = str(outcome_bar({outcome.value: place for place, outcome in enumerate(Outcome)}))
-    widths = [float(width) for width in re.findall(r'x="[\d.]+%" width="([\d.]+)%"', svg)]
-    assert len(widths) == 7  # nothing is drawn for none
-    assert sum(widths) == pytest.approx(100, abs=0.01)
-    assert "Success 0, Failure 1" in svg
-
-
-def test_a_rate_stands_where_it_says() -> None:
-    svg = str(rate_bar(0.25, (0.1, 0.5)))
-    assert 'class="rate" y="5" width="25.00%"' in svg
-    assert 'x1="10.00%" x2="50.00%"' in svg
-    assert "nothing rewarded" in str(rate_bar(None, None))
-
-
-def test_the_logarithmic_axis_holds_what_is_shown() -> None:
-    axis = LogAxis([quantiles([3.0]), quantiles([700.0]), quantiles([])])
-    assert [text for _, text in axis.ticks()] == ["1 ms", "10 ms", "100 ms", "1 s"]
-    assert axis.place(1.0) == 0
-    assert axis.place(10.0) == pytest.approx(100 / 3)
-    assert axis.place(0.01) == 0
-    assert axis.place(1e9) == 100
-    assert LogAxis([]).ticks()
-    assert LogAxis([quantiles([0.0])]).ticks()
-
-
 @given(
     st.dictionaries(st.tuples(st.integers(0, 300), st.sampled_from(Outcome)), st.integers(1, 50), min_size=1)
 )
@@ -219,19 +192,6 @@ def test_a_histogram_draws_every_attempt(counts: dict[tuple[int, Outcome], int])
     for x, width in re.findall(r'x="([\d.]+)%" y="[\d.-]+" width="([\d.]+)%"', svg):
         assert float(x) + float(width) <= 100.01
     assert all(0 <= place <= 100 for place, _ in chart.ticks())
-
-
-def test_a_histogram_of_nothing() -> None:
-    assert Histogram({}).ticks() == [(50.0, "0")]
-
-
-def test_words() -> None:
-    assert [milliseconds(value) for value in (None, 0.4, 3.0, 412.4, 1090, 12_345)] == [
-        "–", "0.4 ms", "3 ms", "412 ms", "1.09 s", "12 s",
-    ]  # fmt: skip
-    assert [duration(value) for value in (4.25, 107.6, 7_380)] == ["4.2 s", "1 min 48 s", "2 h 03 min"]
-    assert [number(value) for value in (3, 7.52, 1504, 200.4)] == ["3", "7.5", "1 504", "200"]
-    assert (percent(0.7142), percent(None)) == ("71.4%", "–")
 
 
 # --- inert data --------------------------------------------------------------------------------------

@@ -133,12 +133,12 @@ def add_up(run: Path) -> list[Trajectory]:
 
 async def test_solutions_succeed_by_marks(tmp_path: Path, served_large: Served) -> None:
     """``test_solvable.py`` has the like by coordinates, of every family."""
-    file = task_file(tmp_path, 3, LARGE)
+    file = task_file(tmp_path, 2, LARGE)
     await collect_there(
         served_large, config(file, sites=LARGE, agent=AgentConfig(mode="marks")), tmp_path / "run"
     )
     trajectories = add_up(tmp_path / "run")
-    assert [each.outcome for each in trajectories] == [Outcome.SUCCESS] * 3
+    assert [each.outcome for each in trajectories] == [Outcome.SUCCESS] * 2
     assert not list(unexpected(RunReader(tmp_path / "run").tasks, trajectories))
     for each in trajectories:
         assert each.verdict is not None
@@ -203,7 +203,7 @@ async def test_every_mistake_is_data(tmp_path: Path, served: Served) -> None:
 
 
 async def test_a_browser_that_is_killed_costs_its_attempt_and_nothing_else(tmp_path: Path) -> None:
-    file = task_file(tmp_path, 5)
+    file = task_file(tmp_path, 4)
     others = {child.pid for child in psutil.Process().children()}
 
     class Killer:
@@ -228,15 +228,15 @@ async def test_a_browser_that_is_killed_costs_its_attempt_and_nothing_else(tmp_p
     await collect(config(file, retries=2), tmp_path / "run", show=Killer)
     trajectories = add_up(tmp_path / "run")
     outcomes = Counter(each.outcome for each in trajectories)
-    assert outcomes[Outcome.SUCCESS] == 5
+    assert outcomes[Outcome.SUCCESS] == 4
     assert outcomes[Outcome.ENVIRONMENT_ERROR] <= 1
-    assert outcomes.total() == 5 + outcomes[Outcome.ENVIRONMENT_ERROR]
+    assert outcomes.total() == 4 + outcomes[Outcome.ENVIRONMENT_ERROR]
     lost = [each for each in trajectories if each.outcome is Outcome.ENVIRONMENT_ERROR]
     assert all(each.episode.failure and "browser" in each.episode.failure.code for each in lost)
 
 
 async def test_a_cancelled_run_records_what_was_in_flight_and_goes_on(tmp_path: Path) -> None:
-    file = task_file(tmp_path, 6)
+    file = task_file(tmp_path, 5)
     started = asyncio.Event()
 
     class Watch:
@@ -267,7 +267,7 @@ async def test_a_cancelled_run_records_what_was_in_flight_and_goes_on(tmp_path: 
     await resume(tmp_path / "run")
     trajectories = add_up(tmp_path / "run")
     outcomes = Counter(each.outcome for each in trajectories)
-    assert outcomes[Outcome.SUCCESS] == 6
+    assert outcomes[Outcome.SUCCESS] == 5
     assert outcomes[Outcome.CANCELLED] == before["cancelled"]
 
 

@@ -56,18 +56,6 @@ async def world(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[World]:
         yield world
 
 
-async def test_a_policy_that_is_restarted_costs_no_attempt(tmp_path: Path, world: World) -> None:
-    world.model.may = HALF
-    run = Run().start(world.config(tmp_path, 16), tmp_path / "run")
-    await until_half(run, world)
-    await world.stop("model")
-    await until(lambda: run.progress.problem())  # its replies are missed
-    world.model.may = math.inf
-    await world.start("model")
-    await run.end()
-    assert outcomes(tmp_path / "run") == {"success": 16}
-
-
 async def test_a_policy_that_is_away_for_longer_than_its_tries_costs_no_attempt(
     tmp_path: Path, world: World
 ) -> None:

@@ -16,8 +16,8 @@ from rich.console import Console
 from webgym.core.outcome import Ending, Outcome
 from webgym.core.trajectory import Episode, Failure, Trajectory
 from webgym.results.rates import Successes
-from webgym.rollout.live import duration, line, panel, style_of
-from webgym.rollout.progress import STATES, Progress, Queue
+from webgym.rollout.live import line, panel, style_of
+from webgym.rollout.progress import STATES, Progress
 
 SCRIPT = """
 import asyncio
@@ -92,13 +92,6 @@ def test_a_pipe_gets_plain_lines(tmp_path: Path) -> None:
     assert len(lines) >= 3
     assert all("10/40 done" in each for each in lines)
     assert "\x1b" not in done.stdout
-
-
-@pytest.mark.parametrize(
-    ("seconds", "expected"), [(None, "–"), (0, "0:00"), (75, "1:15"), (3599.9, "59:59"), (3600, "1:00:00")]
-)
-def test_durations(seconds: float | None, expected: str) -> None:
-    assert duration(seconds) == expected
 
 
 def test_progress_tells_pace_and_success() -> None:
@@ -200,17 +193,6 @@ def test_errors_in_a_row_are_shown_with_their_reason() -> None:
     assert progress.warnings == ["the last 3 attempts ended in errors: the endpoint is away"]
     progress.ended(trajectory("e"))
     assert not progress.warnings
-
-
-def test_queues_are_shown_with_their_waits() -> None:
-    progress = Progress(total=1, queues=lambda: {"navigate": Queue(3, 4, 0.25, None)})
-    assert "navigate 3+4, waited 250 ms" in "\n".join(_shown(progress, 100, 30))
-    assert progress.snapshot()["queues"]["navigate"] == {
-        "waiting": 3,
-        "running": 4,
-        "wait": 0.25,
-        "service": None,
-    }
 
 
 def trajectory(

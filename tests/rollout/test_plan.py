@@ -109,19 +109,6 @@ async def test_a_task_drawn_twice_is_two_attempts_and_each_is_made_again_by_itse
     assert resumed.done == 2
 
 
-async def test_an_error_is_attempted_again_under_a_new_name() -> None:
-    plan = Plan(TASKS[:1], samples=1, retries=1)
-    first = await plan.take()
-    assert first is not None
-    await plan.settle(first, Outcome.ENVIRONMENT_ERROR)
-    again = await plan.take()
-    assert again is not None
-    assert (first.attempt_id, again.attempt_id) == ("t0#0.0", "t0#0.1")
-    await plan.settle(again, Outcome.ENVIRONMENT_ERROR)
-    assert await plan.take() is None
-    assert plan.done == 1
-
-
 async def test_what_exhausted_its_retries_is_attempted_again_if_asked_for() -> None:
     one, two = TASKS[:2]
     recorded = [
@@ -156,15 +143,6 @@ async def test_the_number_of_an_attempt_is_above_all_that_are_and_were_there(ret
     assert [each.attempt_id for each in taken if each] == ["t0#0.2", "t1#0.3", "t2#0.0"]
     assert taken[0] is not None
     assert taken[0].failures == (0 if retry_errors else 1)
-
-
-@pytest.mark.parametrize("outcome", [Outcome.SUCCESS, Outcome.BLOCKED, Outcome.JUDGE_ERROR])
-async def test_what_would_end_the_same_is_not_attempted_again(outcome: Outcome) -> None:
-    plan = Plan(TASKS[:1], samples=1, retries=3)
-    planned = await plan.take()
-    assert planned is not None
-    await plan.settle(planned, outcome)
-    assert await plan.take() is None
 
 
 async def test_a_worker_waits_while_another_may_have_to_repeat() -> None:

@@ -110,10 +110,6 @@ def test_a_huge_rubric_is_not_enumerated() -> None:
     assert found == decompose([task("p", "a.example", *[3] * 60)])
 
 
-def test_ten_groups_stay_below_the_cap() -> None:
-    assert decompose([task("p", "a.example", *[3] * 10)]).capped == []
-
-
 def test_synthetic_sources_give_less() -> None:
     made = task("pae-webvoyager/1", "a.example", 3, 3, 3, source="pae-webvoyager")
     found = decompose([made])

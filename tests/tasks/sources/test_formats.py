@@ -280,17 +280,6 @@ def test_a_quote_in_the_middle_and_line_ends_inside_do_no_harm(tmp_path: Path) -
     ]
 
 
-def test_the_csv_modules_limit_is_left_alone(tmp_path: Path) -> None:
-    import csv
-
-    before = csv.field_size_limit()
-    path = tmp_path / "a.csv"
-    path.write_text(native.as_csv(native.TRAVELPLANNER))
-    assert len(native.TRAVELPLANNER[0]["reference_information"]) > before
-    assert len(read("travelplanner", path).tasks) == 1
-    assert csv.field_size_limit() == before
-
-
 @pytest.mark.parametrize("suffix", ["jsonl", "json", "csv"])
 def test_a_compressed_file_that_is_cut_off(tmp_path: Path, suffix: str) -> None:
     records = [native.DEEPSHOP[0] | {"id": str(n)} for n in range(3000)]

@@ -49,7 +49,7 @@ def test_static_browsers_give_what_browsers_give(tmp_path: Path) -> None:
             "seed": 3,
             "sites": {"collection": "small", "latency": 0, "per_family": 6},
             "agent": {"prompt_format": "compact", "rounds": 0, "profile": "tiny"},
-            "tasks": {"split": "train", "count": 4},
+            "tasks": {"split": "train", "count": 3},
             "collector": {"sessions": 2},
         }
     )

@@ -151,9 +151,6 @@ class BrowserConfig(Settings):
     second request is; none is while the document has no body. On a busy machine the slowest answers take half
     a second."""
 
-    screenshot_retry_seconds: float = Field(default=0.05, gt=0)
-    """Pause after "Unable to capture screenshot", which Chromium replies while a page is being replaced."""
-
     most_documents: int = Field(default=12, ge=1)
     """Documents that may follow one another in the tab after an action. A page that redirects further, such
     as one that reloads itself, is then kept at its current document until the next action, so that it can be
@@ -228,10 +225,6 @@ class BrowserConfig(Settings):
     """Deadline for reading the trace. It takes 0.015 s, but 5 s after a process has joined the browser."""
 
     # --- actions ------------------------------------------------------------------------------------
-
-    scroll_fraction: float = Field(default=0.75, gt=0, le=2)
-    """Distance of a scroll, as a fraction of the viewport's height. A quarter stays in view, so that no line
-    is skipped."""
 
     typed_keys: int = Field(default=200, ge=1)
     """A text of up to this many characters is typed key by key, because fields may handle key events. A key

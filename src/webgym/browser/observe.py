@@ -30,6 +30,9 @@ from webgym.core.observation import Element, Notice, Observation
 
 T = TypeVar("T")
 
+_RETRY_SECONDS = 0.05
+"""Between attempts at a screenshot for which the browser has no frame yet."""
+
 _MAX_PASSES = 3
 """Most passes over the document: each level of nested frames or shadow roots that is new takes one."""
 
@@ -290,7 +293,7 @@ async def _capture(page: Page) -> bytes:
             except CommandFailed as error:
                 if not any(words in error.message for words in _NO_FRAME_YET):
                     raise
-                await asyncio.sleep(config.screenshot_retry_seconds)
+                await asyncio.sleep(_RETRY_SECONDS)
                 continue
             # The request was lost with a replaced frame, or nothing is drawn yet.
             undrawn = await _have_drawn(page, picture_type, quality and quality / 100)

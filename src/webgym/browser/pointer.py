@@ -24,6 +24,8 @@ Point: TypeAlias = tuple[float, float]
 Button: TypeAlias = Literal["left", "right"]
 
 _BUTTON_BITS: dict[Button, int] = {"left": 1, "right": 2}
+_SCROLLED = 0.75
+"""How far a scroll turns the view, as a share of what is visible."""
 _DRAG_STEPS = 8
 """Number of intermediate points of a drag, over all of its segments. Pages handle the start, the end and the
 elements that the mouse passes."""
@@ -235,7 +237,7 @@ async def scroll(page: Page, side: Side, point: Point | None = None) -> None:
     """
     sign = 1 if side in ("down", "right") else -1
     wheel = await wheel_over(page, side, point)
-    distance = wheel.extent * page.config.scroll_fraction * sign
+    distance = wheel.extent * _SCROLLED * sign
     is_horizontal = side in ("left", "right")
     deltas = {"deltaX": distance, "deltaY": 0} if is_horizontal else {"deltaX": 0, "deltaY": distance}
     done = 0.0
@@ -243,7 +245,7 @@ async def scroll(page: Page, side: Side, point: Point | None = None) -> None:
         for _ in range(_MOST_TURNS):
             turned = await turn(page, side, wheel.point, **deltas)
             done += turned.by
-            if not turned.by or done + turned.by / 2 >= turned.extent * page.config.scroll_fraction:
+            if not turned.by or done + turned.by / 2 >= turned.extent * _SCROLLED:
                 break
         if point is None and not done and turned.taken:
             await settle(page)  # it may scroll by an animation of its own

@@ -26,9 +26,6 @@ class AttemptConfig(Settings):
     budget_hard: int = Field(default=45, ge=1)
     """Steps for a task of 7 facts and more (paper §5: 45, better 30, in training; 70 in testing)."""
 
-    start_tries: int = Field(default=2, ge=1)
-    """How often the start page is tried before the attempt counts as the environment's failure."""
-
     longest_seconds: float = Field(default=3600.0, gt=0)
     """Time limit of an attempt: replies, actions and observations, without waiting in queues. An attempt that
     exceeds it ends without a reward, as the environment's failure: the agent's own limit is its budget of

@@ -23,7 +23,7 @@ import secrets
 import time
 from dataclasses import dataclass
 from http import HTTPStatus
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 from webgym.agent.agent import AgentTraits
 from webgym.browser.config import Cookie
@@ -36,6 +36,9 @@ from webgym.core.websites import host_or_text, site_or_text
 from webgym.rollout.config import AttemptConfig
 from webgym.rollout.plan import Planned
 from webgym.server.messages import SessionOptions, View
+
+_START_TRIES: Final = 2
+"""How often the start page is tried before the attempt counts as the environment's failure."""
 
 
 class BrowserSession(Protocol):
@@ -229,7 +232,7 @@ class EpisodeDriver:
         self._session = session
         self.started_at, self.started = time.time(), time.monotonic()
         url, refused = self._start_url, ""
-        for _ in range(self._context.config.start_tries):
+        for _ in range(_START_TRIES):
             view = await self._act(Navigate(url))
             seen = view.observation
             failed = (it for it in seen.faults if it.kind == "renderer" or self._is_of_website(it))

@@ -78,6 +78,7 @@ from webgym.store.verdicts import Judged, read_verdicts
 RECORDED = "recorded"
 """Name for the verdicts that were made when the run was collected."""
 
+_IMAGE_THREADS = 4
 _LEFT_BY_A_START = {TASKS, TRAJECTORIES, SCREENSHOTS, LOCK}
 """What a process that was killed while it created a run may leave, the folders empty."""
 
@@ -110,8 +111,6 @@ class StoreLimits(Settings):
 
     shard_bytes: int = Field(default=64 * 2**20, gt=0)
     """Size at which the next file of trajectories is started."""
-    image_threads: int = Field(default=4, gt=0)
-    """Number of pictures written concurrently."""
 
 
 # --- writing ----------------------------------------------------------------------------------------
@@ -151,7 +150,7 @@ class RunWriter:
         self._shard: Log | None = None
         self._metrics: Log | None = None
         self._append_thread = ThreadPoolExecutor(1, thread_name_prefix="store-journal")
-        self._image_threads = ThreadPoolExecutor(limits.image_threads, thread_name_prefix="store-image")
+        self._image_threads = ThreadPoolExecutor(_IMAGE_THREADS, thread_name_prefix="store-image")
         self._closed = False
 
     @property

@@ -228,7 +228,7 @@ async def _drag_event(page: Page, kind: str, point: Point, data: dict[str, Any])
 
 
 async def scroll(page: Page, side: Side, point: Point | None = None) -> None:
-    """Turn the wheel over a point, or over the largest scrollable part of the page, by ``scroll_fraction`` of
+    """Turn the wheel over a point, or over the largest scrollable part of the page, by ``_SCROLLED`` of
     its visible size.
 
     Elements that scroll by a script, such as editors and tables with thousands of lines, may move a few lines

@@ -26,7 +26,7 @@ ROOTS = {
     "webgym.study.recipe.RecipeConfig": "`webgym pretrain`",
     "webgym.study.conditions.StudyConfig": "`webgym study`",
     "webgym.taskset.construction.config.BuildConfig": "`webgym tasks build`",
-    "webgym.simulate.questions.Questions": "`webgym simulate`",
+    "webgym.simulate.sizing.Questions": "`webgym simulate`",
     "webgym.server.config.ServerConfig": "`webgym serve`, by its options",
     "webgym.server.config.GatewayConfig": "`webgym serve` of several processes",
     "webgym.server.config.RayConfig": "`webgym serve --ray`",

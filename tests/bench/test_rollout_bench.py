@@ -35,8 +35,8 @@ from webgym.core.errors import ConfigError, RunFolderError, UsageError
 from webgym.offline import latency
 from webgym.offline.web import OfflineWeb
 from webgym.simulate.config import Costs, Workload
-from webgym.simulate.questions import Questions
 from webgym.simulate.resources import Inference, Process
+from webgym.simulate.sizing import Questions
 
 COSTS = Costs(
     prefill_tokens_per_second=1000.0,

@@ -35,7 +35,7 @@ from webgym.core.errors import ConfigError, RunFolderError, UsageError
 from webgym.offline import latency
 from webgym.offline.web import OfflineWeb
 from webgym.simulate.config import Costs, Workload
-from webgym.simulate.resources import Inference, Process
+from webgym.simulate.model import Inference, Process
 from webgym.simulate.sizing import Questions
 
 COSTS = Costs(

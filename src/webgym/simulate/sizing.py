@@ -1,4 +1,4 @@
-"""The settings of a simulation, the bottleneck of a system, the gain from more of each resource, the price."""
+"""The settings of a simulation, a system's bottleneck and price, and the gain from more of each resource."""
 
 from __future__ import annotations
 

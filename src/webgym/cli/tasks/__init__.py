@@ -8,10 +8,9 @@ import typer
 from typer.core import TyperGroup
 
 from webgym.cli.tasks.check import check, stats, validate
-from webgym.cli.tasks.sample import sample
 from webgym.cli.tasks.show import show
 from webgym.cli.tasks.sources import sources
-from webgym.cli.tasks.write import convert, offline, split
+from webgym.cli.tasks.write import convert, offline, sample, split
 
 
 class _LazyBuild(TyperGroup):

@@ -1,16 +1,18 @@
-"""``webgym tasks split``, ``convert`` and ``offline``: write task sets to files."""
+"""``webgym tasks split``, ``sample``, ``convert`` and ``offline``: write task sets to files."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from webgym.cli._options import Collection
 
 if TYPE_CHECKING:
+    from webgym.core.task import Task
+    from webgym.tasks.sampling import Sampler, SamplerConfig, Weigh
     from webgym.tasks.split import Split
 
 
@@ -135,3 +137,173 @@ def offline(
     shown = track(hosts, "websites", console=console, transient=True, disable=not console.is_terminal)
     count = write_tasks(out, (task for host in shown for task in web.tasks_of(host)))
     print(f"{count} tasks written to {out}")
+
+
+def sample(
+    files: list[Path] = typer.Argument(..., help="Task files, or folders of them."),
+    count: int = typer.Option(1_024, "--count", min=1, help="Number of tasks to draw."),
+    out: Path | None = typer.Option(None, "--out", help="Task file to write.", show_default="print ids only"),
+    split: str = typer.Option(
+        "train", "--split", help="train, test, all, or unsplit (tasks without a split)."
+    ),
+    ratio: str | None = typer.Option(
+        None, "--ratio", help="Ratio of easy:medium:hard, such as 2:1:1.", show_default="as in the files"
+    ),
+    domain: list[str] = typer.Option(
+        [], "--domain", help="Draw only from this domain or subdomain. May be repeated."
+    ),
+    without: list[str] = typer.Option(
+        [], "--without", help="Do not draw from this domain or subdomain. May be repeated."
+    ),
+    without_share: float = typer.Option(
+        0.0, "--without-share", min=0.0, help="Also leave out this share of the subdomains, chosen at random."
+    ),
+    without_seed: int = typer.Option(
+        0, "--without-seed", help="Seed of the choice of subdomains for --without-share."
+    ),
+    block: list[str] = typer.Option([], "--block", help="Do not draw from this website. May be repeated."),
+    blocklist: Path | None = typer.Option(
+        None, "--blocklist", help="Do not draw from websites in this blocklist file of a run."
+    ),
+    blocked_hours: float = typer.Option(
+        12.0,
+        "--blocked-hours",
+        min=0.0,
+        help="Hours for which a website is left out after it blocked an attempt.",
+    ),
+    shard: str = typer.Option(
+        "0/1", "--shard", help="Index of this worker and number of workers, such as 0/4."
+    ),
+    seed: int = typer.Option(0, "--seed", help="Seed of all shuffles."),
+    state: Path | None = typer.Option(
+        None,
+        "--state",
+        help="File of the sampler's state: continue from it if it exists, and save the new state in it.",
+    ),
+    spread: bool = typer.Option(
+        False, "--spread-websites", help="Give every website the same weight, however many tasks it has."
+    ),
+    near: list[Path] = typer.Option(
+        [],
+        "--curriculum",
+        help="Prefer tasks whose success rate in this run is near --target. May be repeated.",
+    ),
+    target: float = typer.Option(
+        0.5, "--target", min=0.0, max=1.0, help="Success rate that --curriculum prefers."
+    ),
+) -> None:
+    """Draw tasks without replacement; with --state, continue where the last call ended."""
+    import sys
+
+    from webgym.cli.tasks._files import read_unique
+    from webgym.core.errors import ConfigError
+    from webgym.rollout.blocklist import Blocklist, BlocklistConfig
+    from webgym.tasks.sampling import Sampler, near_success, spread_websites
+
+    if spread and near:
+        raise ConfigError("--spread-websites and --curriculum exclude each other", hint="give one of them")
+    weigh: Weigh | None = spread_websites() if spread else None
+    if near:
+        weigh = near_success(_results(near), target=target)
+    choice = {
+        "split": split,
+        "domains": domain,
+        "without": without,
+        "without_share": without_share,
+        "without_seed": without_seed,
+    }
+    config = _config(choice, seed=seed, ratio=ratio, shard=shard)
+    websites = Blocklist(BlocklistConfig(file=blocklist, hours=blocked_hours))
+    sampler = Sampler(read_unique(files), config, blocked=websites.blocked, weigh=weigh, anew=bool(near))
+    if left_out := sampler.selected.told():
+        print(f"{len(sampler.selected.tasks):,} tasks to draw from; left out: {left_out}", file=sys.stderr)
+    _restore(sampler, state)
+    sampler.block(*map(_site, block))
+    drawn = sampler.draw(count)
+    if blocked := sampler.passed_over:
+        message = f"{blocked.total():,} tasks on {len(blocked):,} blocked websites were not drawn"
+        print(message, file=sys.stderr)
+    _write(drawn, out)
+    _save(sampler, state)
+
+
+def _write(drawn: list[Task], out: Path | None) -> None:
+    """Write tasks to a file, or print their ids."""
+    import sys
+
+    from webgym.core.text import plain
+    from webgym.tasks.formats import write_tasks
+
+    distinct = list({task.id: task for task in drawn}.values())
+    if repeated := len(drawn) - len(distinct):
+        what = (
+            "printed: all tasks had been drawn" if out is None else "left out: a file contains each task once"
+        )
+        print(f"{repeated:,} repeated draws are {what}", file=sys.stderr)
+    if out is None:
+        print("\n".join(plain(task.id) for task in drawn))
+        return
+    write_tasks(out, distinct)
+    print(f"{len(distinct):,} tasks written to {out}")
+
+
+def _config(choice: dict[str, Any], *, seed: int, ratio: str | None, shard: str) -> SamplerConfig:
+    from webgym.core.errors import ConfigError
+    from webgym.core.settings import validated
+    from webgym.tasks.sampling import SamplerConfig, parse_ratio
+
+    index, slash, count = shard.partition("/")
+    if not (slash and index.isdecimal() and count.isdecimal()):
+        raise ConfigError(f"{shard!r} is not a shard", hint="give INDEX/COUNT, counted from 0, such as 0/4")
+    more = {"seed": seed, "ratio": None if ratio is None else parse_ratio(ratio)}
+    return validated(SamplerConfig, {**choice, **more, "shard": int(index), "shards": int(count)})
+
+
+def _site(website: str) -> str:
+    from webgym.core.errors import ConfigError
+    from webgym.core.websites import site_of
+
+    try:
+        return site_of(website)
+    except ValueError as error:
+        raise ConfigError(str(error), hint="give a host or a URL to --block") from error
+
+
+def _restore(sampler: Sampler, state: Path | None) -> None:
+    import json
+
+    from webgym.core.errors import ConfigError
+
+    if state is None or not state.exists():
+        return
+    try:
+        decoded: Any = json.loads(state.read_bytes())
+    except (OSError, ValueError) as error:
+        raise ConfigError(
+            f"{state} is not a sampler's state: {error}", hint="remove it to start over"
+        ) from error
+    sampler.restore(decoded if isinstance(decoded, dict) else {})
+
+
+def _save(sampler: Sampler, state: Path | None) -> None:
+    import json
+
+    from webgym.tasks.files import whole_file
+
+    if state is not None:
+        with whole_file(state) as file:
+            file.write(json.dumps(sampler.state()).encode() + b"\n")
+
+
+def _results(runs: list[Path]) -> dict[str, tuple[int, int]]:
+    """The numbers of successes and of attempts with a reward, by task."""
+    from webgym.core.outcome import Outcome
+    from webgym.store.runs import RunReader
+
+    results: dict[str, tuple[int, int]] = {}
+    for path in runs:
+        for entry in RunReader(path).attempts.values():
+            if entry.outcome.is_rewarded:
+                successes, attempts = results.get(entry.task_id, (0, 0))
+                results[entry.task_id] = (successes + (entry.outcome == Outcome.SUCCESS), attempts + 1)
+    return results

@@ -32,8 +32,8 @@ from webgym.core.trajectory import Reply
 from webgym.report.config import ViewConfig
 from webgym.report.live import serve_view
 from webgym.rollout.config import CollectorConfig
-from webgym.rollout.feed import feeding
 from webgym.rollout.live import panel
+from webgym.rollout.live_file import feeding
 from webgym.rollout.progress import STATES, Progress
 from webgym.run.collect import collect
 from webgym.run.config import RunConfig, TaskChoice

@@ -26,13 +26,13 @@ ROOTS = {
     "webgym.study.recipe.RecipeConfig": "`webgym pretrain`",
     "webgym.study.conditions.StudyConfig": "`webgym study`",
     "webgym.taskset.construction.config.BuildConfig": "`webgym tasks build`",
-    "webgym.simulate.questions.Questions": "`webgym simulate`",
+    "webgym.simulate.sizing.Questions": "`webgym simulate`",
     "webgym.server.config.ServerConfig": "`webgym serve`, by its options",
     "webgym.server.config.GatewayConfig": "`webgym serve` of several processes",
     "webgym.server.config.RayConfig": "`webgym serve --ray`",
     "webgym.report.config.ReportConfig": "`webgym report`, by its options",
     "webgym.report.config.ViewConfig": "`webgym view`, by its options",
-    "webgym.compat.config.CompatConfig": "{func}`webgym.compat.running_compat`",
+    "webgym.compat.config.CompatConfig": "{func}`webgym.compat.app.running_compat`",
 }
 """Settings that somebody gives, and to what; those that they hold follow them."""
 

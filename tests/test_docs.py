@@ -23,9 +23,9 @@ from webgym.core import errors
 from webgym.core.settings import field_docstring, load_settings
 from webgym.judge.config import JudgeChoice
 from webgym.llm.prices import Prices
-from webgym.simulate.questions import read_questions
+from webgym.simulate.sizing import read_questions
 from webgym.tasks.formats import read_tasks
-from webgym.taskset.construction import read_config
+from webgym.taskset.construction.config import read_config
 from webgym.train.start import load_train_config
 
 

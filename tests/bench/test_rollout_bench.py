@@ -34,7 +34,7 @@ from webgym.core.errors import ConfigError, RunFolderError
 from webgym.offline import latency
 from webgym.offline.web import OfflineWeb
 from webgym.simulate.config import Costs
-from webgym.simulate.resources import Inference, Process
+from webgym.simulate.model import Inference, Process
 
 COSTS = Costs(
     prefill_tokens_per_second=1000.0,

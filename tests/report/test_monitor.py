@@ -20,7 +20,7 @@ from tests.report.test_pages import CONTRAST, opened, viewed
 
 from webgym.core.outcome import Outcome
 from webgym.report.live import read_history
-from webgym.rollout.feed import STALE_SECONDS, feeding
+from webgym.rollout.live_file import STALE_SECONDS, feeding
 from webgym.rollout.progress import STATES, Progress, Queue
 from webgym.store.files import LIVE, METRICS
 from webgym.store.runs import RunWriter

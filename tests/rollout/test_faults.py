@@ -41,8 +41,8 @@ from webgym.llm.config import Retry
 from webgym.rollout.attempt import Attempt
 from webgym.rollout.collector import Collector
 from webgym.rollout.config import CollectorConfig
-from webgym.rollout.feed import read_feed
-from webgym.rollout.opening import open_patiently
+from webgym.rollout.live_file import read_feed
+from webgym.rollout.sessions import open_patiently
 from webgym.server.client import BrowserClient
 from webgym.server.messages import SessionOptions
 from webgym.store.runs import RunReader

@@ -14,8 +14,9 @@ import pytest
 import pytest_asyncio
 from PIL import Image
 
-from webgym.compat import CompatConfig, RunningCompat, running_compat
+from webgym.compat.app import RunningCompat, running_compat
 from webgym.compat.commands import COMMANDS
+from webgym.compat.config import CompatConfig
 from webgym.server.config import ClientLimits, ServerConfig
 from webgym.server.run_worker import RunningServer
 

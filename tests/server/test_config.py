@@ -17,7 +17,7 @@ from webgym import cli
 from webgym.browser.config import BrowserConfig
 from webgym.browser.egress.config import EgressConfig
 from webgym.cli import serve
-from webgym.compat import CompatConfig
+from webgym.compat.config import CompatConfig
 from webgym.server.config import ClientLimits, GatewayConfig, RayConfig, ServerConfig
 from webgym.server.operations import QUEUES
 

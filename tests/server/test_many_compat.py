@@ -16,7 +16,7 @@ from webgym.browser.document import Document
 from webgym.browser.gestures import AnyAction
 from webgym.browser.observe import Metadata
 from webgym.browser.sandbox import SandboxState
-from webgym.compat import running_compat
+from webgym.compat.app import running_compat
 from webgym.core.action import Navigate
 from webgym.server import pool
 from webgym.server.config import ServerConfig

@@ -10,8 +10,8 @@ import pytest
 from webgym.core.errors import ConfigError
 from webgym.server.config import GatewayConfig, RayConfig, ServerConfig
 from webgym.server.listening import listen
-from webgym.server.local import LocalHost
 from webgym.server.ray_hosts import RayHost
+from webgym.server.subprocess_worker import LocalHost
 
 
 def test_a_free_port_of_some() -> None:

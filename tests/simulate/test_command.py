@@ -19,7 +19,7 @@ from webgym.core.tables import Table, show
 from webgym.simulate import paper
 from webgym.simulate.config import Costs, System, Workload
 from webgym.simulate.paper import Point, reproduce
-from webgym.simulate.questions import read_questions
+from webgym.simulate.sizing import read_questions
 
 SMALL = """
 workload: {mean_steps: 3.0, budgets: [3, 3, 3]}

@@ -8,8 +8,7 @@ import simpy
 
 from webgym.simulate.config import Costs, Queues, System, Workload
 from webgym.simulate.demand import demand, draw_steps
-from webgym.simulate.model import simulate
-from webgym.simulate.resources import Inference, Process, Processors
+from webgym.simulate.model import Inference, Process, Processors, simulate
 from webgym.simulate.sizing import Prices, scaled, size
 
 # Nothing takes time but what a test sets.

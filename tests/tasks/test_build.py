@@ -35,13 +35,12 @@ from webgym.core.task import Task
 from webgym.llm.batch import import_results
 from webgym.llm.cache import ReplyCache
 from webgym.tasks.formats import read_tasks
-from webgym.taskset.construction import (
-    BuildConfig,
+from webgym.taskset.construction.config import BuildConfig, read_config
+from webgym.taskset.construction.progress import StageProgress
+from webgym.taskset.construction.run import (
     BuildPaths,
     FinishedBuild,
     PendingBatches,
-    StageProgress,
-    read_config,
     run_batch,
     run_build,
     run_dry,

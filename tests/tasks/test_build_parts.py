@@ -23,10 +23,11 @@ from webgym.core.errors import (
     NotCached,
 )
 from webgym.llm.client import EndpointRefused
-from webgym.taskset.construction import PURPOSES, BuildConfig, StageProgress, read_config
 from webgym.taskset.construction.accounting import CountMismatch, TaskAccounting
 from webgym.taskset.construction.bulk_requests import Done, Failed, Pending, ask_all
-from webgym.taskset.construction.importing import draw
+from webgym.taskset.construction.config import PURPOSES, BuildConfig, read_config
+from webgym.taskset.construction.pipeline import draw
+from webgym.taskset.construction.progress import StageProgress
 from webgym.taskset.sources import SourceTask
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -34,12 +34,12 @@ from webgym.store import files
 from webgym.tasks.formats import write_tasks
 from webgym.train.estimate import Gpus
 from webgym.train.folder import Stage, TrainingFolder
-from webgym.train.learner import Learner
 from webgym.train.loop import TrainConfig, Training
 from webgym.train.objectives import make_objective
 from webgym.train.replay import Replay
 from webgym.train.serving import LocalServing
 from webgym.train.start import load_train_config, open_training, read_config
+from webgym.train.update import Learner
 from webgym.train.weights import read_state
 
 

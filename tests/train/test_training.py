@@ -30,10 +30,10 @@ from webgym.store.runs import RunReader
 from webgym.study.demonstrators import Demonstrators
 from webgym.study.model import TinyConfig, make_model, save_model
 from webgym.train.folder import TrainingFolder
-from webgym.train.learner import Learner
 from webgym.train.loop import TrainConfig, Training
 from webgym.train.objectives import make_objective
 from webgym.train.replay import Replay
+from webgym.train.update import Learner
 
 pytestmark = pytest.mark.browser
 

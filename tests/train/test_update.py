@@ -24,13 +24,12 @@ from webgym.inference.model import load_model
 from webgym.train import zero
 from webgym.train.config import ReplayConfig, UpdateConfig
 from webgym.train.folder import TrainingFolder
-from webgym.train.learner import Learner
 from webgym.train.logprobs import ReplyLogProbs, collate
 from webgym.train.loop import TrainConfig
 from webgym.train.objectives import FilteredBC, GroupIS
 from webgym.train.replay import Replay
 from webgym.train.samples import SampleMaker
-from webgym.train.update import SAVE_LIMIT, learning_rate
+from webgym.train.update import SAVE_LIMIT, Learner, learning_rate
 from webgym.train.weights import read_optimizer, read_state
 
 BC = FilteredBC()

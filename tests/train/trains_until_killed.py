@@ -22,10 +22,10 @@ from webgym.run.choice import all_tasks
 from webgym.run.config import Secrets, ServerChoice, resolved
 from webgym.run.services import services
 from webgym.train.folder import TrainingFolder
-from webgym.train.learner import Learner
 from webgym.train.loop import TrainConfig, Training, make_run
 from webgym.train.objectives import make_objective
 from webgym.train.replay import Replay
+from webgym.train.update import Learner
 
 
 def config(model: Path) -> TrainConfig:

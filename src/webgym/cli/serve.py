@@ -134,7 +134,7 @@ async def _serve(
     import signal
     from contextlib import AsyncExitStack, closing
 
-    from webgym.compat import running_compat
+    from webgym.compat.app import running_compat
     from webgym.server.gateway import running_gateway
     from webgym.server.listening import listen
 

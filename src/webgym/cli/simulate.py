@@ -67,7 +67,7 @@ def command(
     from webgym.core.tables import markdown, show
     from webgym.simulate.figures import draw_paper, draw_sizes
     from webgym.simulate.paper import reproduce
-    from webgym.simulate.questions import read_questions
+    from webgym.simulate.sizing import read_questions
 
     if figure is not None and compare is not None:
         raise UsageError("there is no figure of a comparison", hint="webgym bench rollout --figure draws one")

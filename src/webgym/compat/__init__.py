@@ -9,10 +9,3 @@ commands.py   from a command to actions, gestures and readings
 regions.py    interactive elements in their shape
 config.py     every limit, with its unit and its reason
 """
-
-from __future__ import annotations
-
-from webgym.compat.app import RunningCompat, create_compat_app, running_compat
-from webgym.compat.config import CompatConfig
-
-__all__ = ["CompatConfig", "RunningCompat", "create_compat_app", "running_compat"]

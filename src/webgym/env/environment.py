@@ -53,8 +53,8 @@ from webgym.judge.factory import check_judge, open_judge, refuse_unjudgeable
 from webgym.offline.config import TASK_SETS, SitesConfig, collection_of
 from webgym.rollout.driver import Browsers, BrowserSession, EpisodeContext, EpisodeDriver, SiteState
 from webgym.rollout.judging import judge_episode
-from webgym.rollout.opening import open_patiently
 from webgym.rollout.plan import Planned
+from webgym.rollout.sessions import open_patiently
 from webgym.run.choice import choose_tasks
 from webgym.run.config import RunConfig, Secrets, resolved
 from webgym.run.services import open_services

@@ -37,7 +37,7 @@ from webgym.report.serving import (
     serve,
 )
 from webgym.report.template import Document, Page, outcome_words
-from webgym.rollout.feed import read_feed
+from webgym.rollout.live_file import read_feed
 from webgym.rollout.progress import STATES
 from webgym.store.files import METRICS
 

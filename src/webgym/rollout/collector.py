@@ -36,9 +36,9 @@ from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.config import CollectorConfig
 from webgym.rollout.driver import BrowserSession
 from webgym.rollout.judging import TAKEN_OVER, JudgedEpisode, judge_episode
-from webgym.rollout.opening import is_of_server, longest_pause, open_patiently
 from webgym.rollout.plan import Plan, Planned
 from webgym.rollout.progress import queues_of
+from webgym.rollout.sessions import is_of_server, longest_pause, open_patiently
 from webgym.store.runs import RunWriter
 
 _RESUMED: Final = "what was collected is kept; fix the cause, then resume with --resume"

@@ -47,12 +47,12 @@ from webgym.rollout.attempt import AttemptContext
 from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.collector import Collector
 from webgym.rollout.driver import Browsers, SiteState
-from webgym.rollout.exposition import exposing
-from webgym.rollout.feed import feeding
 from webgym.rollout.judging import judge_again
+from webgym.rollout.live_file import feeding
 from webgym.rollout.lockstep import Lockstep
 from webgym.rollout.plan import Plan
 from webgym.rollout.progress import Progress
+from webgym.rollout.prometheus import exposing
 from webgym.rollout.sharing import Claims, sharing
 from webgym.rollout.trackers import check_installed, tracking
 from webgym.run.choice import choose_tasks, given_tasks, tell_left_out

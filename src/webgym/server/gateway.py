@@ -31,7 +31,6 @@ from webgym.server.feed import Feed
 from webgym.server.fleet import Fleet, Hosts, Worker
 from webgym.server.http import HttpFrontend, application, decode, while_connected
 from webgym.server.listening import listen, serving, url_of
-from webgym.server.local import LocalHosts
 from webgym.server.messages import (
     HEALTHY,
     Health,
@@ -52,6 +51,7 @@ from webgym.server.quota import Quota, caller_of, client_of
 from webgym.server.ray_hosts import ray_hosts
 from webgym.server.relay import Answer, Header, Interrupted, NotSent
 from webgym.server.run_worker import TOKEN_BYTES, new_instance
+from webgym.server.subprocess_worker import LocalHosts
 from webgym.server.tokens import Tokens
 
 log = logging.getLogger(__name__)

@@ -1,4 +1,4 @@
-"""A worker in a separate process, which ends with its parent.
+"""Workers as processes of this machine, which end with their parent.
 
 The parent writes one line of settings (which contain the token, so they are not passed on the command line,
 where other users could read them), reads one line that says that the worker has started or why not, and keeps
@@ -18,6 +18,7 @@ import subprocess
 import sys
 import threading
 from asyncio.subprocess import PIPE, Process
+from collections.abc import AsyncIterator, Collection
 from typing import TypeAlias
 
 import msgspec
@@ -25,8 +26,8 @@ import uvloop
 
 from webgym.browser.profiles import ProfileRoot
 from webgym.core.errors import ServerError, WebGymError, error_from_code
-from webgym.server.config import ServerConfig
-from webgym.server.fleet import Started
+from webgym.server.config import GatewayConfig, ServerConfig, usable_cores
+from webgym.server.fleet import Host, Started, share_of, split
 from webgym.server.listening import raise_open_files_limit
 from webgym.server.messages import ErrorBody
 from webgym.server.run_worker import running_server
@@ -243,3 +244,57 @@ def _end_with_parent(loop: asyncio.AbstractEventLoop, end: asyncio.Event, stop_s
 def _report(report: _Report) -> None:
     sys.stdout.buffer.write(msgspec.json.encode(report) + b"\n")
     sys.stdout.buffer.flush()
+
+
+class LocalHost:
+    """This machine.
+
+    Args:
+        server: the settings of its workers together.
+        config: how workers are started and stopped.
+    """
+
+    id = "here"
+    place = "this machine"
+
+    def __init__(self, server: ServerConfig, config: GatewayConfig) -> None:
+        self._server = server
+        self._config = config
+        self._children: dict[str, Child] = {}
+
+    @property
+    def shares(self) -> tuple[ServerConfig, ...]:
+        """The settings of its workers: the configured number, or by the number of processors."""
+        cores = usable_cores()
+        machine = self._server.model_copy(
+            update={"host": self._config.worker_host, "ports": self._config.worker_ports}
+        )
+        slots = split(machine.slots, cores, self._config)
+        return tuple(
+            share_of(machine, count, cores / len(slots), share=count / machine.slots, of_cores=cores)
+            for count in slots
+        )
+
+    async def start(self, config: ServerConfig) -> Started:
+        """Start a worker process."""
+        child, started = await start_child(config, self._config.stop_seconds)
+        self._children[config.name] = child
+        return started
+
+    async def stop(self, name: str, *, at_once: bool) -> None:
+        """Stop the process, and kill it if it does not end in time."""
+        child = self._children.pop(name, None)
+        if child is not None:
+            await child.stop(0.0 if at_once else self._config.stop_seconds)
+
+
+class LocalHosts:
+    """This machine as the only host."""
+
+    def __init__(self, server: ServerConfig, config: GatewayConfig) -> None:
+        self._host = LocalHost(server, config)
+
+    async def changes(self) -> AsyncIterator[Collection[Host]]:
+        """Yields this machine once."""
+        yield (self._host,)
+        await asyncio.Event().wait()

@@ -156,7 +156,7 @@ class TrainConfig(Section):
 
 
 class Learns(Protocol):
-    """Trains weights on steps; implemented by :class:`webgym.train.learner.Learner`."""
+    """Trains weights on steps; implemented by :class:`webgym.train.update.Learner`."""
 
     def learn(self, number: int, draw: ReplaySample, folder: TrainingFolder) -> Mapping[str, Any]:
         """Train on a draw and save the weights; returns figures of the update. Blocks."""

@@ -33,11 +33,11 @@ from webgym.run.services import services
 from webgym.store.files import CONFIG, TASKS, refuse_special_files
 from webgym.train.estimate import estimate, present_gpus
 from webgym.train.folder import Stage, TrainingFolder
-from webgym.train.learner import Learner
 from webgym.train.loop import Show, Tell, TrainConfig, Training
 from webgym.train.objectives import GroupIS, Objective, make_objective
 from webgym.train.replay import Replay
 from webgym.train.serving import LocalServing, Serving
+from webgym.train.update import Learner
 from webgym.train.vllm_serving import VllmServing
 from webgym.train.weights import check_targets
 

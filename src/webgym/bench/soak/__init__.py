@@ -2,8 +2,8 @@
 
 plan.py              duration, numbers, and the limits of the server
 clients.py           clients that use browsers as agents do, on calm and on hostile pages
-dropped_clients.py   clients that disconnect, stop halfway through a request, or keep a connection open
-faults.py            faults: processes are killed and stopped, connections broken, the disk filled
+faults.py            faults: processes are killed and stopped, connections broken, the disk filled;
+                     clients that disconnect, stop halfway through a request, or keep a connection open
 target.py            the server under test: a gateway and its workers as separate processes
 disk.py              a small disk for the browsers' profiles
 leaks.py             what exists before and afterwards

@@ -1,4 +1,4 @@
-"""``webgym tasks``: read and write task sets. Each sub-verb is a module."""
+"""``webgym tasks``: read and write task sets. A module holds one sub-verb or several of a kind."""
 
 from __future__ import annotations
 
@@ -7,15 +7,10 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from webgym.cli.tasks.check import check
-from webgym.cli.tasks.convert import convert
-from webgym.cli.tasks.offline import offline
-from webgym.cli.tasks.sample import sample
+from webgym.cli.tasks.check import check, stats, validate
 from webgym.cli.tasks.show import show
 from webgym.cli.tasks.sources import sources
-from webgym.cli.tasks.split import split
-from webgym.cli.tasks.stats import stats
-from webgym.cli.tasks.validate import validate
+from webgym.cli.tasks.write import convert, offline, sample, split
 
 
 class _LazyBuild(TyperGroup):

@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from webgym.cli._fields import Given, Options, takes
-from webgym.taskset.construction import BuildConfig
+from webgym.taskset.construction.config import BuildConfig
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from webgym.taskset.construction import BuildPaths, Estimate, FinishedBuild, PendingBatches, StageProgress
+    from webgym.taskset.construction.estimate import Estimate
+    from webgym.taskset.construction.progress import StageProgress
+    from webgym.taskset.construction.run import BuildPaths, FinishedBuild, PendingBatches
 
 
 BUILD = Options(
@@ -80,7 +82,9 @@ def build(
 
     from webgym.cli import _run
     from webgym.core.errors import UsageError
-    from webgym.taskset.construction import BuildPaths, PendingBatches, StageProgress, read_config, run_dry
+    from webgym.taskset.construction.config import read_config
+    from webgym.taskset.construction.progress import StageProgress
+    from webgym.taskset.construction.run import BuildPaths, PendingBatches, run_dry
 
     if dry_run and batch is not None:
         raise UsageError("--dry-run and --batch exclude each other", hint="give one of them")
@@ -106,7 +110,7 @@ def _run_stages(
 ) -> FinishedBuild | PendingBatches:
     """Run all stages, or with a folder for batches those that need no further replies."""
     from webgym.cli import _run
-    from webgym.taskset.construction import run_batch, run_build
+    from webgym.taskset.construction.run import run_batch, run_build
 
     with stages.shown():
         if batch is None:

@@ -1,10 +1,81 @@
-"""``webgym tasks check``: count the tasks of a file and list its broken records."""
+"""``webgym tasks check``, ``validate`` and ``stats``: whether task files are in order, and what they hold."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from webgym.core.task import Level
+    from webgym.taskset.validate import Report
+
+
+def validate(
+    files: list[Path] = typer.Argument(..., help="Task files of one set, training and test together."),
+    unsplit: bool = typer.Option(
+        False, "--unsplit", help="The tasks are not split yet: check the other rules only."
+    ),
+    lines: int = typer.Option(20, "--lines", min=0, help="Maximum number of violations to list per rule."),
+    json: Path | None = typer.Option(None, "--json", help="Write the full report to this JSON file."),
+) -> None:
+    """Check that no training task is on a test website, among other rules, and list violations. Fails if any.
+
+    Tasks without a split get it from the name of their file, train or test. Broken records are violations,
+    too; tasks without a fact to judge are counted and not checked.
+    """
+    import msgspec
+
+    from webgym.cli import EXIT_FAILED, EXIT_USAGE
+    from webgym.cli.tasks._files import print_set_aside, read_all
+    from webgym.tasks.files import whole_file
+    from webgym.taskset.validate import validate as run
+
+    records = read_all(files)
+    report = run(records.tasks, split=not unsplit)
+    broken = [str(record) for record in records.broken]
+    if json is not None:
+        aside = [str(record) for record in records.set_aside]
+        document = {"report": report, "broken": broken, "set_aside": aside}
+        with whole_file(json) as file:
+            file.write(msgspec.json.format(msgspec.json.encode(document)))
+    _print_report(report, broken, lines)
+    print_set_aside(records.set_aside)
+    if broken:
+        raise typer.Exit(EXIT_USAGE)
+    if not report.ok:
+        raise typer.Exit(EXIT_FAILED)
+
+
+def _print_report(report: Report, broken: Sequence[str], lines: int) -> None:
+    from webgym.core.text import plain
+    from webgym.taskset.validate import RULES
+
+    print(
+        f"{report.tasks:,} tasks on {report.websites:,} websites, {report.train:,} for training and", end=" "
+    )
+    print(f"{report.test:,} for testing, on {report.test_websites:,} websites")
+    for rule, count in report.counts().items():
+        print(f"{'ok ' if not count else 'BAD'} {RULES[rule]}" + (f": {count:,} exceptions" if count else ""))
+        _print_some([str(offender) for offender in report.offenders if offender.rule == rule], lines)
+    for rule in report.unchecked:
+        print(f"--  not checked, as the tasks are not split yet: {RULES[rule]}")
+    if broken:
+        print(f"BAD every record can be read: {len(broken):,} cannot")
+        _print_some(broken, lines)
+    if report.orphans:
+        some = plain(", ".join(report.orphans[:3]))
+        print(f"{len(report.orphans):,} derived tasks have no parent here, which is allowed: {some}, ...")
+
+
+def _print_some(entries: Sequence[str], lines: int) -> None:
+    for line in entries[:lines]:
+        print(f"      {line}")
+    if len(entries) > lines:
+        print(f"      and {len(entries) - lines:,} more (--lines)")
 
 
 def check(file: Path = typer.Argument(..., help="Task file.")) -> None:
@@ -35,3 +106,62 @@ def check(file: Path = typer.Argument(..., help="Task file.")) -> None:
         console.print(str(record), highlight=False, markup=False, soft_wrap=True)
     if records.broken:
         raise typer.Exit(EXIT_USAGE)
+
+
+FORMS = ("terminal", "markdown", "csv", "json")
+
+
+def stats(
+    files: list[Path] = typer.Argument(..., help="Task files, or folders of them."),
+    figures: Path | None = typer.Option(
+        None, "--figures", help="Folder to write figures to, as PNG and SVG."
+    ),
+    run: list[Path] = typer.Option(
+        [], "--run", help="Run folder: count the steps of its answered attempts. May be repeated."
+    ),
+    form: str = typer.Option("terminal", "--form", help="Output format: terminal, markdown, csv or json."),
+) -> None:
+    """Count a task set by source, difficulty, domain and website; draw its figures."""
+    import sys
+
+    import msgspec
+    from rich.console import Console
+
+    from webgym.cli.tasks._files import read_unique
+    from webgym.core.errors import ConfigError, TaskFileError
+    from webgym.core.tables import csv_text, markdown, show
+    from webgym.taskset.statistics import describe, tables
+
+    if form not in FORMS:
+        raise ConfigError(f"unknown form {form!r}", hint=f"choose one of {', '.join(FORMS)}")
+    counts = describe(read_unique(files), _lengths(run))
+    if form == "terminal":
+        show(tables(counts), Console())
+    elif form == "json":
+        print(msgspec.json.format(msgspec.json.encode(counts)).decode())
+    else:
+        print(markdown(tables(counts)) if form == "markdown" else csv_text(tables(counts)), end="")
+    if figures is not None:
+        from webgym.taskset.figures import draw_figures
+
+        try:
+            drawn = draw_figures(counts, figures)
+        except OSError as error:
+            raise TaskFileError(f"cannot write to {figures}: {error.strerror or error}") from error
+        print(f"{len(drawn)} files written to {figures}", file=sys.stderr)
+
+
+def _lengths(runs: list[Path]) -> dict[Level, list[int]]:
+    """Steps of answered attempts by level of the task; attempts that spent their budget do not count."""
+    from webgym.core.outcome import Outcome
+    from webgym.core.task import LEVELS
+    from webgym.store.runs import RunReader
+
+    lengths: dict[Level, list[int]] = {level: [] for level in LEVELS}
+    for path in runs:
+        reader = RunReader(path)
+        for entry in reader.attempts.values():
+            is_answered = entry.outcome in (Outcome.SUCCESS, Outcome.FAILURE)
+            if is_answered and (task := reader.tasks.get(entry.task_id)) is not None:
+                lengths[task.level].append(len(reader.trajectory(entry.attempt_id).episode.steps))
+    return lengths

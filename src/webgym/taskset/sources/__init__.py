@@ -1,4 +1,4 @@
-"""The benchmarks that tasks are taken from, one file each, over their native files as they are."""
+"""The benchmarks that tasks are taken from, over their native files as they are."""
 
 from __future__ import annotations
 
@@ -6,19 +6,7 @@ from datetime import date
 from pathlib import Path
 
 from webgym.core.errors import UsageError
-from webgym.taskset.sources import (
-    agentsynth,
-    browsecomp,
-    deepshop,
-    gaia,
-    insta,
-    mind2web_2,
-    mind2web_live,
-    online_mind2web,
-    published,
-    travelplanner,
-    webvoyager,
-)
+from webgym.taskset.sources import live_websites, published, web_search
 from webgym.taskset.sources.base import Read, Skipped, Source, SourceTask
 from webgym.taskset.sources.hub import HUB
 from webgym.taskset.sources.importing import read_with
@@ -27,16 +15,16 @@ from webgym.taskset.sources.problems import PassedOver
 SOURCES: dict[str, Source] = {
     source.name: source
     for source in (
-        insta.SOURCE,
-        webvoyager.SOURCE,
-        agentsynth.SOURCE,
-        browsecomp.SOURCE,
-        travelplanner.SOURCE,
-        mind2web_live.SOURCE,
-        online_mind2web.SOURCE,
-        deepshop.SOURCE,
-        mind2web_2.SOURCE,
-        gaia.SOURCE,
+        live_websites.INSTA,
+        live_websites.WEBVOYAGER,
+        web_search.AGENTSYNTH,
+        web_search.BROWSECOMP,
+        web_search.TRAVELPLANNER,
+        live_websites.MIND2WEB_LIVE,
+        live_websites.ONLINE_MIND2WEB,
+        live_websites.DEEPSHOP,
+        web_search.MIND2WEB_2,
+        web_search.GAIA,
         published.SOURCE,
     )
 }

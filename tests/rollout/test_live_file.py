@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from webgym.core.errors import StoreCorrupt
-from webgym.rollout import feed
-from webgym.rollout.feed import STALE_SECONDS, feeding, read_feed
+from webgym.rollout import live_file
+from webgym.rollout.live_file import STALE_SECONDS, feeding, read_feed
 from webgym.rollout.progress import Progress
 from webgym.store.files import LIVE
 
@@ -40,14 +40,14 @@ async def test_it_follows_the_collector_and_is_gone_at_the_end(tmp_path: Path) -
 async def test_no_late_write_leaves_it_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The block ends while a write is under way, and is cancelled too."""
     begun, go_on = threading.Event(), threading.Event()
-    write = feed._write
+    write = live_file._write
 
     def slowly(path: Path, data: bytes) -> None:
         begun.set()
         assert go_on.wait(30)
         write(path, data)
 
-    monkeypatch.setattr(feed, "_write", slowly)
+    monkeypatch.setattr(live_file, "_write", slowly)
 
     async def run() -> None:
         async with feeding(Progress(total=1), tmp_path, 0.01):

@@ -22,8 +22,8 @@ from aiodns import DNSResolver
 
 from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.egress.config import EgressConfig
-from webgym.browser.egress.machine import Machine
 from webgym.browser.egress.proxy import Egress
+from webgym.browser.egress.resolver import Machine
 from webgym.browser.find import find_browser
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.slot import Slot

@@ -77,17 +77,6 @@ def test_python(code: str) -> None:
     assert list(foreign(code)) == []
 
 
-def pod(file: Path) -> None:
-    """As in the pods of ``deploy/``, whose memory is for another number of browsers."""
-    told = yaml.safe_load(file.read_text())
-    deployed = {each["kind"]: each for each in yaml.safe_load_all((ROOT / "deploy/kuberay.yaml").read_text())}
-    spec = deployed["RayCluster"]["spec"]["workerGroupSpecs"][0]["template"]["spec"]
-    assert told["securityContext"] == spec["containers"][0]["securityContext"]
-    for each in (told["volumes"][0], spec["volumes"][0]):
-        each["emptyDir"].pop("sizeLimit")
-    assert told["volumes"] == spec["volumes"][:1]
-
-
 def agent_loops(file: Path) -> None:
     entries = yaml.safe_load(file.read_text())
     assert entries
@@ -120,11 +109,10 @@ def training(file: Path) -> None:
 
 
 READERS: dict[str, list[Callable[[Path], object]]] = {
-    "container.md": [pod],
     "integrations.md": [agent_loops],
+    "live-web.md": [lambda file: load_settings(webgym.RunConfig, [file], hint="")],
     "judge.md": [lambda file: load_settings(JudgeChoice, [file], hint="")],
     "models.md": [Prices.read],
-    "rollout-benchmark.md": [lambda file: read_questions([file])],
     "scaling.md": [scraped],
     "settings.md": [lambda file: load_settings(webgym.RunConfig, [file], hint="")],
     "simulate.md": [lambda file: read_questions([file])],

@@ -56,7 +56,7 @@ async def readme(patch: pytest.MonkeyPatch) -> AsyncIterator[Names]:
     given = webgym.RunConfig.model_validate({"tasks": {"count": 2}, **SMALL})
     patch.setattr("webgym.run.config.RunConfig", lambda: given)
     patch.setattr("webgym.env.environment.make", lambda *_, **__: stand_in_environment())
-    yield {"my_model": answers}
+    yield {}
 
 
 @asynccontextmanager
@@ -115,21 +115,14 @@ async def models(patch: pytest.MonkeyPatch) -> AsyncIterator[Names]:
 
 @asynccontextmanager
 async def tasks(_: pytest.MonkeyPatch) -> AsyncIterator[Names]:
-    """Tasks of the small websites."""
+    """Tasks of the small websites, and a source of one task."""
     held = list(webgym.OfflineWeb(1, per_family=3, collection="small").tasks())
     webgym.write_tasks(Path("tasks.jsonl"), held)
-    train, test = ([each for each in held if each.split == split] for split in ("train", "test"))
-    yield {"train_tasks": train, "test_tasks": test, "path": Path("tasks.jsonl")}
-
-
-@asynccontextmanager
-async def sources(_: pytest.MonkeyPatch) -> AsyncIterator[Names]:
-    """A file of one task."""
     Path("data/deepshop").mkdir(parents=True)
     Path("data/deepshop/tasks.jsonl").write_text(
         '{"id": 1, "ques": "Find a red kettle", "web": "https://www.amazon.com/"}\n'
     )
-    yield {}
+    yield {"path": Path("tasks.jsonl")}
 
 
 @asynccontextmanager
@@ -145,7 +138,7 @@ async def run(_: pytest.MonkeyPatch) -> AsyncIterator[Names]:
     """A run made of a few steps."""
     from tests.train.making import Made, trajectory
 
-    from webgym.agent.request import request_of
+    from webgym.agent.openai_policy import request_of
 
     folder = Path("runs/iteration-0")
     await asyncio.to_thread(Made([trajectory(number) for number in range(3)]).write, folder)
@@ -173,10 +166,9 @@ GIVEN: dict[str, Callable[[pytest.MonkeyPatch], AbstractAsyncContextManager[Name
     "agent.md": run,
     "environment.md": environment,
     "models.md": models,
-    "sampling.md": tasks,
-    "small-websites.md": small_websites,
-    "sources.md": sources,
+    "task-set.md": tasks,
     "training.md": training,
+    "tiny-policy.md": small_websites,
     "tutorial.md": readme,
 }
 

@@ -79,6 +79,7 @@ NOT_RUN = {
     "mkdir": "as chown",
     "tee": "as chown",
     "vllm": "it needs a GPU",
+    "webgym rollout --config live.yaml": "it needs websites of others",
     "webgym serve --cgroup": "as chown; tests/browser/test_cgroups.py starts a browser in a cgroup",
 }
 """Why commands that begin so do not run."""
@@ -115,6 +116,7 @@ def succeeds(*command: str) -> bool:
 
 CHECKS: dict[str, Callable[[list[str]], bool]] = {
     "docker": docker_takes,
+    "hf": lambda words: succeeds(str(Path(sys.executable).with_name("hf")), words[0], "--help"),
     "make": lambda words: succeeds("make", "--dry-run", *words),
     "openssl": lambda words: succeeds("openssl", *words),
     "pip": pip_takes,
@@ -178,6 +180,7 @@ def held(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "configs").symlink_to(ROOT / "configs")
     for split in ("train", "test"):
         webgym.write_tasks(folder / "set" / f"{split}.jsonl", [each for each in tasks if each.split == split])
+    (folder / "webgym_tasks").symlink_to(folder / "set")
     asyncio.run(build_run(folder / "runs" / "first", 6))
     quick = RolloutPlan(trajectories=12, sessions=6, cpus=(1,), mean_steps=5.0, rounds=1)
     for plan, name, parts in ((PLAN, "bench-rollout", PARTS), (quick, "quick", ["calibration"])):

@@ -33,6 +33,7 @@ from webgym.core.errors import (
     WebGymError,
 )
 from webgym.core.trajectory import Reply
+from webgym.offline.config import SitesConfig
 from webgym.rollout.config import CollectorConfig
 from webgym.run.config import RunConfig, TaskChoice
 from webgym.testing import check_environment, stand_in_environment, stand_in_pool
@@ -372,6 +373,18 @@ async def test_a_twin_uses_what_its_first_opened_as_long_as_that_is_open() -> No
             await other.reset()
         with pytest.raises(UsageError, match="not open"):
             await twin.__aenter__()
+
+
+@pytest.mark.browser
+async def test_a_group_at_one_task_has_a_browser_each() -> None:
+    config = RunConfig(
+        tasks=TaskChoice(count=1),
+        sites=SitesConfig(collection="small", per_family=1, latency=0),
+        collector=CollectorConfig(sessions=2),
+    )
+    async with Environment(config=config) as first, first.twin(1) as second, asyncio.timeout(30):
+        (_, one), (_, other) = await first.reset(), await second.reset()
+        assert one["task_id"] == other["task_id"]
 
 
 async def test_an_episode_that_its_policy_leaves_is_judged_as_a_spent_budget() -> None:

@@ -9,8 +9,8 @@ import pytest
 
 from webgym.offline.web import COLLECTIONS, OfflineWeb
 from webgym.offline.website import Split
-from webgym.run import cache as task_cache
-from webgym.run.cache import KEPT_FILES, cached_tasks
+from webgym.run import choice
+from webgym.run.choice import KEPT_FILES, cached_tasks
 
 
 def small(seed: int = 0, per_family: int = 2) -> OfflineWeb:
@@ -47,7 +47,7 @@ def test_other_settings_and_other_code_make_their_own(
     first = cached_tasks(small(), None, tmp_path)
     assert len(cached_tasks(small(per_family=3), None, tmp_path)) > len(first)
     assert cached_tasks(small(seed=1), None, tmp_path) != first
-    monkeypatch.setattr(task_cache, "digest_of_code", lambda: "other code")
+    monkeypatch.setattr(choice, "digest_of_code", lambda: "other code")
     web = small()
     monkeypatch.setattr(web, "tasks", lambda split: iter(first[:3]))
     assert cached_tasks(web, None, tmp_path) == first[:3]

@@ -17,8 +17,7 @@ from webgym.agent.factory import create_policy
 from webgym.agent.policy import PolicyInput, PolicySession
 from webgym.agent.profiles import choose_profile
 from webgym.agent.prompts import render_reply
-from webgym.agent.random_policy import RandomPolicy
-from webgym.agent.scripted import ScriptedPolicy
+from webgym.agent.scripted import RandomPolicy, ScriptedPolicy
 from webgym.core.action import Answer, DoubleClick, Drag, Hover, Press, RightClick, Scroll
 from webgym.core.errors import ConfigError, PolicyBadReply, PolicyError, PolicyUnreachable, ProtocolError
 from webgym.core.observation import Element, Observation

@@ -19,9 +19,8 @@ from tests.agent.test_context import observation, past, pictures, said
 from tests.llm.endpoint import Endpoint, serve
 
 from webgym.agent.agent import Agent
-from webgym.agent.budget import Cut, request_tokens, text_tokens
 from webgym.agent.config import AgentConfig
-from webgym.agent.context import AttemptPosition, Request, build_request
+from webgym.agent.context import AttemptPosition, Cut, Request, build_request, request_tokens, text_tokens
 from webgym.agent.openai_policy import OpenAIPolicy
 from webgym.agent.profiles import all_profiles
 from webgym.agent.prompts import render_reply, system_prompt

@@ -19,7 +19,7 @@ from webgym.agent.config import AgentConfig
 from webgym.agent.preflight import check_policy
 from webgym.agent.profiles import choose_profile
 from webgym.agent.prompts import render_reply
-from webgym.agent.random_policy import RandomPolicy
+from webgym.agent.scripted import RandomPolicy
 from webgym.core.action import LeftClick, Target
 from webgym.core.errors import ConfigError, JudgeError, RunFolderError, TaskFileError, WebGymError
 from webgym.core.trajectory import Reply

@@ -16,9 +16,9 @@ from tests.judge.test_both_judges import Reader
 
 from webgym.core.outcome import Outcome
 from webgym.core.tables import markdown
-from webgym.judge.answers import compare
 from webgym.judge.config import JudgeChoice
 from webgym.judge.factory import open_judge
+from webgym.judge.offline import compare
 from webgym.offline.config import SitesConfig
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig

@@ -17,8 +17,7 @@ from tests.documented import documented
 
 from webgym.agent.parser import ParsedReply, parse_reply
 from webgym.bench.rollout.compare import compare, comparison_table, loaded_service_times, service_times
-from webgym.bench.rollout.endpoint import Script, serving_endpoint
-from webgym.bench.rollout.engine import Engine, PrefixCache
+from webgym.bench.rollout.endpoint import Engine, PrefixCache, Script, serving_endpoint
 from webgym.bench.rollout.measure import Load, Measured, begin, file_of, measure_into, read_bench
 from webgym.bench.rollout.plan import (
     MODES,

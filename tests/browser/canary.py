@@ -11,7 +11,7 @@ from ipaddress import ip_address
 from aiodns.error import ARES_ENOTFOUND, DNSError
 
 from webgym.browser.egress.hosts import Address
-from webgym.browser.egress.machine import Machine
+from webgym.browser.egress.resolver import Machine
 
 HERE = "127.0.0.1"
 

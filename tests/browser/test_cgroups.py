@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from webgym.browser.cgroups import Cgroup, new_cgroup
 from webgym.browser.config import BrowserConfig
 from webgym.browser.egress.proxy import Egress
+from webgym.browser.memory import Cgroup, new_cgroup
 from webgym.browser.process import launch
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.sandbox import SandboxState

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from webgym.browser.config import BrowserConfig
-from webgym.browser.early_screenshot import EarlyScreenshot
+from webgym.browser.observe import EarlyScreenshot
 from webgym.browser.page import Page
 from webgym.core.action import LeftClick, Mode, Scroll, Target
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from webgym.browser.effect import EffectCheck
+from webgym.browser.observe import EffectCheck
 from webgym.browser.page import ActionResult
 from webgym.core.action import LeftClick, RightClick, Scroll, Target, Wait
 

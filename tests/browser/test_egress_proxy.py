@@ -25,8 +25,8 @@ from aiodns.error import ARES_ESERVFAIL, DNSError
 
 from webgym.browser.egress.config import EgressConfig
 from webgym.browser.egress.hosts import Address
-from webgym.browser.egress.machine import Machine
 from webgym.browser.egress.proxy import Egress, ProxyListener
+from webgym.browser.egress.resolver import Machine
 
 from .canary import HERE, Names, canary
 

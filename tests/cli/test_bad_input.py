@@ -100,6 +100,15 @@ def test_an_earlier_version_of_a_task_set_is_refused_with_its_successor(
     )
 
 
+def test_settings_that_are_nested_without_end_are_one_line(tmp_path: Path, calls: Calls) -> None:
+    (tmp_path / "deep.yaml").write_text("a: " + "[" * 5_000)
+    code, said = calls.run("rollout", "--config", tmp_path / "deep.yaml", "--out", tmp_path / "run")
+    assert (code, one_line(said).endswith("deep.yaml is nested too deeply (settings have a few levels)")) == (
+        2,
+        True,
+    )
+
+
 @pytest.mark.parametrize("name", ["summary.json", "trajectories/00001.jsonl", "verdicts/one.jsonl"])
 def test_a_pipe_in_a_run_or_a_training_is_not_waited_for(tmp_path: Path, calls: Calls, name: str) -> None:
     run, training = tmp_path / "run", tmp_path / "training"

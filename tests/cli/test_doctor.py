@@ -15,8 +15,7 @@ from tests.llm.endpoint import serve
 from webgym.agent.prompts import render_reply
 from webgym.browser.find import find_browser
 from webgym.cli import doctor
-from webgym.cli._launch_check import SAMPLES, SIZE, LaunchCheck, try_browser
-from webgym.cli.doctor import Check, DoctorLimits
+from webgym.cli.doctor import SAMPLES, SIZE, Check, DoctorLimits, LaunchCheck, try_browser
 from webgym.core.action import Answer, LeftClick, Target
 from webgym.core.errors import BrowserError
 

@@ -20,10 +20,9 @@ from webgym.agent.policy import PolicyInput  # noqa: E402
 from webgym.core.errors import ConfigError, PolicyError  # noqa: E402
 from webgym.core.task import FactGroup, Rubric, Task  # noqa: E402
 from webgym.core.trajectory import ImageRef, Message, TextPart  # noqa: E402
-from webgym.inference.generate import SamplingParameters, generate  # noqa: E402
+from webgym.inference.generate import SamplingParameters, draw, generate, processed_logprobs  # noqa: E402  # noqa: E402
 from webgym.inference.local import LocalConfig, LocalPolicy  # noqa: E402
 from webgym.inference.model import Loaded, load_model  # noqa: E402
-from webgym.inference.sampling import draw, processed_logprobs  # noqa: E402
 from webgym.llm.config import Sampling  # noqa: E402
 from webgym.study.model import TinyConfig, make_model, save_model  # noqa: E402
 

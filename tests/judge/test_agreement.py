@@ -27,11 +27,11 @@ from webgym.judge.agreement import (
     Estimate,
     Metric,
     agreement,
+    draw_agreement,
     rates,
 )
 from webgym.judge.config import JudgeChoice
 from webgym.judge.factory import name_of, open_judge
-from webgym.judge.figures import draw_agreement
 from webgym.judge.without_rubric import PREFIX
 
 QUICK = AgreementConfig(resamples=200)

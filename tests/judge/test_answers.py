@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from webgym.core.text import fold
 from webgym.core.truth import AnswerTruth
-from webgym.judge.answers import compare, items
+from webgym.judge.offline import compare, items
 from webgym.offline.config import CollectionName
 from webgym.offline.web import OfflineWeb
 

@@ -187,7 +187,7 @@ def test_codes_tell_contents_apart() -> None:
 
 
 def test_the_history_tells_what_was_done_on_one_line_each() -> None:
-    from webgym.judge.history import action_history
+    from webgym.judge.prompts import action_history
 
     made = attacked("one\ntwo\n\nthree " + "x" * 1_000)
     lines = action_history(made, line_chars=100, limit=10_000).split("\n")

@@ -12,11 +12,10 @@ from tests.judge.judge_model import Asked, serve_judge
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.text import fold, says
-from webgym.judge.answers import compare as answer_check
-from webgym.judge.answers import items
 from webgym.judge.config import JudgeChoice
 from webgym.judge.factory import open_judge
-from webgym.judge.offline import OfflineJudge
+from webgym.judge.offline import OfflineJudge, items
+from webgym.judge.offline import compare as answer_check
 from webgym.llm.cache import ReplyCache
 from webgym.llm.ledger import Ledger
 from webgym.llm.prices import Prices

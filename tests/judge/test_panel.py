@@ -16,8 +16,7 @@ from webgym.core.trajectory import Episode
 from webgym.core.verdict import Cost, FactJudgement, Judgement, Verdict
 from webgym.judge.base import Pictures
 from webgym.judge.config import JudgeChoice, PanelConfig
-from webgym.judge.custom import FunctionJudge, load_judge
-from webgym.judge.factory import name_of, open_judge
+from webgym.judge.factory import FunctionJudge, load_judge, name_of, open_judge
 from webgym.judge.offline import OfflineJudge
 from webgym.judge.panel import Panel
 from webgym.judge.soft import score_of

@@ -19,14 +19,14 @@ from tests.offline.golden import lines
 
 from webgym.core.task import FactGroup, Rubric
 from webgym.core.truth import Click, Evidence, Give, Home, See, StateCheck
-from webgym.offline import art, latency, visitors
+from webgym.offline import app, latency
+from webgym.offline.app import Visitors
 from webgym.offline.config import CollectionName
+from webgym.offline.engine.finder import paged
 from webgym.offline.families import FAMILIES
-from webgym.offline.listing import paged
-from webgym.offline.look import FONTS, PALETTES, look
+from webgym.offline.look import FONTS, PALETTES, draw, look
 from webgym.offline.parts import Assignment, Fact, Part, Place, write
 from webgym.offline.seeds import number
-from webgym.offline.visitors import Visitors
 from webgym.offline.web import MISBEHAVING, OfflineWeb
 from webgym.offline.website import Behaviour, Response, Visit, Website, json_response, page, redirect, slug
 
@@ -39,9 +39,9 @@ PLACE = Place("fern", "Fern", "fern.webgym.test", "http://fern.webgym.test/", "M
 
 @pytest.mark.parametrize("kind", ["thing", "scene", "dish", "face", "pattern", "unheard of"])
 def test_a_picture_follows_from_its_name(kind: str) -> None:
-    drawn = art.draw(kind, "Blue Mug", look(1))
-    assert drawn == art.draw(kind, "Blue Mug", look(1))
-    assert drawn != art.draw(kind, "Red Mug", look(1))
+    drawn = draw(kind, "Blue Mug", look(1))
+    assert drawn == draw(kind, "Blue Mug", look(1))
+    assert drawn != draw(kind, "Red Mug", look(1))
     assert drawn.startswith("<svg ")
     assert drawn.endswith("</svg>")
 
@@ -281,7 +281,7 @@ def test_visitors_are_apart_by_cookie_and_host() -> None:
 
 
 def test_the_longest_unused_visitor_is_forgotten_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(visitors, "REMEMBERED", 2)
+    monkeypatch.setattr(app, "REMEMBERED", 2)
     kept = Visitors()
     for visitor in ("ann", "bob", "ann", "carl"):
         kept.state(visitor, "a")

@@ -23,12 +23,12 @@ from webgym.offline.parts import Assignment, Fact, Part, Place, write
 from webgym.offline.seeds import stream
 from webgym.offline.small import FAMILIES, WORDING, small_vocabulary
 from webgym.offline.small.board import Board
-from webgym.offline.small.compose import Mix, compose
 from webgym.offline.small.design import HELD_OUT, design, design_data, side
 from webgym.offline.small.market import Market
 from webgym.offline.small.questions import Phrases
 from webgym.offline.small.screen import COLUMNS, ROWS, Tile, bar_room, capacity, placed
 from webgym.offline.small.signs import Sign, number_sign
+from webgym.offline.small.site import Mix, compose
 from webgym.offline.small.wording import words_of
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Split, Visit, Website

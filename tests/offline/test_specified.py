@@ -19,18 +19,14 @@ from webgym.core.errors import SitesError
 from webgym.core.task import Task
 from webgym.core.text import fold, says
 from webgym.core.truth import Click, Evidence, Give
-from webgym.judge.answers import compare
+from webgym.judge.offline import compare
 from webgym.offline.data import load_beside
-from webgym.offline.engine.list_tasks import _having, extreme
 from webgym.offline.engine.navigation import field_fact, row_view
 from webgym.offline.engine.spec import Spec, spec_of
 from webgym.offline.engine.specified import SpecifiedWebsite
 from webgym.offline.engine.table import Record
-from webgym.offline.families import FAMILIES
-from webgym.offline.families.bank import Bank
-from webgym.offline.families.clinic import Clinic
-from webgym.offline.families.lettings import Lettings
-from webgym.offline.families.shop import Shop
+from webgym.offline.engine.tasks import _having, extreme
+from webgym.offline.families import FAMILIES, Bank, Clinic, Lettings, Shop
 from webgym.offline.look import look
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Visit, slug

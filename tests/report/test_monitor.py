@@ -19,7 +19,7 @@ from playwright.async_api import Browser, Page, expect
 from tests.report.test_pages import CONTRAST, opened, viewed
 
 from webgym.core.outcome import Outcome
-from webgym.report.monitor import read_history
+from webgym.report.live import read_history
 from webgym.rollout.feed import STALE_SECONDS, feeding
 from webgym.rollout.progress import STATES, Progress, Queue
 from webgym.store.files import LIVE, METRICS

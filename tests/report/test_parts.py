@@ -33,7 +33,7 @@ from webgym.core.action import (
 )
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Revision
-from webgym.judge.history import action_history
+from webgym.judge.prompts import action_history
 from webgym.report.charts import Histogram
 from webgym.report.config import ReportConfig
 from webgym.report.content import page, row

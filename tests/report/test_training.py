@@ -18,9 +18,8 @@ from tests.report.training import build_training
 from webgym.core.errors import RunFolderError
 from webgym.core.outcome import Outcome
 from webgym.report.config import ReportConfig
-from webgym.report.curves import Curves, Line, Point, nice_ticks
 from webgym.report.formatting import percent, points
-from webgym.report.training import Training, write_training_report
+from webgym.report.training import Curves, Line, Point, Training, nice_ticks, write_training_report
 from webgym.store.files import is_training
 from webgym.study.demo import before_and_after
 from webgym.train.figures import success_line

@@ -155,6 +155,12 @@ async def test_the_command(tmp_path: Path, calls: Calls) -> None:
     assert [note.partition(" is an oracle")[0] for note in oracles] == [
         f"{name}: the scripted policy" for name in ("one", "other")
     ]
+    tutorial = (Path(__file__).parents[2] / "docs" / "tutorial.md").read_text()
+    before = await run(tmp_path / "before", "s" * 12 + "f" * 48)
+    after = await run(tmp_path / "after", "f" * 3 + "s" * 20 + "f" * 37)
+    code, said = calls.run("compare", before, after)
+    [verdict] = [line for line in said.splitlines() if line.startswith("overall:")]
+    assert verdict in tutorial, "11 tasks better, 3 worse, as in the tutorial"
     code, said = calls.run("compare", one, other, "--markdown")
     assert "| overall | 80 | 50.0 | 75.0 | +25.0 |" in said
     assert "other: the scripted policy is an oracle" in said

@@ -16,8 +16,7 @@ from rich.console import Console
 from webgym.core.outcome import Ending, Outcome
 from webgym.core.trajectory import Episode, Failure, Trajectory
 from webgym.results.rates import Successes
-from webgym.rollout.grid import style_of
-from webgym.rollout.live import line, panel
+from webgym.rollout.live import line, panel, style_of
 from webgym.rollout.progress import STATES, Progress
 
 SCRIPT = """

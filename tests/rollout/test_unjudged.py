@@ -33,9 +33,8 @@ from webgym.results.summary import Summary, summarise
 from webgym.rollout.attempt import AttemptContext
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.config import AttemptConfig, CollectorConfig
-from webgym.rollout.judging import judge_episode
+from webgym.rollout.judging import judge_again, judge_episode
 from webgym.rollout.progress import Progress
-from webgym.rollout.unjudged import judge_again
 from webgym.store.runs import RunReader, RunWriter
 
 FACTS: dict[Level, int] = {"easy": 2, "medium": 5, "hard": 9}

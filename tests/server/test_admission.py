@@ -10,10 +10,9 @@ from typing import Any, TypeVar
 
 import pytest
 
-from webgym.server.admission import AdmissionController
+from webgym.server.admission import AdmissionController, Processors
 from webgym.server.config import Admission
 from webgym.server.operations import QueueName
-from webgym.server.saturation import Processors
 
 FEW = Admission(fewest=2, most=6, step=1, measure_seconds=0.01)
 

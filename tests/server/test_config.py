@@ -11,6 +11,7 @@ import typer.main
 from pydantic import BaseModel, ValidationError
 
 import webgym.browser
+import webgym.compat
 import webgym.server
 from webgym import cli
 from webgym.browser.config import BrowserConfig
@@ -24,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 UNITS = {"KiB": 2**10, "MiB": 2**20, " h": 3600}
 SOURCE = "".join(
     path.read_text()
-    for room in (webgym.browser, webgym.server)
+    for room in (webgym.browser, webgym.compat, webgym.server)
     for path in Path(room.__path__[0]).rglob("*.py")
 )
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import sys
 from pathlib import Path
 
 import pytest
@@ -122,12 +121,6 @@ def test_what_cannot_be_written_is_refused_before_anything_is_computed(
         CliRunner().invoke(
             build("simulate"), ["simulate", *options, "--config", "none"], catch_exceptions=False
         )
-
-
-def test_without_simpy_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "simpy", None)
-    with pytest.raises(ConfigError, match=r"simulating needs simpy \(pip install 'webgym-rl\[simulate\]'\)"):
-        CliRunner().invoke(build("simulate"), ["simulate"], catch_exceptions=False)
 
 
 def test_a_setting_that_is_not_there_is_refused(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ pytest.importorskip("torch")
 
 from webgym.core.trajectory import ImageRef, Message
 from webgym.study.model import TinyConfig, make_model
-from webgym.study.patches import to_patches, to_pixel_values
+from webgym.study.pretrain import to_patches, to_pixel_values
 
 
 def test_patches_are_those_of_the_image_processor() -> None:

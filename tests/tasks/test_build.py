@@ -503,7 +503,7 @@ async def test_a_manifest_does_not_outlive_its_set(tmp_path: Path, monkeypatch: 
         def full(*_: object) -> None:
             raise OSError(28, "No space left on device")
 
-        monkeypatch.setattr("webgym.taskset.construction.outputs.describe", full)
+        monkeypatch.setattr("webgym.taskset.construction.run.describe", full)
         with pytest.raises(UsageError, match="No space left on device"):
             await command.build(out, seed=1)
     assert not (out / "manifest.json").exists(), "it would tell of a set that is no longer there"

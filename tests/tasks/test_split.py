@@ -16,8 +16,7 @@ from webgym.core.errors import TooFewWebsites
 from webgym.core.task import LEVELS, Task
 from webgym.core.truth import AnswerTruth, Evidence, FactTruth, Truth
 from webgym.core.websites import site_of
-from webgym.tasks.balance import balanced
-from webgym.tasks.split import SplitConfig, leaking, split
+from webgym.tasks.split import SplitConfig, balanced, leaking, split
 from webgym.tasks.taxonomy import DOMAIN_OF
 from webgym.taskset.decompose import decompose
 from webgym.taskset.validate import validate

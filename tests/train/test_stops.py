@@ -24,7 +24,7 @@ from tests.train import test_loop
 from tests.train.making import task
 from tests.train.test_loop import World
 
-from webgym.agent.random_policy import RandomPolicy
+from webgym.agent.scripted import RandomPolicy
 from webgym.core.errors import ConfigError, StoreError, StoreFull, StoreLocked, TrainingError, WebGymError
 from webgym.core.task import Task
 from webgym.core.tokens import ReplyTokens

@@ -12,12 +12,12 @@ from tests.train.making import Made, sample, trajectory
 from webgym.core.trajectory import Reply
 from webgym.train.config import LearnConfig, UpdateConfig
 from webgym.train.folder import Stage, TrainingFolder
-from webgym.train.follow import follow
 from webgym.train.learner import Learner
 from webgym.train.loop import LoopConfig, TrainConfig
 from webgym.train.objectives import FilteredBC, GroupIS, Objective
 from webgym.train.replay import Replay
 from webgym.train.samples import Sample
+from webgym.train.start import follow
 from webgym.train.update import Updater, UpdateReport
 
 REPLIES = ["click", "the other one", "a", "scroll down here", "click there", "no", "on and on it goes"]

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from webgym.agent.policy import BasePolicy, Policy
-from webgym.agent.random_policy import RandomPolicy
+from webgym.agent.scripted import RandomPolicy
 from webgym.core.task import Task
 from webgym.core.trajectory import Trajectory
 from webgym.results.summary import Summary, summarise

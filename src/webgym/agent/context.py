@@ -9,18 +9,29 @@ Others wrote most of a user message: the task, the page's title and address, wha
 agent put into its memory. So all of it passes :func:`webgym.core.text.visible`, and so does a reply in the
 history, except for the tags of its tool call: no text can open a turn or a picture.
 
-A request that would be too long is trimmed as :mod:`webgym.agent.budget` describes.
+The lengths of requests are estimates that err upwards, so that an endpoint accepts every request that passes.
+A request that is too long is trimmed in this order until it fits, and no further:
+
+1. screenshots of the window, oldest first; their text and replies stay;
+2. lines of the list of earlier actions, oldest first;
+3. rounds of the window, oldest first;
+4. entries of the memory as it is shown, oldest first; the memory itself keeps them.
+
+The system message, the task and the current observation with its screenshot always stay. If they alone are
+too long, the attempt ends as the policy's error: no request is sent that the endpoint would refuse.
 """
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from bisect import bisect_left
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
+from typing import Any, Final, TypeAlias
 
 import msgspec
 
-from webgym.agent.budget import Cut, fit_request
 from webgym.agent.compact import COMPACT_FORMATS, action_line, memory_line, progress_line
 from webgym.agent.computer_use import to_arguments
 from webgym.agent.config import WITH_MEMORY, AgentConfig
@@ -30,10 +41,125 @@ from webgym.agent.parser import CALL_TAGS, ParsedReply, ParseError, without_thin
 from webgym.agent.profile import Profile, Thinking
 from webgym.agent.prompts import system_prompt
 from webgym.core.action import GRID, Action
+from webgym.core.errors import PolicyError
 from webgym.core.observation import Notice, NoticeKind, Observation
 from webgym.core.task import Task
 from webgym.core.text import visible
 from webgym.core.trajectory import ImageRef, Message, Reply, Revision, Step, TextPart
+
+_MESSAGE_TOKENS: Final = 6
+"""Tokens that a chat template adds to every message."""
+
+_PIECE = re.compile(
+    r"(?P<word>(?<!\w)[A-Z]?[a-z]{1,12}(?!\w))|(?P<letters>[A-Za-z]+)"
+    r"|(?P<single> (?=[A-Za-z]))|(?P<space>\s+)|(?P<ascii>[\x00-\x7f])|(?P<other>.)",
+    re.DOTALL,
+)
+_WORD_LETTERS: Final = 5
+"""Letters per token of a word. English has more, other languages in Latin script about as many."""
+
+_LETTERS: Final = 1.5
+"""Letters per token of other letters: identifiers, capitals, base64; random letters have about 1.7."""
+
+
+class Cut(msgspec.Struct, frozen=True):
+    """How many items are left out of a request, the oldest of each kind first.
+
+    Attributes:
+        pictures: screenshots of the window.
+        rounds: rounds of the window.
+        lines: lines of the list of earlier actions, which then includes the rounds that are left out.
+        entries: entries of the memory.
+    """
+
+    pictures: int = 0
+    rounds: int = 0
+    lines: int = 0
+    entries: int = 0
+
+
+Render: TypeAlias = Callable[[Cut], tuple[Message, ...]]
+
+
+@lru_cache(maxsize=1024)  # instructions and earlier rounds are in every request of an attempt
+def text_tokens(text: str) -> int:
+    """Estimated number of tokens of a text; rather too many than too few.
+
+    Byte-pair vocabularies differ, so the estimate relies on what they have in common: words count by their
+    letters, digits and signs one by one, other scripts by the bytes of each character.
+    """
+    return sum(_piece_tokens(piece) for piece in _PIECE.finditer(text))
+
+
+def _piece_tokens(piece: re.Match[str]) -> int:
+    length = len(piece[0])
+    match piece.lastgroup:
+        case "word":
+            return math.ceil(length / _WORD_LETTERS)
+        case "letters":
+            return math.ceil(length / _LETTERS)
+        case "single":  # a single space belongs to the word after it
+            return 0
+        case "space":
+            return min(length, 2)
+        case "other":
+            return max(1, len(piece[0].encode(errors="replace")) - 1)
+        case _:
+            return 1
+
+
+def request_tokens(messages: Sequence[Message], profile: Profile) -> int:
+    """Estimated number of tokens of a request, pictures included."""
+    return sum(
+        _MESSAGE_TOKENS + sum(_part_tokens(part, profile) for part in message.content) for message in messages
+    )
+
+
+def _part_tokens(part: TextPart | ImageRef, profile: Profile) -> int:
+    if isinstance(part, TextPart):
+        return text_tokens(part.text)
+    return profile.pictures.tokens((part.width, part.height))
+
+
+def fit_request(
+    render: Render,
+    profile: Profile,
+    *,
+    rounds: int,
+    lines: int,
+    entries: int,
+    most_tokens: int,
+    most_images: int | None,
+) -> tuple[tuple[Message, ...], Cut]:
+    """The longest request that the limits allow, and what was left out of it.
+
+    Args:
+        render: builds the request with the given cut.
+        profile: the model's profile, for the cost of pictures.
+        rounds: number of rounds in the window.
+        lines: number of lines in the list of earlier actions.
+        entries: number of entries in the memory.
+        most_tokens: longest request, in estimated tokens.
+        most_images: most pictures in a request; ``None`` for no limit.
+
+    Raises:
+        PolicyError: the parts that are never left out are too long.
+    """
+    excess = 0 if most_images is None else min(rounds, max(0, rounds + 1 - most_images))
+    cuts = [Cut(pictures=number) for number in range(excess, rounds + 1)]
+    cuts += [Cut(pictures=rounds, lines=number) for number in range(1, lines + 1)]
+    cuts += [Cut(rounds, number, lines + number) for number in range(1, rounds + 1)]
+    cuts += [Cut(rounds, rounds, lines + rounds, number) for number in range(1, entries + 1)]
+
+    whole = render(cuts[0])
+    if request_tokens(whole, profile) <= most_tokens:
+        return whole, cuts[0]
+    position = bisect_left(cuts, True, key=lambda cut: request_tokens(render(cut), profile) <= most_tokens)
+    if position == len(cuts):
+        least = request_tokens(render(cuts[-1]), profile)
+        message = f"the request is about {least} tokens at its shortest, and {most_tokens} are allowed"
+        raise PolicyError(message, hint="raise agent.request_tokens, and the endpoint's context with it")
+    return render(cuts[position]), cuts[position]
 
 
 class Round(msgspec.Struct, frozen=True):

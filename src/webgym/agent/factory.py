@@ -7,8 +7,7 @@ from typing import Final
 from webgym.agent.openai_policy import OpenAIPolicy
 from webgym.agent.policy import Policy
 from webgym.agent.profile import Profile
-from webgym.agent.random_policy import RandomPolicy
-from webgym.agent.scripted import ScriptedPolicy
+from webgym.agent.scripted import RandomPolicy, ScriptedPolicy
 from webgym.core.errors import ConfigError
 from webgym.llm.config import ChatConfig
 

@@ -5,16 +5,15 @@ page.py      Page: the one tab of an episode, and everything that happens to it
 actions.py   from an Action to mouse, keyboard and history
 pointer.py   the mouse: clicks, drags, the wheel
 upload.py    choosing files that the task comes with
-effect.py    whether a click or a scroll did anything
 gestures.py  low-level mouse and keyboard gestures for programs that drive a slot
 chords.py    keys by name, and keys pressed together
-observe.py   from the page to an Observation and the bytes of its picture
+observe.py   from the page to an Observation and its picture; whether the action had an effect
 document.py  reading a whole document, not only what the viewport shows of it
-early_screenshot.py  a screenshot taken while the page is still being waited for
 settle.py    when is a page quiet, and why do we say so
 traffic.py   what the tab is loading at this moment
 egress/      the only way out: a proxy that refuses what pages must not reach
 process.py   a Chromium in its own process group, and the proof that nothing of it is left
+memory.py    limits on the memory of a browser, by a watch and by cgroups
 sandbox.py   Chromium's sandbox: requested, and verified
 profiles.py  temporary profiles that a dead server cannot leave behind
 cdp.py       the protocol: commands with deadlines, events to subscribers

@@ -1,4 +1,8 @@
-"""Observes the page: returns an observation and the bytes of its screenshot."""
+"""Observes the page: returns an observation and the bytes of its screenshot.
+
+A screenshot can be taken while the page is still settling (:class:`EarlyScreenshot`), and a notice says that
+an action had no effect (:class:`EffectCheck`).
+"""
 
 from __future__ import annotations
 
@@ -8,16 +12,20 @@ import contextlib
 import hashlib
 import time
 from collections.abc import Awaitable, Callable
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 
+from webgym.browser.actions import point_of
 from webgym.browser.cdp import CommandFailed
 from webgym.browser.cdp_messages import Screenshot
+from webgym.browser.gestures import AnyAction
 from webgym.browser.isolated_worlds import DocumentGone
 from webgym.browser.page import Page
+from webgym.browser.pointer import Point
 from webgym.browser.settle import settle
-from webgym.core.errors import BrowserTimeout, NavigationFailed
+from webgym.core.action import DoubleClick, LeftClick, RightClick, Scroll, Wait
+from webgym.core.errors import ActionFailed, BrowserError, BrowserTimeout, NavigationFailed
 from webgym.core.observation import Element, Notice, Observation
 
 T = TypeVar("T")
@@ -319,3 +327,165 @@ async def _have_drawn(page: Page, picture_type: str, quality: float | None) -> b
             page.fail(NavigationFailed(why, url=page.url), is_typed=page.is_typed)
             return base64.b64decode(found.partition(",")[2])
     return None
+
+
+_FINAL = frozenset({"unchanged", "quiet", "long_poll"})
+"""Reasons for the end of the wait after which the page does not change any more."""
+
+
+class EarlyScreenshot:
+    """The early screenshot of one step.
+
+    Taking a screenshot takes as long as finding out that nothing more is loading, which is the usual case. So
+    if an action has started nothing that is still pending, the screenshot is requested at once, and used if
+    the page still looks the same when the wait is over (``scripts/early.js``). Otherwise it is discarded and
+    a new one is taken as usual. On a page whose last early screenshot was used, it is requested without
+    finding out first whether tasks are pending, which takes until the next frame.
+
+    :meth:`begin` after the action and :meth:`end` after the wait; :meth:`drop` in any case.
+    """
+
+    def __init__(self, page: Page) -> None:
+        self.content: PageContent | None = None
+        """The content of the document, if the screenshot shows its current state."""
+        self._page = page
+        self._is_calm, page.is_calm = page.is_calm, False
+        self._before = self._state()
+        self._task: asyncio.Task[bytes | None] | None = None
+        self._is_requested = False
+
+    def _state(self) -> tuple[str, int]:
+        return self._page.loader, self._page.requests
+
+    @property
+    def result(self) -> Early | None:
+        """The screenshot and the document's content, if it was taken and shows the page's current state."""
+        if self.content is None or self._before != self._state():
+            return None
+        return Early(self.content, self.picture)
+
+    async def begin(self) -> None:
+        """After the action: request the screenshot, unless something is known to be in progress."""
+        page = self._page
+        worlds = page.worlds  # the main frame does not see changes in other frames and workers
+        has_more = worlds.has_new_frames or worlds.entered or len(page.workers) or page.options.cuts
+        if has_more or not worlds.is_entered or page.happened:
+            return
+        if not page.traffic.is_idle() or self._before != self._state():
+            return
+        self._task = asyncio.create_task(self._take())
+        await asyncio.sleep(0)  # this request reaches the page before those of the wait
+
+    async def _take(self) -> bytes | None:
+        """The screenshot, or ``None`` if the page is about to change."""
+        page = self._page
+        options = content_options(page) if page.options.mode == "marks" else None
+        is_worth_it: bool | None = None
+        try:
+            seconds = page.config.busy_seconds
+            is_worth_it = await page.run("beginEarly", options, self._is_calm, reply=bool, seconds=seconds)
+        except BrowserError:
+            return None  # reported by the wait or the observation
+        finally:
+            if is_worth_it is None:
+                page.post("dropEarly")  # the page may still come to it
+        if not is_worth_it:
+            return None
+        self._is_requested = True
+        return await capture(page)
+
+    @property
+    def wanted(self) -> dict[str, bool] | None:
+        """The content to read when the wait is over; ``None`` if no screenshot is on its way."""
+        return content_options(self._page) if self._task is not None else None
+
+    def end(self, settled: str) -> None:
+        """After the wait: find out whether the screenshot shows the page's current state.
+
+        Args:
+            settled: why the wait ended.
+        """
+        page = self._page
+        if not self._is_requested or settled not in _FINAL or page.result is None:
+            return
+        contents = (msgspec.json.decode(it, type=PageContent) for it in page.result.contents)
+        complete = (it for it in contents if not (it.unknown or it.missing or it.frames))
+        self.content = next(complete, None)
+        page.is_calm = self.result is not None
+
+    async def picture(self) -> bytes:
+        """The screenshot. Raises as :func:`~webgym.browser.observe.capture` does."""
+        assert self._task is not None
+        image = await self._task
+        assert image is not None, "the screenshot was requested before its content was read"
+        return image
+
+    async def drop(self) -> None:
+        """Cancel the screenshot."""
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
+
+
+class EffectCheck:
+    """Detects clicks and scrolls without effect, and adds a notice of them to the next observation.
+
+    A page does not report that an action had none, and the screenshot of a page that moves by itself differs
+    in any case.
+
+    An effect is a change of the document that did not occur by itself before, another focus or selection, a
+    changed value, a scroll, a new timer, a request, another URL, a window, or any notice. Other actions are
+    not checked. Parts that go on changing after an action are ignored at the next one.
+    """
+
+    def __init__(self, page: Page, action: AnyAction) -> None:
+        self._page = page
+        self._point: Point | None = None
+        self._message = ""
+        self._is_idle, self._is_scroll = isinstance(action, Wait), isinstance(action, Scroll)
+        self._trace_started: asyncio.Task[bool | None] | None = None
+        match action:
+            case LeftClick(target=target) | DoubleClick(target=target) | RightClick(target=target):
+                with contextlib.suppress(ActionFailed):  # reported when the action is carried out
+                    self._point = point_of(page, target)
+                    self._message = "the page did not react to it"
+            case Scroll(direction=direction):
+                self._message = f"nothing scrolled {direction}"
+
+    async def begin(self) -> None:
+        """Call before the action. The page handles this call before the action's, so it is not awaited."""
+        self._before = self._state()
+        if self._message:
+            self._trace_started = asyncio.create_task(self._call_page("beginTrace", self._point, reply=bool))
+            await (asyncio.sleep(0) if self._page.worlds.is_entered else self._trace_started)  # it is sent
+
+    async def end(self) -> None:
+        """Call after the page has settled: add a notice if the action had no effect."""
+        page = self._page
+        was_traced = self._trace_started and await self._trace_started
+        if self._is_idle:
+            page.post("beginTrace")  # what has gone on meanwhile does so by itself
+        page.post("endTrace")
+        if not was_traced or page.happened or self._before != self._state():
+            return
+        effect = page.result.effect if page.result else "some"
+        if effect == "some":
+            return
+        options = page.options
+        sees_shadow_roots = options.text or options.elements or options.mode == "marks"
+        if effect == "unseen" or not sees_shadow_roots or page.worlds.in_view:
+            page.ineffective_if_same = self._message
+        elif self._is_scroll:
+            page.ineffective_if_unscrolled = self._message
+        else:
+            page.note("no_effect", self._message)
+
+    def _state(self) -> tuple[str, str, int]:
+        return self._page.url, self._page.loader, self._page.requests
+
+    async def _call_page(self, function: str, *arguments: object, reply: Any) -> Any:
+        """The page's reply; ``None`` if it does not answer or is gone, which other notices report."""
+        with contextlib.suppress(BrowserError):
+            seconds = self._page.config.busy_seconds
+            return await self._page.run(function, *arguments, reply=reply, seconds=seconds)
+        return None

@@ -16,10 +16,9 @@ from pathlib import Path
 
 from webgym.browser.cdp import CommandFailed, Connection
 from webgym.browser.cdp_messages import Version
-from webgym.browser.cgroups import Cgroup, new_cgroup
 from webgym.browser.config import BrowserConfig
 from webgym.browser.egress.proxy import ProxyListener
-from webgym.browser.memory import bound
+from webgym.browser.memory import Cgroup, bound, new_cgroup
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.sandbox import SandboxState, examine_sandbox, is_sandbox_failure, planned_sandbox, remedy
 from webgym.core.errors import (

@@ -25,11 +25,18 @@ from webgym.browser.cdp_messages import (
 )
 from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.document import Document, ReadRequest, read
-from webgym.browser.early_screenshot import EarlyScreenshot
-from webgym.browser.effect import EffectCheck
 from webgym.browser.egress.proxy import Egress, ProxyListener
 from webgym.browser.gestures import AnyAction, attempt
-from webgym.browser.observe import Look, Metadata, capture, look, look_without_picture, read_content
+from webgym.browser.observe import (
+    EarlyScreenshot,
+    EffectCheck,
+    Look,
+    Metadata,
+    capture,
+    look,
+    look_without_picture,
+    read_content,
+)
 from webgym.browser.page import Page
 from webgym.browser.process import BrowserProcess, launch_sandboxed
 from webgym.browser.profiles import ProfileRoot

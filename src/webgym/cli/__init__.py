@@ -16,6 +16,7 @@ import importlib
 import importlib.util
 import inspect
 import io
+import re
 import sys
 import traceback
 from collections.abc import Iterator, Sequence
@@ -163,6 +164,8 @@ def _report(error: BaseException, verb: str, *, debug: bool) -> int:
     cause = min(causes, key=lambda leaf: isinstance(leaf, WebGymError))
     if isinstance(cause, WebGymError):
         line, code = str(cause), EXIT_USAGE if isinstance(cause, UsageError) else EXIT_FAILED
+    elif isinstance(cause, ModuleNotFoundError) and (extra := _extra_with(cause.name or "")):
+        line, code = f"this needs {cause.name} (pip install 'webgym-rl[{extra}]')", EXIT_USAGE
     elif isinstance(cause, typer.Abort):
         line, code = "aborted", EXIT_FAILED
     elif usage := _usage_problem(cause, verb):
@@ -197,6 +200,18 @@ def _usage_problem(error: BaseException, verb: str) -> str:
     ):
         message += "; settings are given with --config"  # as `webgym train` takes them without
     return f"{message} (see `{path} --help`)"
+
+
+def _extra_with(module: str) -> str:
+    """The extra of this package that installs a module; empty if none does."""
+    from importlib.metadata import requires
+
+    package = module.partition(".")[0].replace("_", "-")
+    for line in requires("webgym-rl") or ():
+        named = re.fullmatch(r"""([\w.-]+).*extra == ['"]([\w-]+)['"].*""", line)
+        if named and named[1].replace("_", "-") == package:
+            return named[2]
+    return ""
 
 
 def _leaves(error: BaseException) -> Iterator[BaseException]:

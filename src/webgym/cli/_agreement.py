@@ -395,6 +395,6 @@ def _print_json(result: Agreement, labelled: _Labelled, config: AgreementConfig)
 
 
 def _draw(result: Agreement, path: Path) -> None:
-    from webgym.judge.figures import draw_agreement
+    from webgym.judge.agreement import draw_agreement
 
     draw_agreement(result, path)

@@ -166,7 +166,7 @@ def soak(
 
     from webgym.bench.soak import Soak, SoakPlan, soak_tables
     from webgym.bench.soak import soak as run
-    from webgym.bench.soak.progress import progress
+    from webgym.bench.soak.report import progress
     from webgym.core.tables import markdown, show
 
     check_writable(json)

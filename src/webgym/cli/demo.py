@@ -153,15 +153,14 @@ def _train(
     folder: Path, weights: Path | None, seed: int, tasks: int, iterations: int | None, sessions: int
 ) -> None:
     """Evaluate the weights, train them, evaluate them again, and print success before and after."""
-    from webgym.cli._run import lasting_console, secrets
-    from webgym.cli._training_output import run_training
-
     try:
         import torch
     except ImportError as error:
         raise ConfigError(
             "training needs torch", hint="pip install 'webgym-rl[train]', or add --collect-only"
         ) from error
+    from webgym.cli._run import lasting_console, secrets
+    from webgym.cli._training_output import run_training
     from webgym.study.demo import WEIGHTS, before_and_after, settings
     from webgym.train.folder import TrainingFolder
 

@@ -26,15 +26,10 @@ def command(
     import msgspec
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from webgym.core.errors import ConfigError, RunFolderError
+    from webgym.cli._run import lasting_console
+    from webgym.core.errors import RunFolderError
     from webgym.core.settings import load_settings
     from webgym.store.files import CONFIG, locked, make_folder
-
-    try:
-        import torch  # noqa: F401
-    except ImportError as error:
-        raise ConfigError("training needs torch", hint="pip install 'webgym-rl[train]'") from error
-    from webgym.cli._run import lasting_console
     from webgym.study.recipe import RecipeConfig, follow
     from webgym.train.figures import success_line
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import typer
 
 from webgym.cli._outputs import check_figure, check_writable
-from webgym.core.errors import ConfigError, UsageError
+from webgym.core.errors import UsageError
 
 
 def command(
@@ -63,10 +63,6 @@ def command(
     from rich.console import Console
     from rich.progress import track
 
-    try:
-        import simpy  # noqa: F401
-    except ImportError as error:
-        raise ConfigError("simulating needs simpy", hint="pip install 'webgym-rl[simulate]'") from error
     from webgym.cli._simulation_tables import paper_table, sizes_table
     from webgym.core.tables import markdown, show
     from webgym.simulate.figures import draw_paper, draw_sizes

@@ -37,16 +37,12 @@ def command(
     times faster; the setting server.static: false uses browsers. Writes study.md, study.json and study.png
     after every training.
     """
+    import torch
     from rich.console import Console
 
     from webgym.cli import _run
-    from webgym.core.errors import ConfigError, UsageError
+    from webgym.core.errors import UsageError
     from webgym.store.files import locked, make_folder
-
-    try:
-        import torch
-    except ImportError as error:
-        raise ConfigError("training needs torch", hint="pip install 'webgym-rl[train]'") from error
     from webgym.study.conditions import carry_out, findings, read_study, table
     from webgym.study.demo import WEIGHTS
 

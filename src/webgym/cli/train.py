@@ -40,21 +40,16 @@ def command(
     A training that was killed is resumed with --resume FOLDER: no attempt is lost and none is made twice.
     """
     from webgym.cli import _run
-    from webgym.cli._training_output import run_training
-    from webgym.core.errors import ConfigError, UsageError
+    from webgym.core.errors import UsageError
 
-    try:
-        import torch  # noqa: F401
-    except ImportError as error:
-        raise ConfigError("training needs torch", hint="pip install 'webgym-rl[train]'") from error
-    from webgym.train.follow import follow, is_follower
-    from webgym.train.start import load_train_config, read_config
-
-    console = _run.lasting_console()
     files = list(config or ())
     if (resume and (files or out)) or not (explain or resume or (files and out)):
         hint = "webgym train CONFIG --out FOLDER starts one, webgym train --resume FOLDER continues it"
         raise UsageError("give either settings and --out, or --resume", hint=hint)
+    from webgym.cli._training_output import run_training
+    from webgym.train.start import follow, is_follower, load_train_config, read_config
+
+    console = _run.lasting_console()
     if explain:
         settings = read_config(resume) if resume else load_train_config(files)
         for line in _explanation(settings, gpus):

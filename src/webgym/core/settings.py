@@ -98,22 +98,41 @@ def without_none(options: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in given.items() if value is not None and value != {}}
 
 
+@cache
+def presets() -> dict[str, Path]:
+    """The files of settings that come with WebGym, by their names, such as ``train/tiny`` and ``tiny``."""
+    package = Path(__file__).parents[1]
+    folder = package / "configs" if (package / "configs").is_dir() else package.parents[1] / "configs"
+    files = {path: path.relative_to(folder).with_suffix("") for path in sorted(folder.rglob("*.yaml"))}
+    return {name: path for path, known in files.items() for name in (known.name, str(known))}
+
+
+def _found(path: Path) -> Path:
+    """The file at a path or, if there is none, the one that comes with WebGym under this name or path."""
+    name = str(path.with_suffix("") if path.suffix == ".yaml" else path).removeprefix("configs/")
+    return path if path.exists() else presets().get(name, path)
+
+
 def read_yaml(path: Path, hint: str) -> dict[str, Any]:
     """The settings in a YAML file, as plain data.
 
     Args:
-        path: the file.
+        path: the file, or the name of one that comes with WebGym (:func:`presets`).
         hint: the error's hint for a file without settings, such as where an example is.
 
     Raises:
         ConfigError: it cannot be read, or is not a YAML mapping.
     """
+    path = _found(path)
     if path.is_char_device():  # which may never end
         raise ConfigError(f"{path} is a device", hint="give a file")
     try:
         data = yaml.safe_load(path.read_text("utf-8")) or {}
     except OSError as error:
-        raise ConfigError(f"cannot read {path}: {error.strerror}") from error
+        ours = ", ".join(name for name in presets() if "/" not in name)
+        raise ConfigError(f"cannot read {path}: {error.strerror}", hint=f"by name: {ours}") from error
+    except RecursionError as error:
+        raise ConfigError(f"{path} is nested too deeply", hint="settings have a few levels") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
     if not isinstance(data, dict):

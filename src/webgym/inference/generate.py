@@ -1,5 +1,5 @@
 """Generates replies to a batch of requests: one prefill, then one token per unfinished reply in every
-pass."""
+pass, sampled from the logits with its log-probability."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import torch
 
 from webgym.inference.model import Loaded
 from webgym.inference.rendering import Encoded
-from webgym.inference.sampling import draw, processed_logprobs
 
 LONGEST_REPLY: Final = 256
 """Default limit of a reply's length, in tokens."""
@@ -23,7 +22,7 @@ class SamplingParameters:
 
     Attributes:
         temperature: 0 chooses the likeliest token, with its log-probability at temperature 1.
-        top_p: see :func:`webgym.inference.sampling.processed_logprobs`; 1 keeps all tokens.
+        top_p: see :func:`webgym.inference.generate.processed_logprobs`; 1 keeps all tokens.
         top_k: likewise; 0 keeps all tokens.
         max_tokens: longest reply, in tokens.
     """
@@ -143,3 +142,50 @@ def _until_end(tokens: torch.Tensor, scores: torch.Tensor, ends: frozenset[int])
         length = len(ids) if end is None else end + 1
         replies.append(Generated(ids[:length], logprobs[:length], end is None))
     return replies
+
+
+def processed_logprobs(
+    logits: torch.Tensor, *, temperature: float = 1.0, top_p: float = 1.0, top_k: int = 0
+) -> torch.Tensor:
+    """Log-probabilities after temperature, top-k and top-p, in the order that vLLM applies them.
+
+    Args:
+        logits: (rows, vocabulary).
+        temperature: above 0.
+        top_p: the smallest set of likeliest tokens whose probabilities sum to this is kept; 1 keeps all.
+        top_k: this many likeliest tokens are kept; 0 keeps all.
+
+    Returns:
+        (rows, vocabulary), float32; minus infinity for excluded tokens.
+    """
+    scores = logits.float() / temperature
+    if 0 < top_k < scores.shape[-1]:
+        least = scores.topk(top_k, dim=-1).values[:, -1:]
+        scores = scores.masked_fill(scores < least, float("-inf"))
+    if top_p < 1.0:
+        ordered, places = scores.sort(dim=-1, descending=True)
+        probabilities = ordered.softmax(dim=-1)
+        # The probability of all likelier tokens, without the token itself: the likeliest is always kept.
+        beyond = probabilities.cumsum(dim=-1) - probabilities >= top_p
+        scores = scores.masked_fill(beyond.scatter(-1, places, beyond), float("-inf"))
+    return scores.log_softmax(dim=-1)
+
+
+def draw(logprobs: torch.Tensor, generators: Sequence[torch.Generator]) -> torch.Tensor:
+    """Sample one token for each row with the row's own generator, so that rows do not influence each other.
+
+    Args:
+        logprobs: (rows, vocabulary), on any device.
+        generators: one for each row, on the CPU.
+
+    Returns:
+        (rows,), int64.
+    """
+    uniform = torch.stack([torch.rand((), generator=generator) for generator in generators])
+    cumulated = logprobs.exp().cumsum(dim=-1)
+    thresholds = uniform.to(logprobs.device, logprobs.dtype)[:, None] * cumulated[:, -1:]
+    drawn = torch.searchsorted(cumulated, thresholds, right=True).squeeze(-1)
+    # Rounding may lead past the last token with a probability above 0.
+    possible = logprobs.isfinite()
+    last = possible.shape[-1] - 1 - possible.flip(-1).int().argmax(dim=-1)
+    return torch.minimum(drawn, last)

@@ -222,7 +222,7 @@ def pictures_of(messages: Sequence[Message]) -> list[ImageRef]:
 
 
 def _content(message: Message) -> str | list[dict[str, str]]:
-    """A message's content as :func:`webgym.agent.request.to_openai` sends it, in the form for chat
+    """A message's content as :func:`webgym.agent.openai_policy.to_openai` sends it, in the form for chat
     templates; a user's text cannot open a turn or a picture, whoever made the request."""
     safe = visible if message.role == "user" else str
     if all(isinstance(part, TextPart) for part in message.content):

@@ -26,9 +26,9 @@ from webgym.judge import prompts
 from webgym.judge.base import Pictures
 from webgym.judge.blocking import find_block
 from webgym.judge.config import STAGES, JudgeConfig, Stage
-from webgym.judge.history import action_history
 from webgym.judge.keypoints import fit_in_request, page_texts, select, split_into_requests
 from webgym.judge.model_client import JudgeModelClient, Question, gather, result_or_error
+from webgym.judge.prompts import action_history
 from webgym.judge.reference import Match, compare
 from webgym.judge.soft import score_of
 from webgym.judge.untrusted import code_of, in_parts, shorten

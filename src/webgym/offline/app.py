@@ -11,7 +11,7 @@ import asyncio
 import hmac
 import secrets
 import socket
-from collections import Counter
+from collections import Counter, OrderedDict
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
@@ -27,7 +27,6 @@ from starlette.types import Message, Receive, Scope, Send
 from webgym.core.errors import ConfigError
 from webgym.offline import latency
 from webgym.offline.config import SitesConfig
-from webgym.offline.visitors import Visitors
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import TOP_LEVEL_DOMAIN, Visit, Website
 
@@ -293,3 +292,42 @@ class _Server(uvicorn.Server):
         """Start, and set :attr:`ready`."""
         await super().startup(sockets)
         self.ready.set()
+
+
+REMEMBERED = 50_000
+"""Most visitor states that are kept; the least recently used are dropped first. A state is about 1 kB."""
+
+
+class Visitors:
+    """Stores the state per visitor and website.
+
+    A visitor is identified by a cookie. The collector sets it for each attempt, so that it can request the
+    state afterwards; a browser without it gets a random one. A state that is lost, by a restart or as the
+    least recently used one, begins again, and is not reported: what the visitor did before is missing in it.
+    """
+
+    def __init__(self) -> None:
+        self._states: OrderedDict[tuple[str, str], dict[str, Any]] = OrderedDict()
+        self._incomplete: set[tuple[str, str]] = set()
+
+    def state(self, visitor: str, host: str, *, was_served: bool = False) -> dict[str, Any]:
+        """The state, created if there is none; the caller may modify it.
+
+        Args:
+            visitor: the visitor.
+            host: the website.
+            was_served: whether the website has served the visitor before.
+        """
+        key = (visitor, host)
+        if was_served and key not in self._states:
+            self._incomplete.add(key)
+        state = self._states.setdefault(key, {})
+        self._states.move_to_end(key)
+        if len(self._states) > REMEMBERED:
+            self._incomplete.discard(self._states.popitem(last=False)[0])
+        return state
+
+    def known(self, visitor: str, host: str) -> dict[str, Any] | None:
+        """The state of a visitor, or ``None`` if there is none, or a part of it was lost."""
+        key = (visitor, host)
+        return None if key in self._incomplete else self._states.get(key)

@@ -18,8 +18,7 @@ from urllib.parse import quote, urlencode
 
 import jinja2
 
-from webgym.offline import art
-from webgym.offline.look import Look
+from webgym.offline.look import Look, draw
 from webgym.offline.parts import Assignment, Expected
 from webgym.offline.seeds import pick
 
@@ -300,7 +299,7 @@ class Website:
     def picture(self, visit: Visit, kind: str, name: str) -> Response:
         """An illustration, seeded by ``name``."""
         del visit
-        drawn = art.draw(kind, name.removesuffix(".svg"), self.look)
+        drawn = draw(kind, name.removesuffix(".svg"), self.look)
         return Response(drawn.encode(), media_type="image/svg+xml")
 
     @page("/consent", method="POST")

@@ -2,11 +2,10 @@
 
 write.py       report.html, one file that needs no network
 live.py        the same pages over a run that may still be written; live_run.py, the run
-monitor.py     the page of what a collector is doing now
 labelling.py   the page where people label its trajectories
-taskset.py     the pages of a task set; task_content.py, what they show
+taskset.py     the pages of a task set
 serving.py     how both are served
-training.py    the report of a training; curves.py, what it draws
+training.py    the report of a training and its curves
 run_index.py   the index of a run's trajectories, in SQLite
 content.py     trajectories as the pages need them
 overview.py    the figures and charts of a run, as HTML

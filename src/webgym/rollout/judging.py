@@ -1,21 +1,37 @@
-"""Judges one episode; if the judge fails, the attempt gets the outcome ``judge_error``."""
+"""Judges one episode; if the judge fails, the attempt gets the outcome ``judge_error``.
+
+Attempts without a verdict are judged again, at the end of a run and when it is resumed. The browser's part is
+on disk and is not repeated. A judge that fails on a small share of questions fails more often for tasks with
+many facts, and more often for successes than for failures (which a single clear failure decides): attempts
+left without a verdict would bias the success rate.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import time
+from collections import deque
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
+
+import msgspec
 
 from webgym.core.background import is_cancelled
 from webgym.core.errors import JudgeError
 from webgym.core.outcome import Outcome, outcome_of
 from webgym.core.task import Task
+from webgym.core.task_group import task_group
 from webgym.core.trajectory import Episode, Failure, Trajectory
 from webgym.core.typed import refuse_untyped
 from webgym.core.verdict import Verdict
 from webgym.judge.base import Judge, Pictures
 from webgym.llm.health import collect_cut_off
+from webgym.rollout.attempt import AttemptContext
+from webgym.rollout.blocklist import Blocklist
+from webgym.rollout.config import CollectorConfig
+from webgym.rollout.plan import Plan
+from webgym.store.runs import RunReader, RunWriter
 
 
 @dataclass(frozen=True)
@@ -81,3 +97,111 @@ def _as_judge_error(error: BaseException, seconds: float, delays: list[str]) -> 
         why = f": {'; '.join(dict.fromkeys(delays))}" if delays else ""
         return JudgeError(f"no verdict within {seconds:g} s{why}")
     return JudgeError(f"the judge failed: {type(error).__name__}: {error}")
+
+
+async def judge_again(
+    context: AttemptContext[RunWriter],
+    tasks: Iterable[Task],
+    judge: Judge,
+    pictures: Pictures,
+    config: CollectorConfig,
+    blocklist: Blocklist | None = None,
+    plan: Plan | None = None,
+    finishing: asyncio.Event | None = None,
+) -> None:
+    """Judge all attempts without a verdict again, and record the verdicts.
+
+    An attempt is judged at most ``config.judge_again`` times. After ``config.give_up_after`` in a row without
+    a verdict this stops: the endpoint has failed, or the model cannot judge.
+
+    Args:
+        context: of the run; its store holds the attempts.
+        tasks: of the run.
+        judge: the same as in the collection.
+        pictures: reads screenshots for the judge.
+        config: limits.
+        blocklist: gets the websites that blocked the agent.
+        plan: of the run. Samples that another collector has taken over are recorded as cancelled here.
+        finishing: once it is set, no more attempts are judged; the rest are when the run is resumed.
+
+    Raises:
+        StoreError: a verdict cannot be stored, a record is damaged, or a disk shared with other collectors
+            cannot be read.
+    """
+    by_id = {task.id: task for task in tasks}
+    again = _Rejudging(context, by_id, judge, pictures, config, blocklist, plan, finishing)
+    for _ in range(config.judge_again):
+        if not await again.round():
+            return
+
+
+@dataclass
+class _Rejudging:
+    context: AttemptContext[RunWriter]
+    tasks: Mapping[str, Task]
+    judge: Judge
+    pictures: Pictures
+    config: CollectorConfig
+    blocklist: Blocklist | None
+    plan: Plan | None
+    finishing: asyncio.Event | None
+    failed_in_a_row: int = 0
+
+    async def round(self) -> bool:
+        """Judge all attempts without a verdict once; returns whether another round may help."""
+        entries = self.context.store.attempts.values()
+        waiting = deque(entry.attempt_id for entry in entries if entry.outcome is Outcome.JUDGE_ERROR)
+        if not waiting or not self._may_continue:
+            return False
+        reader = RunReader(self.context.store.path, skip_corrupt=True)
+        await asyncio.to_thread(reader.refresh)
+        async with task_group() as group:
+            for _ in range(min(self.config.judges, len(waiting))):
+                group.create_task(self._work(waiting, reader))
+        return self._may_continue
+
+    @property
+    def _may_continue(self) -> bool:
+        is_finishing = self.finishing is not None and self.finishing.is_set()
+        return not is_finishing and self.failed_in_a_row < self.config.give_up_after
+
+    async def _work(self, waiting: deque[str], reader: RunReader) -> None:
+        while waiting and self._may_continue:
+            trajectory = await asyncio.to_thread(reader.trajectory, waiting.popleft())
+            task = self.tasks.get(trajectory.episode.task_id)
+            if task is None:
+                continue
+            result = await self._judge_task(task, trajectory.episode)
+            if result.outcome is Outcome.JUDGE_ERROR:
+                self.failed_in_a_row += 1
+                continue
+            self.failed_in_a_row = 0
+            judged = await self._record(trajectory, result)
+            if self.blocklist is not None:
+                await asyncio.to_thread(self.blocklist.note, task.website, judged)
+
+    async def _judge_task(self, task: Task, episode: Episode) -> JudgedEpisode:
+        if not await self._holds(episode):
+            return TAKEN_OVER
+        self.context.progress.move(None, "judging")
+        try:
+            seconds = self.config.judge_seconds
+            result = await judge_episode(self.judge, task, episode, self.pictures, seconds)
+        finally:
+            self.context.progress.move("judging", None)
+        return result if await self._holds(episode) else TAKEN_OVER
+
+    async def _holds(self, episode: Episode) -> bool:
+        return self.plan is None or await self.plan.holds(episode.task_id, episode.sample)
+
+    async def _record(self, trajectory: Trajectory, result: JudgedEpisode) -> Trajectory:
+        judged = msgspec.structs.replace(
+            trajectory,
+            outcome=result.outcome,
+            verdict=result.verdict,
+            judge_failure=result.failure,
+            judge_seconds=trajectory.judge_seconds + result.seconds,
+        )
+        await self.context.store.append(judged)
+        self.context.progress.judged_again(trajectory, judged)
+        return judged

@@ -49,12 +49,12 @@ from webgym.rollout.collector import Collector
 from webgym.rollout.driver import Browsers, SiteState
 from webgym.rollout.exposition import exposing
 from webgym.rollout.feed import feeding
+from webgym.rollout.judging import judge_again
 from webgym.rollout.lockstep import Lockstep
 from webgym.rollout.plan import Plan
 from webgym.rollout.progress import Progress
 from webgym.rollout.sharing import Claims, sharing
 from webgym.rollout.trackers import check_installed, tracking
-from webgym.rollout.unjudged import judge_again
 from webgym.run.choice import choose_tasks, given_tasks, tell_left_out
 from webgym.run.config import (
     PolicyChoice,
@@ -279,7 +279,15 @@ async def _run_services(
         limits = {"policy": config.collector.policy_calls, "judge": config.collector.judges}
         calls = call_queues(config.limits.calls | limits)
         site_state, client = await stack.enter_async_context(
-            open_services(config, secrets, tasks, tell, calls, are_recorded=is_resumed)
+            open_services(
+                config,
+                secrets,
+                tasks,
+                tell,
+                calls,
+                attempts=len(tasks) * config.samples,
+                are_recorded=is_resumed,
+            )
         )
         software = await _software(client, is_ours=config.server.url is None)
 

@@ -41,6 +41,7 @@ async def open_services(
     tell: Tell | None,
     calls: dict[str, CallQueue],
     *,
+    attempts: int | None = None,
     are_recorded: bool = False,
 ) -> AsyncIterator[tuple[SiteState | None, Browsers]]:
     """The websites and browsers of a run, or static browsers for both, open until the block ends.
@@ -48,9 +49,10 @@ async def open_services(
     Args:
         config: of the run.
         secrets: tokens of servers that run elsewhere.
-        tasks: the run's, attempted ``config.samples`` times each.
+        tasks: the run's.
         tell: called with each line that the user should read, such as a warning.
         calls: queues that limit concurrent calls, by kind of call.
+        attempts: how many there are, if that is known: no more browsers are started.
         are_recorded: the tasks are those of a run that is resumed.
 
     Raises:
@@ -72,7 +74,7 @@ async def open_services(
         return
     async with (
         _sites(config, secrets, tasks, are_recorded=are_recorded) as (site_state, allowed),
-        _browsers(config, secrets, allowed, tell, len(tasks) * config.samples, calls) as client,
+        _browsers(config, secrets, allowed, tell, attempts, calls) as client,
     ):
         yield site_state, client
 
@@ -232,11 +234,13 @@ async def _browsers(
     secrets: Secrets,
     allowed: tuple[str, ...],
     tell: Tell | None,
-    attempts: int,
+    attempts: int | None,
     calls: dict[str, CallQueue],
 ) -> AsyncIterator[BrowserClient]:
     """A client of the configured browser server, or of one started here with as many slots as needed."""
-    sessions = max(1, min(config.collector.sessions, attempts))
+    sessions = config.collector.sessions
+    if attempts is not None:
+        sessions = max(1, min(sessions, attempts))
     if config.server.url is not None:
         token = secrets.server_token
         if token is None:

@@ -29,7 +29,6 @@ relay.py       passes calls on as bytes
 fleet.py       keeps workers up, wherever they run
 local.py       workers as processes of this machine
 ray_hosts.py   workers on the nodes of a Ray cluster
-aggregate.py   what many workers say, as one
 
 compat/        the HTTP API of the WebGym authors' server, in front of either
 """

@@ -9,25 +9,26 @@ last checkpoint.
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import random
 import shutil
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
+from PIL import Image
 from pydantic import Field
 
 from webgym.core.settings import Settings
 from webgym.inference.model import Loaded, fast_backward_attention
 from webgym.inference.rendering import Renderer
-from webgym.study.model import PATCH, TinyConfig, save_model
-from webgym.study.muon import Muon
-from webgym.study.patches import to_patches, to_pixel_values
+from webgym.study.model import MERGE, PATCH, TinyConfig, save_model
 from webgym.study.training_sequences import IGNORED, Signs, TrainingSequence, pointing
 
 CHECKPOINT = "checkpoint.pt"
@@ -256,3 +257,112 @@ def _restore(
     for optimizer, state in zip(optimizers, checkpoint["optimizers"], strict=True):
         optimizer.load_state_dict(state)
     return int(checkpoint["step"])
+
+
+_COEFFICIENTS = (3.4445, -4.7750, 2.0315)
+"""Coefficients of the quintic iteration (Jordan et al. 2024), which converges in five rounds."""
+
+
+class Muon(torch.optim.Optimizer):
+    """Muon for two-dimensional parameters: the momentum of matrices is orthogonalised before each step.
+
+    ``torch.optim.Muon`` does the same, but one matrix at a time and always in bfloat16, which CPUs without
+    native support emulate (an optimizer step then takes a hundred times longer than the rest of an update).
+
+    Args:
+        params: two-dimensional parameters.
+        lr: learning rate, for a square matrix; taller ones take larger steps.
+        momentum: coefficient of the Nesterov momentum.
+        weight_decay: decoupled weight decay.
+        rounds: iterations of the orthogonalisation.
+        dtype: of the orthogonalisation.
+    """
+
+    def __init__(
+        self,
+        params: Iterable[torch.nn.Parameter],
+        lr: float = 0.01,
+        momentum: float = 0.95,
+        weight_decay: float = 0.0,
+        rounds: int = 5,
+        dtype: torch.dtype = torch.float32,
+    ) -> None:
+        defaults = {"lr": lr, "momentum": momentum, "weight_decay": weight_decay, "rounds": rounds}
+        super().__init__(params, defaults)
+        self._dtype = dtype
+
+    @torch.no_grad()
+    def step(self, closure: Any = None) -> None:
+        """Make a step. Matrices of the same shape are orthogonalised together."""
+        del closure
+        for group in self.param_groups:
+            shapes: dict[torch.Size, list[torch.nn.Parameter]] = {}
+            for weight in group["params"]:
+                if weight.grad is not None:
+                    shapes.setdefault(weight.shape, []).append(weight)
+            for weights in shapes.values():
+                momenta = [self._momentum(weight, group["momentum"]) for weight in weights]
+                directions = orthogonal(torch.stack(momenta).to(self._dtype), group["rounds"])
+                rate = group["lr"] * max(1.0, weights[0].shape[0] / weights[0].shape[1]) ** 0.5
+                for weight, direction in zip(weights, directions, strict=True):
+                    weight.mul_(1 - group["lr"] * group["weight_decay"]).sub_(direction, alpha=rate)
+
+    def _momentum(self, weight: torch.nn.Parameter, momentum: float) -> torch.Tensor:
+        assert weight.grad is not None
+        state = self.state[weight]
+        if "momentum" not in state:
+            state["momentum"] = torch.zeros_like(weight)
+        average: torch.Tensor = state["momentum"]
+        average.lerp_(weight.grad, 1 - momentum)
+        return weight.grad.lerp(average, momentum)
+
+
+def orthogonal(matrices: torch.Tensor, rounds: int) -> torch.Tensor:
+    """Approximately the nearest orthogonal matrices: singular values are between 0.7 and 1.2.
+
+    Args:
+        matrices: (matrices, rows, columns), float32 or bfloat16.
+        rounds: number of Newton-Schulz iterations.
+    """
+    a, b, c = _COEFFICIENTS
+    is_tall = matrices.shape[-2] > matrices.shape[-1]
+    x = matrices.mT if is_tall else matrices
+    x = x / (x.norm(dim=(-2, -1), keepdim=True) + 1e-7)
+    for _ in range(rounds):
+        square = x @ x.mT
+        x = a * x + (b * square + c * square @ square) @ x
+    return x.mT if is_tall else x
+
+
+FRAMES = 2
+"""A picture counts as two frames of a video."""
+
+
+def to_patches(png: bytes) -> NDArray[np.uint8]:
+    """A screenshot cut into patches in the order of the vision tower.
+
+    Args:
+        png: a picture whose sides are multiples of a cell.
+
+    Returns:
+        (patches, 3 x patch side squared), uint8.
+    """
+    with Image.open(io.BytesIO(png)) as picture:
+        pixels = np.asarray(picture.convert("RGB"))
+    rows, columns = pixels.shape[0] // PATCH, pixels.shape[1] // PATCH
+    blocks = pixels.reshape(rows // MERGE, MERGE, PATCH, columns // MERGE, MERGE, PATCH, 3)
+    ordered = blocks.transpose(0, 3, 1, 4, 6, 2, 5)
+    return np.ascontiguousarray(ordered.reshape(rows * columns, 3 * PATCH * PATCH))
+
+
+def to_pixel_values(patches: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """What the vision tower reads: colours from -1 to 1, the frame twice.
+
+    Args:
+        patches: (patches, 3 x patch side squared), as :func:`to_patches` made them.
+
+    Returns:
+        (patches, 3 x frames x patch side squared), float32.
+    """
+    colours = patches.astype(np.float32).reshape(len(patches), 3, 1, PATCH * PATCH) / 127.5 - 1.0
+    return np.repeat(colours, FRAMES, axis=2).reshape(len(patches), -1)

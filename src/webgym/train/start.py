@@ -1,12 +1,19 @@
-"""Sets up a training: tasks, browsers, the collecting and the learning model."""
+"""Sets up a training: tasks, browsers, the collecting and the learning model.
+
+The other processes of a launch on several GPUs only run updates: the drawn steps of an iteration are on disk
+before its update starts, so they wait for that file and train on the same steps in the same order.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import os
+import time
 import warnings
 from collections.abc import AsyncIterator, Sequence
 from contextlib import AsyncExitStack, ExitStack, asynccontextmanager, suppress
 from pathlib import Path
+from typing import Final
 
 import yaml
 
@@ -25,7 +32,7 @@ from webgym.run.config import RunConfig, Secrets, resolved
 from webgym.run.services import services
 from webgym.store.files import CONFIG, TASKS, refuse_special_files
 from webgym.train.estimate import estimate, present_gpus
-from webgym.train.folder import TrainingFolder
+from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.learner import Learner
 from webgym.train.loop import Show, Tell, TrainConfig, Training
 from webgym.train.objectives import GroupIS, Objective, make_objective
@@ -239,3 +246,31 @@ def read_config(out: Path) -> TrainConfig:
             f"{out} is not a training: it has no {CONFIG}", hint="give the folder that webgym train wrote"
         ) from error
     return validated(TrainConfig, data, f"{out}/{CONFIG}", failure=RunFolderError)
+
+
+_POLL_SECONDS: Final = 0.5
+
+
+def is_follower() -> bool:
+    """Whether this is not the first process of the launch, which runs the training."""
+    return int(os.environ.get("RANK") or 0) > 0
+
+
+def follow(config: TrainConfig, out: Path) -> None:
+    """Run the updates together with the first process. If that fails, the launcher ends this process.
+
+    Args:
+        config: of the training.
+        out: the training's folder, on a disk common to all processes.
+
+    Raises:
+        TrainingError: as in the first process.
+    """
+    folder, objective = TrainingFolder(out), make_objective(config.learn.objective)
+    learner = Learner(config.learn, objective)
+    for number in range(1, config.loop.iterations + 1):
+        while not folder.is_past(number, Stage.REPLAY):
+            time.sleep(_POLL_SECONDS)
+        draw = folder.draw(number)
+        if draw.steps and not folder.is_past(number, Stage.UPDATE):
+            learner.learn(number, draw, folder)

@@ -9,8 +9,7 @@ disk.py              a small disk for the browsers' profiles
 leaks.py             what exists before and afterwards
 counts.py            counts of sessions, errors and faults, and whether they add up
 run.py               the whole benchmark
-progress.py          progress in the terminal
-report.py            tables
+report.py            progress in the terminal, and tables
 """
 
 from __future__ import annotations

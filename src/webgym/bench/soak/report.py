@@ -1,13 +1,17 @@
-"""The tables of ``webgym bench soak``."""
+"""The progress and the tables of ``webgym bench soak``."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from webgym.bench.soak.counts import Counts
 from webgym.bench.soak.leaks import Census
-from webgym.bench.soak.run import Soak
+from webgym.bench.soak.run import Soak, Watch
 from webgym.core.tables import Table
 
 
@@ -84,3 +88,34 @@ def _strays(census: Census) -> str:
 
 def _sum(census: Census, process: str) -> str:
     return str(sum(census.descriptors[process].values()))
+
+
+_LINE_SECONDS = 10.0
+
+
+@contextmanager
+def progress(console: Console, seconds: float) -> Iterator[Watch]:
+    """Show the progress until the block ends.
+
+    Args:
+        console: where.
+        seconds: the planned duration.
+
+    Yields:
+        A function to call every second.
+    """
+    if not console.is_terminal:
+        due = _LINE_SECONDS
+
+        def print_line(counts: Counts, now: float) -> None:
+            nonlocal due
+            if now >= due:
+                due += _LINE_SECONDS
+                console.print(f"{now:.0f} of {seconds:.0f} s: {progress_line(counts)}", highlight=False)
+
+        yield print_line
+        return
+    columns = (BarColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=seconds)
+        yield lambda counts, now: bar.update(task, completed=now, description=progress_line(counts))

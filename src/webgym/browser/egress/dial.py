@@ -1,9 +1,13 @@
-"""Opens the connection that a browser requests, or says why that is not possible."""
+"""Opens the connection that a browser requests, or says why that is not possible.
+
+The rate of connections to one host is limited for all sessions of this process together.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import errno
+from collections import OrderedDict
 from collections.abc import Callable
 from typing import Literal, TypeAlias, TypeVar
 
@@ -11,10 +15,8 @@ from webgym.browser.egress.addresses import plain
 from webgym.browser.egress.budget import Budget, BudgetExceeded
 from webgym.browser.egress.config import EgressConfig
 from webgym.browser.egress.hosts import Address, Host, read_host
-from webgym.browser.egress.machine import Machine
 from webgym.browser.egress.policy import Admitted, Forbidden, Nowhere, Policy, Route
-from webgym.browser.egress.politeness import Politeness
-from webgym.browser.egress.resolver import Resolver
+from webgym.browser.egress.resolver import Machine, Resolver
 from webgym.core.errors import EgressRefused, NavigationFailed
 
 P = TypeVar("P", bound=asyncio.BaseProtocol)
@@ -193,3 +195,33 @@ class Dialer:
             if number in _NO_ROUTE and not self._machine.is_online():
                 raise NotConnected("offline") from None
             raise NotConnected(_REASON_BY_ERRNO.get(number, "unreachable")) from None
+
+
+class Politeness:
+    """A token bucket per host, stored as the time at which the bucket is full again.
+
+    Args:
+        rate: tokens per second.
+        burst: capacity of a bucket, tokens.
+        wait_seconds: longest delay.
+    """
+
+    _MOST_HOSTS = 4096
+
+    def __init__(self, rate: float, burst: int, wait_seconds: float) -> None:
+        self._interval = 1 / rate
+        self._depth = (burst - 1) / rate
+        self._wait_seconds = wait_seconds
+        self._full_at: OrderedDict[str, float] = OrderedDict()
+
+    def delay(self, host: str, now: float) -> float | None:
+        """Take a token: seconds until it may be used; ``None`` if that is too long, and none was taken."""
+        full_at = max(self._full_at.get(host, now), now)
+        delay = max(0.0, full_at - self._depth - now)
+        if delay > self._wait_seconds:
+            return None
+        self._full_at[host] = full_at + self._interval
+        self._full_at.move_to_end(host)
+        if len(self._full_at) > self._MOST_HOSTS:
+            self._full_at.popitem(last=False)  # the least recently used
+        return delay

@@ -20,8 +20,8 @@ from webgym.browser.egress.budget import Budget, BudgetExceeded
 from webgym.browser.egress.config import EgressConfig
 from webgym.browser.egress.dial import Dialer, NotConnected, Reason
 from webgym.browser.egress.hosts import read_host
-from webgym.browser.egress.machine import Machine
 from webgym.browser.egress.probe import probe
+from webgym.browser.egress.resolver import Machine
 from webgym.browser.egress.socks import (
     CONNECT,
     FAILED,

@@ -1,4 +1,4 @@
-"""Filters and sort order of a list.
+"""Filters, sort order and pages of a list.
 
 Pages, moves of solutions and evidence of facts all use the same :class:`Finder`, so that they agree on the
 address of a filtered list. Its markup is in ``finder.html``.
@@ -7,9 +7,9 @@ address of a filtered list. Its markup is in ``finder.html``.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Generic, Literal, TypeAlias, TypeVar
 from urllib.parse import urlencode
 
 from webgym.core.truth import Choose, Click, Move
@@ -102,3 +102,31 @@ class Finder:
             f"(?=(?:.*&)?{name}={re.escape(value)}(?:&|$))" for name, value in chosen.items()
         )
         return re.escape(self.path) + (rf"\?{lookaheads}" if lookaheads else r"(?:\?|$)")
+
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Paged(Generic[T]):
+    """One page of a list.
+
+    Attributes:
+        items: on this page.
+        total: number of items in the whole list.
+        number: of this page, from 1.
+        count: number of pages.
+    """
+
+    items: Sequence[T]
+    total: int
+    number: int
+    count: int
+
+
+def paged(items: Sequence[T], visit: Visit, size: int) -> Paged[T]:
+    """The page of the visit's ``page`` parameter, limited to the existing pages."""
+    count = max(1, -(-len(items) // size))
+    requested = visit.query.get("page", "1")
+    number = min(max(int(requested), 1), count) if requested.isdecimal() and len(requested) < 6 else 1
+    return Paged(items[(number - 1) * size : number * size], len(items), number, count)

@@ -1,6 +1,6 @@
 """The specification of a family of large websites: fields, forms and texts.
 
-It is read from ``spec.toml`` in the family's package.
+It is read from a TOML file beside the family's module.
 """
 
 from __future__ import annotations
@@ -417,13 +417,13 @@ def _common() -> _Common:
     return load("webgym.offline.engine", "common.toml", _Common)
 
 
-def spec_of(module: str) -> Spec:
-    """The specification of a family, ``spec.toml`` in its package merged with ``common.toml``.
+def spec_of(module: str, file: str = "spec.toml") -> Spec:
+    """The specification of a family, a TOML file beside its module merged with ``common.toml``.
 
     Raises:
         SitesError: the file is not valid; the message names file and key.
     """
-    own, common = load_beside(module, "spec.toml", Spec), _common()
+    own, common = load_beside(module, file, Spec), _common()
 
     def merged(
         shared: Mapping[str, tuple[str, ...]], overrides: Mapping[str, tuple[str, ...]]
@@ -435,7 +435,8 @@ def spec_of(module: str) -> Spec:
     counts = Counter(word for words in paths.values() for word in words)
     if repeated := [word for word, count in counts.items() if count > 1]:
         raise SitesError(
-            f'{module}: "{repeated[0]}" stands for two kinds of pages in paths', hint="use different words"
+            f'{module}, {file}: "{repeated[0]}" stands for two kinds of pages in paths',
+            hint="use different words",
         )
     return msgspec.structs.replace(
         own, paths=paths, says=merged(common.says, own.says), forms={**own.forms, **common.forms}

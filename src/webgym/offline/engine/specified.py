@@ -1,6 +1,6 @@
 """Websites generated from a specification: a list with filters, a page per item, forms, and a saved list.
 
-A family is a ``spec.toml`` (see :mod:`webgym.offline.engine.spec`) and a class that may name its items.
+A family is a TOML file (see :mod:`webgym.offline.engine.spec`) and a class that may name its items.
 Pages, validation, server state, and tasks with solutions (:mod:`webgym.offline.engine.tasks`) are generated.
 """
 
@@ -14,12 +14,11 @@ from datetime import date, timedelta
 from typing import Any, ClassVar
 
 from webgym.offline.engine.extras import Extras
-from webgym.offline.engine.finder import STYLES, Facet, Finder
+from webgym.offline.engine.finder import STYLES, Facet, Finder, paged
 from webgym.offline.engine.records import draw_names, draw_sheet, with_implied_values
 from webgym.offline.engine.spec import FormSpec, InputSpec, Spec, spec_of
 from webgym.offline.engine.spelling import days, times
 from webgym.offline.engine.table import Record
-from webgym.offline.listing import paged
 from webgym.offline.parts import Assignment
 from webgym.offline.seeds import number, pick, stream
 from webgym.offline.website import TODAY, Response, State, Visit, json_response, page, redirect, slug
@@ -32,7 +31,10 @@ _EMAIL = re.compile(r"[^@\s]+@[^@\s]+\.[a-z]{2,}")
 
 @dataclass
 class SpecifiedWebsite(Extras):
-    """Base class of the specified families; the package of a family has a ``spec.toml``.
+    """Base class of the specified families.
+
+    ``class Boats(SpecifiedWebsite, spec="boats.toml")`` names the specification beside the module; without a
+    name it is ``spec.toml``.
 
     Attributes:
         says: texts of the pages, by key.
@@ -57,8 +59,8 @@ class SpecifiedWebsite(Extras):
     whole: ClassVar[Spec]
     """The family's specification, without the changes of a sector."""
 
-    def __init_subclass__(cls) -> None:
-        cls.whole = spec_of(cls.__module__)
+    def __init_subclass__(cls, spec: str = "spec.toml") -> None:
+        cls.whole = spec_of(cls.__module__, spec)
         cls.words = cls.whole.paths
         super().__init_subclass__()
 

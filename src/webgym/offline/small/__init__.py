@@ -7,13 +7,10 @@ to be remembered are made of one small vocabulary, :func:`small_vocabulary`.
 A website is a table of fields (:mod:`webgym.offline.engine.table`) and a family's few specifications:
 
 questions.py  from a table to parts of tasks: look up, compare, extreme, count, either-or
-cart.py       what is put into a cart, and how it is proven
-form.py       a form as a specification: choices, their pages, what is sent, and how it is proven
-compose.py    from parts to a website's tasks, in a mix of difficulties
 signs.py      what a page can show: colours, icons, numbers, short words
 design.py     theme, layout and stock of signs of a website, and which combinations are held out
 screen.py     a page: signs on a grid of cells
-site.py       what every small website is
+site.py       what every small website is, and its tasks, composed of parts
 
 Data lies beside the code in TOML files: a family's own holds how its tasks are asked.
 """

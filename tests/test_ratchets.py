@@ -1,0 +1,55 @@
+"""Limits on the size of the project: above one is an error, and limits only fall."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tests.test_repository import load_script
+
+ratchets = load_script("ratchets")
+
+
+@pytest.mark.parametrize(
+    ("figure", "is_wrong", "new_limit"),
+    [(11, True, 10), (10, False, 10), (9, False, 9)],
+    ids=["above", "at", "below"],
+)
+def test_a_limit_holds_and_only_falls(tmp_path: Path, figure: int, is_wrong: bool, new_limit: int) -> None:
+    (tmp_path / "ratchets.toml").write_text("# why\nsettings = 10\n")
+    figures = {"settings": figure}
+    lines = ratchets.above(figures, ratchets.read_limits(tmp_path))
+    assert lines == (["settings is 11, its limit 10: " + ratchets.ADVICE["settings"]] if is_wrong else [])
+    ratchets.lower(tmp_path, figures)
+    assert (tmp_path / "ratchets.toml").read_text() == f"# why\nsettings = {new_limit}\n"
+
+
+def test_a_small_tree_is_measured(tmp_path: Path) -> None:
+    for name, text in {
+        "src/webgym/settings.py": "class Settings: ...\n",
+        "src/webgym/a/b.py": (
+            "from webgym.settings import Settings\n"
+            "class Limits(Settings):\n    wait_s: float = 1\n    forgotten: int = 2\n"
+            "WORDS = {'one', 'two', 'three'}\nPATTERN = 'four|five|six|seven'\nSPLIT = 'eight nine'.split()\n"
+        ),
+        "tests/test_a.py": "Limits(wait_s=2)  # not forgotten\n",
+        "docs/a.md": "two words\n",
+        "README.md": "three more words\n",
+        "CHANGELOG.md": "one\n",
+    }.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    figures = ratchets.measure(tmp_path)
+    assert figures.keys() == ratchets.ADVICE.keys() == ratchets.read_limits(ratchets.ROOT).keys()
+    assert figures | {"one_importer": 0} == {
+        "src_lines": 8,
+        "src_files": 2,
+        "test_lines": 1,
+        "docs_words": 5,
+        "changelog_words": 1,
+        "loose_modules": 1,
+        "one_importer": 0,
+        "settings": 2,
+        "unnamed_settings": 1,
+        "longest_word_list": 4,
+    }

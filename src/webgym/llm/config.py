@@ -166,26 +166,3 @@ class ChatConfig(Settings):
         if "@" in url.netloc or url.query or url.fragment:
             raise ValueError("the base URL must not contain credentials, a query or a fragment")
         return url.geturl()
-
-
-class CacheLimits(Settings):
-    """Limits of the cache of replies."""
-
-    busy_seconds: float = Field(default=30.0, ge=0)
-    """How long to wait while another process writes."""
-
-    group: int = Field(default=1000, ge=1)
-    """Most replies that are read, or written with one sync, at a time."""
-
-
-class BatchLimits(Settings):
-    """Limits of a batch file; by default those of the OpenAI batch API."""
-
-    requests: int = Field(default=50_000, ge=1)
-    """Most requests in a file."""
-
-    file_bytes: int = Field(default=200_000_000, ge=1)
-    """Largest file."""
-
-    url: str = "/v1/chat/completions"
-    """The ``url`` of every line."""

@@ -12,7 +12,6 @@ from typing import Final
 import yaml
 
 from webgym.core.errors import ConfigError, TaskFileError, TooFewWebsites
-from webgym.llm.batch import BatchFile, Collector, write_batches
 from webgym.llm.cache import ReplyCache
 from webgym.llm.client import ChatClient
 from webgym.llm.completion import Completes
@@ -20,6 +19,7 @@ from webgym.llm.config import ChatConfig
 from webgym.llm.ledger import Ledger
 from webgym.llm.prices import Prices
 from webgym.tasks.formats import refuse_others
+from webgym.taskset.batch import BatchFile, Collector, write_batches
 from webgym.taskset.construction.config import PURPOSES, BuildConfig, Purpose
 from webgym.taskset.construction.estimate import Estimate, Estimator, estimate
 from webgym.taskset.construction.outputs import TASK_FILES, write_build, write_failures

@@ -27,6 +27,7 @@ from webgym.core.trajectory import ended_by
 from webgym.llm.cache import CachedReply, NewReply, ReplyCache
 from webgym.llm.completion import (
     Completion,
+    Labelled,
     NoCompletion,
     error_message,
     error_object,
@@ -39,10 +40,9 @@ from webgym.llm.completion import (
 from webgym.llm.config import ChatConfig, Sampling
 from webgym.llm.formats import Formats
 from webgym.llm.health import note_cut_off, register_client
-from webgym.llm.labelled import Labelled
 from webgym.llm.ledger import Ledger
 from webgym.llm.request import Request
-from webgym.llm.tokens import count_messages, count_text, most_tokens
+from webgym.llm.tokens import count_messages, most_tokens
 from webgym.llm.usage import Call
 
 _RETRIED_STATUSES: Final = frozenset({408, 429, 500, 502, 503, 504, 529})
@@ -159,7 +159,7 @@ class ChatClient:
 
     def labelled(self, purpose: str) -> Labelled:
         """This client, its calls counted for a purpose."""
-        return Labelled(self, purpose)
+        return Labelled(self.complete, purpose, self.sampling, self.formats)
 
     async def complete(
         self, messages: Sequence[Mapping[str, Any]], sampling: Sampling | None = None, *, purpose: str = ""
@@ -183,9 +183,7 @@ class ChatClient:
         """
         if self._http is None:
             raise RuntimeError("the client is not open: use it in an async with statement")
-        request = Request(
-            self._url, self.config.model, messages, (sampling or Sampling()).over(self.config.sampling)
-        )
+        request = Request.of(self.config, messages, sampling)
         if self._cache is None:
             async with self._paid(request, purpose) as fresh:
                 return self._read(fresh.reply, cached=False)
@@ -214,20 +212,36 @@ class ChatClient:
         """
         progress = _Progress(self.config.total_seconds)
         with self._tracked(progress):
-            async with self._places, AsyncExitStack() as resources:
-                reply = await self._until_answered(request, purpose, progress, resources)
+            async with self._places, AsyncExitStack() as reservation:
+                reply = await self._until_answered(request, purpose, progress, reservation)
                 call = self._call(request, self._read(reply, cached=False), purpose)
                 yield NewReply(reply, call)
                 self._ledger.paid(call)
 
+    async def _until_answered(
+        self, request: Request, purpose: str, progress: _Progress, reservation: AsyncExitStack
+    ) -> CachedReply:
+        """Send a request until it is answered, which leaves the reservation of its highest cost in the stack,
+        or the retries are used up.
+
+        An outage of the endpoint that lasts no longer than its patience does not count, nor does a pause that
+        the endpoint asked others for.
+        """
+        while True:
+            while (pause := self._not_before - time.monotonic()) > 0:  # noqa: ASYNC110 (it may grow meanwhile)
+                await asyncio.sleep(pause)
+            await reservation.enter_async_context(self._reserved(request))
+            try:
+                return await self._try(request, purpose, progress)
+            except _TemporaryFailure as failure:
+                await reservation.aclose()
+                pause = self._pause_after(failure, progress)
+            await asyncio.sleep(pause)
+
     def _call(self, request: Request, completion: Completion, purpose: str) -> Call:
-        prompt_tokens, reply_tokens = completion.prompt_tokens, completion.completion_tokens
-        is_estimate = not prompt_tokens and not reply_tokens
-        if is_estimate:
-            prompt_tokens, reply_tokens = count_messages(request.messages), count_text(completion.text)
-        cached = completion.prompt_tokens_cached
-        dollars = self._ledger.cost(request.model, prompt_tokens, reply_tokens, cached=cached)
-        return Call(purpose, request.model, prompt_tokens, reply_tokens, cached, dollars, is_estimate)
+        return self._ledger.prices.call(
+            purpose, request.model, completion, lambda: count_messages(request.messages)
+        )
 
     @asynccontextmanager
     async def _reserved(self, request: Request) -> AsyncIterator[None]:
@@ -245,31 +259,6 @@ class ChatClient:
         if self._cache is not None:
             await self._cache.discarded(request.key, call)
         self._ledger.paid(call)
-
-    async def _until_answered(
-        self, request: Request, purpose: str, progress: _Progress, resources: AsyncExitStack
-    ) -> CachedReply:
-        """Send a request until it is answered or the retries are used up. An outage of the endpoint that
-        lasts no longer than its patience does not count, nor does a pause that it asked others for.
-
-        Args:
-            request: the request.
-            purpose: label of the call.
-            progress: its state.
-            resources: receives the reservation of the successful try.
-        """
-        while True:
-            while (pause := self._not_before - time.monotonic()) > 0:  # noqa: ASYNC110 (it may grow meanwhile)
-                await asyncio.sleep(pause)
-            try:
-                async with AsyncExitStack() as reservation:
-                    await reservation.enter_async_context(self._reserved(request))
-                    reply = await self._try(request, purpose, progress)
-                    await resources.enter_async_context(reservation.pop_all())
-                    return reply
-            except _TemporaryFailure as failure:
-                pause = self._pause_after(failure, progress)
-            await asyncio.sleep(pause)
 
     def _pause_after(self, failure: _TemporaryFailure, progress: _Progress) -> float:
         """Seconds until the next try of a request; raises the failure's error if there is none."""

@@ -20,14 +20,12 @@ import msgspec
 
 from webgym.core.errors import LLMBadReply, NotCached, UsageError
 from webgym.llm.cache import CachedReply, ReplyCache, insert
-from webgym.llm.completion import Completion, NoCompletion, first_line, read_completion
+from webgym.llm.completion import Completion, Labelled, NoCompletion, first_line, read_completion
 from webgym.llm.config import ChatConfig, Sampling
 from webgym.llm.formats import Formats
-from webgym.llm.labelled import Labelled
 from webgym.llm.prices import Prices
 from webgym.llm.request import Request
 from webgym.llm.tokens import count_messages, count_text
-from webgym.llm.usage import Call
 
 _REQUESTS: Final = 50_000
 _FILE_BYTES: Final = 200_000_000
@@ -59,7 +57,6 @@ class Collector:
         self.formats = Formats(config.base_url, config.model, cache)
         self.noted = 0
         self._cache = cache
-        self._url = f"{config.base_url}/chat/completions"
 
     @property
     def sampling(self) -> Sampling:
@@ -68,7 +65,7 @@ class Collector:
 
     def labelled(self, purpose: str) -> Labelled:
         """This collector, its calls counted for a purpose."""
-        return Labelled(self, purpose)
+        return Labelled(self.complete, purpose, self.sampling, self.formats)
 
     async def complete(
         self, messages: Sequence[Mapping[str, Any]], sampling: Sampling | None = None, *, purpose: str = ""
@@ -80,8 +77,7 @@ class Collector:
             CacheError: the cache cannot be read or written.
         """
         model = self.config.model
-        sampling = (sampling or Sampling()).over(self.config.sampling)
-        request = Request(self._url, model, messages, sampling)
+        request = Request.of(self.config, messages, sampling)
         stored = await self._cache.get(request.key)
         if stored is None:
             body = {name: value for name, value in request.body.items() if name != "stream"}
@@ -321,30 +317,16 @@ def _import_line(connection: sqlite3.Connection, data: bytes, prices: Prices) ->
         connection.execute("update noted set written = 0 where key = ?", [key])
         return str(error)
     purpose, model, request_body = row or ("batch", completion.model, b"")
-    call = _call(line, completion, purpose, model, request_body, prices)
-    reply = CachedReply(body, 0.0)
-    is_new = insert(connection, key, reply, call)
+    call = prices.call(
+        purpose,
+        model,
+        completion,
+        lambda: count_text(request_body.decode()),
+        batch=line.id or line.custom_id,
+    )
+    is_new = insert(connection, key, CachedReply(body, 0.0), call)
     connection.execute("delete from noted where key = ?", [key])
     return is_new
-
-
-def _call(
-    line: _Line, completion: Completion, purpose: str, model: str, request_body: bytes, prices: Prices
-) -> Call:
-    prompt_tokens, reply_tokens = completion.prompt_tokens, completion.completion_tokens
-    cached = completion.prompt_tokens_cached
-    is_estimate = not prompt_tokens and not reply_tokens
-    if is_estimate:
-        prompt_tokens, reply_tokens = count_text(request_body.decode()), count_text(completion.text)
-    price = prices.of(model)
-    dollars = (
-        None
-        if price is None
-        else price.dollars(prompt_tokens, reply_tokens, cached_tokens=cached, in_batch=True)
-    )
-    return Call(
-        purpose, model, prompt_tokens, reply_tokens, cached, dollars, is_estimate, line.id or line.custom_id
-    )
 
 
 def _why(line: _Line) -> str:

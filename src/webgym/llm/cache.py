@@ -37,36 +37,23 @@ create table if not exists replies (
     at real not null               -- seconds since 1970
 );
 create table if not exists calls ( -- every one that was paid for, also those whose reply lost a race
-    id integer primary key autoincrement,
-    key blob not null,
-    purpose text not null,
-    model text not null,
-    prompt_tokens integer not null,
-    prompt_tokens_cached integer not null,
-    completion_tokens integer not null,
+    id integer primary key autoincrement, key blob not null, purpose text not null, model text not null,
+    prompt_tokens integer not null, prompt_tokens_cached integer not null, completion_tokens integer not null,
     dollars real,                  -- null where the price was not known
     is_estimate integer not null,
     batch text unique,             -- the endpoint's id of a request in a batch
     at real not null
 );
 create table if not exists hits (
-    purpose text not null,
-    model text not null,
-    count integer not null,
-    primary key (purpose, model)
+    purpose text not null, model text not null, count integer not null, primary key (purpose, model)
 ) without rowid;
 create table if not exists noted ( -- requests that are to be answered in a batch
-    key blob primary key,
-    purpose text not null,
-    model text not null,
+    key blob primary key, purpose text not null, model text not null,
     body blob not null,            -- of the request
     written integer not null default 0
 );
 create table if not exists formats ( -- what an endpoint takes as response_format
-    endpoint text not null,
-    model text not null,
-    format text not null,
-    primary key (endpoint, model)
+    endpoint text not null, model text not null, format text not null, primary key (endpoint, model)
 ) without rowid;
 pragma application_id = {_APPLICATION};
 pragma user_version = {_VERSION};
@@ -96,13 +83,6 @@ class CachedReply(msgspec.Struct, frozen=True, gc=False):
 
     body: bytes
     seconds: float
-
-
-class NewReply(msgspec.Struct, frozen=True, gc=False):
-    """A reply that was just received, and the record of its call."""
-
-    reply: CachedReply
-    call: Call
 
 
 class ReplyCache:
@@ -190,7 +170,7 @@ class ReplyCache:
             raise CacheError(f"the reply {key.hex()} does not match its checksum", hint=hint)
         return CachedReply(body, seconds)
 
-    async def put(self, key: bytes, fresh: NewReply) -> CachedReply:
+    async def put(self, key: bytes, reply: CachedReply, call: Call) -> CachedReply:
         """Store a reply and the record of its call in one transaction; on disk when this returns.
 
         Completed even if the caller is cancelled.
@@ -206,10 +186,10 @@ class ReplyCache:
 
         def job(connection: sqlite3.Connection) -> bool:
             _add_hits(connection, hits)
-            return insert(connection, key, fresh.reply, fresh.call)
+            return insert(connection, key, reply, call)
 
         is_new = await self.write(job)
-        return fresh.reply if is_new else (await self.get(key) or fresh.reply)
+        return reply if is_new else (await self.get(key) or reply)
 
     async def discarded(self, key: bytes, call: Call) -> None:
         """Store the record of a call whose reply cannot be used.
@@ -220,14 +200,15 @@ class ReplyCache:
         await self.write(lambda connection: _insert_call(connection, key, call))
 
     async def answer(
-        self, key: bytes, ask: Callable[[], AbstractAsyncContextManager[NewReply]]
+        self, key: bytes, ask: Callable[[], AbstractAsyncContextManager[tuple[CachedReply, Call]]]
     ) -> tuple[CachedReply, bool]:
         """The reply to a request, which is sent if the reply is not in the cache. Identical requests share
         one call.
 
         Args:
             key: key of the request.
-            ask: sends the request; its context is exited when the reply is on disk.
+            ask: sends the request, for the reply and the record of its call; its context is exited when they
+                are on disk.
 
         Returns:
             The reply, and whether it came without sending the request.
@@ -246,7 +227,7 @@ class ReplyCache:
                 reply, was_stored = stored, True
             else:
                 async with ask() as fresh:
-                    reply, was_stored = await self.put(key, fresh), False
+                    reply, was_stored = await self.put(key, *fresh), False
         except Exception as error:
             request.set_exception(error)
             request.exception()  # retrieved here, because nobody else may wait for it

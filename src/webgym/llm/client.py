@@ -24,7 +24,7 @@ from pydantic import SecretStr
 
 from webgym.core.errors import ConfigError, LLMBadReply, LLMError, LLMTimeout, LLMUnreachable
 from webgym.core.trajectory import ended_by
-from webgym.llm.cache import CachedReply, NewReply, ReplyCache
+from webgym.llm.cache import CachedReply, ReplyCache
 from webgym.llm.completion import (
     Completion,
     Labelled,
@@ -185,8 +185,8 @@ class ChatClient:
             raise RuntimeError("the client is not open: use it in an async with statement")
         request = Request.of(self.config, messages, sampling)
         if self._cache is None:
-            async with self._paid(request, purpose) as fresh:
-                return self._read(fresh.reply, cached=False)
+            async with self._paid(request, purpose) as (fresh, _):
+                return self._read(fresh, cached=False)
         reply, cached = await self._cache.answer(request.key, lambda: self._paid(request, purpose))
         if cached:
             self._cache.hit(purpose, self.config.model)
@@ -204,7 +204,7 @@ class ChatClient:
     # --- sending and accounting -------------------------------------------------------------------------
 
     @asynccontextmanager
-    async def _paid(self, request: Request, purpose: str) -> AsyncIterator[NewReply]:
+    async def _paid(self, request: Request, purpose: str) -> AsyncIterator[tuple[CachedReply, Call]]:
         """Send a request, and count its cost at the end of the block.
 
         Its place and its reservation are held until it is counted: so the number of replies that are paid
@@ -215,7 +215,7 @@ class ChatClient:
             async with self._places, AsyncExitStack() as reservation:
                 reply = await self._until_answered(request, purpose, progress, reservation)
                 call = self._call(request, self._read(reply, cached=False), purpose)
-                yield NewReply(reply, call)
+                yield reply, call
                 self._ledger.paid(call)
 
     async def _until_answered(

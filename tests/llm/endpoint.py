@@ -247,11 +247,14 @@ def serve() -> AbstractAsyncContextManager[Endpoint]:
 
 
 @asynccontextmanager
-async def serve_raw(answer: bytes) -> AsyncIterator[str]:
-    """A server that sends these bytes to everybody who connects and hangs up."""
+async def serve_raw(answer: bytes, asked: list[bytes] | None = None) -> AsyncIterator[str]:
+    """A server that sends these bytes to everybody who connects and hangs up; ``asked`` gets the requests'
+    headers."""
 
     async def handle(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        await reader.readuntil(b"\r\n\r\n")
+        headers = await reader.readuntil(b"\r\n\r\n")
+        if asked is not None:
+            asked.append(headers)
         writer.write(answer)
         await writer.drain()
         writer.close()

@@ -18,7 +18,7 @@ from tests.llm.endpoint import Endpoint
 from webgym.core.errors import CacheError, LLMBadReply
 from webgym.llm.cache import ReplyCache
 from webgym.llm.client import ChatClient
-from webgym.llm.config import CacheLimits, ChatConfig, Retry, Sampling
+from webgym.llm.config import ChatConfig, Retry, Sampling
 from webgym.llm.request import Request
 
 MESSAGES = [{"role": "user", "content": "Hello?"}]
@@ -146,7 +146,7 @@ async def test_two_processes_go_on_with_the_same_reply(endpoint: Endpoint, path:
 
 
 async def opened(path: Path) -> None:
-    async with ReplyCache(path, CacheLimits(busy_seconds=0.1)):
+    async with ReplyCache(path, busy_seconds=0.1):
         pass
 
 
@@ -228,8 +228,8 @@ async def test_an_unopened_cache_says_so(path: Path) -> None:
 
 
 async def test_a_writer_that_waits_too_long_is_told(endpoint: Endpoint, path: Path) -> None:
-    limits = CacheLimits(busy_seconds=0.1)
-    async with ReplyCache(path, limits) as cache, ChatClient(config(endpoint.url()), cache=cache) as client:
+    settings = config(endpoint.url())
+    async with ReplyCache(path, busy_seconds=0.1) as cache, ChatClient(settings, cache=cache) as client:
         other = sqlite3.connect(path, isolation_level=None)
         other.execute("begin immediate")
         with pytest.raises(CacheError, match="another process"):

@@ -7,10 +7,12 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+import uvicorn
 from pydantic import SecretStr, ValidationError
 from tests.llm.endpoint import Endpoint, serve_raw
 
 from webgym.core.errors import ConfigError, LLMBadReply, LLMError, LLMTimeout, LLMUnreachable
+from webgym.llm import client as client_module
 from webgym.llm.client import ChatClient
 from webgym.llm.config import ChatConfig, Retry, Sampling
 from webgym.llm.ledger import Ledger
@@ -107,6 +109,48 @@ async def test_connections_are_kept(endpoint: Endpoint) -> None:
         for _ in range(5):
             await client.complete(MESSAGES)
     assert len(endpoint.peers) == 1
+
+
+async def test_a_connection_is_closed_before_a_server_closes_it(
+    endpoint: Endpoint, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert uvicorn.Config("").timeout_keep_alive > client_module._IDLE_SECONDS
+    monkeypatch.setattr(client_module, "_IDLE_SECONDS", 0.01)
+    async with ChatClient(config(endpoint.url())) as client:
+        for _ in range(2):
+            await client.complete(MESSAGES)
+            await asyncio.sleep(0.1)
+    assert len(endpoint.peers) == 2
+
+
+@pytest.mark.parametrize(
+    ("base_url", "environment", "is_used"),
+    [
+        ("http://models.invalid/v1", {"http_proxy": "http://me:secret@PROXY"}, True),
+        ("http://models.invalid/v1", {"ALL_PROXY": "me:secret@PROXY"}, True),
+        ("http://models.invalid/v1", {"https_proxy": "http://me:secret@PROXY"}, False),
+        ("http://models.invalid/v1", {"http_proxy": "http://PROXY", "no_proxy": "x,.invalid"}, False),
+        ("http://127.0.0.1:1/v1", {"http_proxy": "http://PROXY"}, False),
+        ("http://localhost:1/v1", {"http_proxy": "http://PROXY"}, False),
+    ],
+)
+async def test_the_proxy_of_the_environment(
+    monkeypatch: pytest.MonkeyPatch, base_url: str, environment: dict[str, str], is_used: bool
+) -> None:
+    asked: list[bytes] = []
+    for name in ("http_proxy", "https_proxy", "all_proxy", "no_proxy"):
+        monkeypatch.delenv(name, raising=False)
+        monkeypatch.delenv(name.upper(), raising=False)
+    async with serve_raw(b"HTTP/1.1 418 I am a proxy\r\nContent-Length: 0\r\n\r\n", asked) as served:
+        place = served.removeprefix("http://").removesuffix("/v1")
+        for name, value in environment.items():
+            monkeypatch.setenv(name, value.replace("PROXY", place))
+        error, words = (LLMBadReply, "I am a proxy") if is_used else (LLMUnreachable, "cannot be reached")
+        with pytest.raises(error, match=words):
+            await ask(base_url, retry=Retry(tries=1))
+    if is_used:
+        assert asked[0].startswith(b"POST http://models.invalid/v1/chat/completions HTTP/1.1\r\n")
+        assert b"Proxy-Authorization: Basic bWU6c2VjcmV0\r\n" in asked[0]
 
 
 async def test_concurrency_is_limited(endpoint: Endpoint) -> None:
@@ -266,6 +310,38 @@ async def test_a_retry_after_beyond_the_deadline_fails_at_once(endpoint: Endpoin
     with pytest.raises(LLMBadReply, match=r"429 Too Many Requests: slow down \(Retry-After: [\d,]+ s\)"):
         await ask(endpoint.url("flaky"), total_seconds=5)
     assert len(endpoint.requests) == 1
+
+
+async def test_retry_after_of_one_holds_all_back(endpoint: Endpoint) -> None:
+    endpoint.fails_left, endpoint.retry_after = 1, "1"
+    async with ChatClient(config(endpoint.url("flaky"), concurrency=1)) as client:
+        await asyncio.gather(*(client.complete(MESSAGES) for _ in range(5)))
+    first, *others = endpoint.times
+    assert len(others) == 5
+    assert min(others) - first >= 1
+
+
+async def test_a_retry_after_beyond_all_patience_holds_nobody_back(endpoint: Endpoint) -> None:
+    endpoint.fails_left, endpoint.retry_after = 1, "86400"
+    async with ChatClient(config(endpoint.url("flaky"), total_seconds=5)) as client:
+        with pytest.raises(LLMBadReply, match="slow down"):
+            await client.complete(MESSAGES)
+        async with asyncio.timeout(5):
+            assert (await client.complete(MESSAGES)).text == "Hello."
+
+
+async def test_a_spent_quota_is_not_waited_for(endpoint: Endpoint) -> None:
+    with pytest.raises(LLMBadReply, match="you exceeded your quota"):
+        await ask(endpoint.url("quota"))
+    assert len(endpoint.requests) == 1
+
+
+async def test_refusals_lose_no_request(endpoint: Endpoint) -> None:
+    endpoint.allowed = 4
+    retry = Retry(first_seconds=0.02, longest_seconds=0.05, refused_tries=1000)
+    async with ChatClient(config(endpoint.url("limited"), retry=retry)) as client:
+        await asyncio.gather(*(client.complete(MESSAGES) for _ in range(80)))
+    assert endpoint.answered == 80 < len(endpoint.requests)
 
 
 @pytest.mark.parametrize("value", ["Fri, 31 Dec 9999 23:59:59 +99999999999999", "1.5", "soon"])

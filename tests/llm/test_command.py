@@ -6,11 +6,11 @@ import asyncio
 from pathlib import Path
 
 import pytest
-from tests.llm.test_batch import answer, lines_of, note, write_lines
+from tests.tasks.test_batch import answer, lines_of, note, write_lines
 
 from webgym import cli
-from webgym.llm.batch import write_batches
 from webgym.llm.cache import ReplyCache
+from webgym.taskset.batch import write_batches
 
 
 def webgym(*arguments: str | Path) -> int:

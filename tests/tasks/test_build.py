@@ -32,9 +32,9 @@ from tests.tasks.sources.native import as_lines
 from webgym.cli import main
 from webgym.core.errors import BudgetSpent, ConfigError, LLMBadReply, TaskFileError, UsageError
 from webgym.core.task import Task
-from webgym.llm.batch import import_results
 from webgym.llm.cache import ReplyCache
 from webgym.tasks.formats import read_tasks
+from webgym.taskset.batch import import_results
 from webgym.taskset.construction.config import BuildConfig, read_config
 from webgym.taskset.construction.progress import StageProgress
 from webgym.taskset.construction.run import (

@@ -49,8 +49,8 @@ def import_(
 
     from webgym.cli._run import run
     from webgym.core.text import plain
-    from webgym.llm.batch import Imported, import_results
     from webgym.llm.cache import ReplyCache
+    from webgym.taskset.batch import Imported, import_results
 
     table = _prices(price, prices)
 

@@ -1,8 +1,8 @@
-"""A cache of replies, keyed by the complete request.
+"""A cache of replies in an SQLite file, keyed by the complete request.
 
-A reply is on disk before its caller gets it. The file is an SQLite database in write-ahead mode with full
-syncs: kill -9 at any moment, or a power loss, loses no reply that a caller has received. Several processes on
-one machine may use one file (not over a network file system).
+A reply is on disk before its caller gets it: in write-ahead mode with full syncs, kill -9 at any moment, or a
+power loss, loses no reply that a caller has received. Several processes on one machine may use one file (not
+over a network file system).
 """
 
 from __future__ import annotations
@@ -12,18 +12,65 @@ import sqlite3
 import time
 import zlib
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractAsyncContextManager
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, Final, Self, TypeVar
 
 import msgspec
 
 from webgym.core.errors import CacheError
-from webgym.llm.config import CacheLimits
-from webgym.llm.database import Worker, connect, failure
 from webgym.llm.usage import Call, Totals, Usage
 
+_APPLICATION: Final = 0x57474C4D  # "WGLM"
+_VERSION: Final = 1
+_BUSY_SECONDS: Final = 30.0
+"""How long to wait while another process writes."""
+
+_SCHEMA: Final = f"""
+begin immediate;
+create table if not exists replies (
+    key blob primary key,          -- SHA-256 of the request, see request.Request.key
+    body blob not null,            -- the endpoint's reply, byte by byte
+    crc integer not null,          -- CRC-32 of the body
+    seconds real not null,
+    at real not null               -- seconds since 1970
+);
+create table if not exists calls ( -- every one that was paid for, also those whose reply lost a race
+    id integer primary key autoincrement, key blob not null, purpose text not null, model text not null,
+    prompt_tokens integer not null, prompt_tokens_cached integer not null, completion_tokens integer not null,
+    dollars real,                  -- null where the price was not known
+    is_estimate integer not null,
+    batch text unique,             -- the endpoint's id of a request in a batch
+    at real not null
+);
+create table if not exists hits (
+    purpose text not null, model text not null, count integer not null, primary key (purpose, model)
+) without rowid;
+create table if not exists noted ( -- requests that are to be answered in a batch
+    key blob primary key, purpose text not null, model text not null,
+    body blob not null,            -- of the request
+    written integer not null default 0
+);
+create table if not exists formats ( -- what an endpoint takes as response_format
+    endpoint text not null, model text not null, format text not null, primary key (endpoint, model)
+) without rowid;
+pragma application_id = {_APPLICATION};
+pragma user_version = {_VERSION};
+commit;
+"""
+
+_HINTS: Final = {
+    "locked": "another process uses it; try again when it is done",
+    "unable to open": "does the folder exist, and is it writable?",
+    "readonly": "does the folder exist, and is it writable?",
+    "full": "free disk space; stored replies are kept",
+    "disk I/O": "free disk space; stored replies are kept",
+}
+
 T = TypeVar("T")
+_Job = Callable[[sqlite3.Connection], Any]
+_Queue = list[tuple[_Job, asyncio.Future[Any]]]
 
 
 class CachedReply(msgspec.Struct, frozen=True, gc=False):
@@ -38,22 +85,18 @@ class CachedReply(msgspec.Struct, frozen=True, gc=False):
     seconds: float
 
 
-class NewReply(msgspec.Struct, frozen=True, gc=False):
-    """A reply that was just received, and the record of its call."""
-
-    reply: CachedReply
-    call: Call
-
-
 class ReplyCache:
     """Replies in a file, for any number of clients. Open it first.
 
         async with ReplyCache("replies.sqlite") as cache, ChatClient(config, cache=cache) as client:
             ...
 
+    A commit costs one sync of the disk, whatever its size: what was asked of the file during the last one is
+    done together in the next, in a thread.
+
     Args:
         path: the file; created if it does not exist.
-        limits: timeouts and sizes.
+        busy_seconds: how long to wait while another process writes.
 
     Attributes:
         path: the file.
@@ -63,42 +106,48 @@ class ReplyCache:
         CacheError: on opening: the file belongs to another program, is damaged, or cannot be accessed.
     """
 
-    def __init__(self, path: str | Path, limits: CacheLimits | None = None) -> None:
+    def __init__(self, path: str | Path, *, busy_seconds: float = _BUSY_SECONDS) -> None:
         self.path = Path(path)
         self.totals = Totals()
-        self._limits = limits or CacheLimits()
+        self._busy_seconds = busy_seconds
         self._last_call = 0
         self._hits: dict[tuple[str, str], int] = {}
         self._requests: dict[bytes, asyncio.Future[CachedReply]] = {}
-        self._writing: dict[bytes, asyncio.Future[CachedReply]] = {}
-        self._reader: Worker | None = None
-        self._writer: Worker | None = None
+        self._writes: _Queue = []
+        self._reads: _Queue = []
+        self._working: asyncio.Task[None] | None = None
+        self._thread: ThreadPoolExecutor | None = None
+        self._connection: sqlite3.Connection | None = None
 
     async def __aenter__(self) -> Self:
-        busy = self._limits.busy_seconds
-        writing = await asyncio.to_thread(self._open, busy)
+        self._connection = await asyncio.to_thread(_connect, self.path, self._busy_seconds)
+        self._thread = ThreadPoolExecutor(1, f"llm-cache-{self.path.name}")
+        self.totals, self._last_call = Totals(), 0
         try:
-            reading = await asyncio.to_thread(connect, self.path, busy)
+            self._count(await self.read(self._select_calls))
+            for purpose, model, count in await self.read(_select_hits):
+                self.totals.hit(purpose, model, count)
         except BaseException:
-            writing.close()
+            await self._close()
             raise
-        most = self._limits.group
-        self._reader = Worker(self.path, reading, most=most, commit=False)
-        self._writer = Worker(
-            self.path, writing, most=most, commit=True, afterwards=self._new_calls, tell=self._count_calls
-        )
         return self
 
     async def __aexit__(self, *exc: object) -> None:
-        if self._writer is None or self._reader is None:
-            return
         try:
-            if hits := self._take_hits():
-                await self._writer.do(lambda connection: _add_hits(connection, hits))
+            if self._connection is not None and (hits := self._take_hits()):
+                await self.write(lambda connection: _add_hits(connection, hits))
         finally:
-            await self._writer.close()
-            await self._reader.close()
-            self._writer = self._reader = None
+            await self._close()
+
+    async def _close(self) -> None:
+        """Do what was asked for, then close the file."""
+        if self._connection is None or self._thread is None:
+            return
+        if self._working is not None:
+            await asyncio.wait([self._working])
+        connection, self._connection = self._connection, None
+        await asyncio.get_running_loop().run_in_executor(self._thread, connection.close)
+        self._thread.shutdown()
 
     # --- replies --------------------------------------------------------------------------------------
 
@@ -108,11 +157,20 @@ class ReplyCache:
         Raises:
             CacheError: the file cannot be read, or the stored reply is damaged.
         """
-        if (writing := self._writing.get(key)) is not None:
-            return await asyncio.shield(writing)
-        return await self.read(lambda connection: _select(connection, key))
+        row = await self.read(
+            lambda connection: connection.execute(
+                "select body, crc, seconds from replies where key = ?", [key]
+            ).fetchone()
+        )
+        if row is None:
+            return None
+        body, crc, seconds = row
+        if zlib.crc32(body) != crc:
+            hint = "the disk or a copy is damaged; restore the file, or delete the reply and pay for it again"
+            raise CacheError(f"the reply {key.hex()} does not match its checksum", hint=hint)
+        return CachedReply(body, seconds)
 
-    async def put(self, key: bytes, fresh: NewReply) -> CachedReply:
+    async def put(self, key: bytes, reply: CachedReply, call: Call) -> CachedReply:
         """Store a reply and the record of its call in one transaction; on disk when this returns.
 
         Completed even if the caller is cancelled.
@@ -122,17 +180,16 @@ class ReplyCache:
             same reply.
 
         Raises:
-            CacheError: the file cannot be written.
+            CacheError: the file cannot be written, or the earlier reply is damaged.
         """
         hits = self._take_hits()
 
-        def job(connection: sqlite3.Connection) -> CachedReply:
+        def job(connection: sqlite3.Connection) -> bool:
             _add_hits(connection, hits)
-            return insert(connection, key, fresh.reply, fresh.call)
+            return insert(connection, key, reply, call)
 
-        writing = self._writing[key] = self.write(job)
-        writing.add_done_callback(lambda _: self._written(key, writing))
-        return await asyncio.shield(writing)
+        is_new = await self.write(job)
+        return reply if is_new else (await self.get(key) or reply)
 
     async def discarded(self, key: bytes, call: Call) -> None:
         """Store the record of a call whose reply cannot be used.
@@ -140,17 +197,18 @@ class ReplyCache:
         Raises:
             CacheError: the file cannot be written.
         """
-        await asyncio.shield(self.write(lambda connection: insert_call(connection, key, call)))
+        await self.write(lambda connection: _insert_call(connection, key, call))
 
     async def answer(
-        self, key: bytes, ask: Callable[[], AbstractAsyncContextManager[NewReply]]
+        self, key: bytes, ask: Callable[[], AbstractAsyncContextManager[tuple[CachedReply, Call]]]
     ) -> tuple[CachedReply, bool]:
         """The reply to a request, which is sent if the reply is not in the cache. Identical requests share
         one call.
 
         Args:
             key: key of the request.
-            ask: sends the request; its context is exited when the reply is on disk.
+            ask: sends the request, for the reply and the record of its call; its context is exited when they
+                are on disk.
 
         Returns:
             The reply, and whether it came without sending the request.
@@ -169,7 +227,7 @@ class ReplyCache:
                 reply, was_stored = stored, True
             else:
                 async with ask() as fresh:
-                    reply, was_stored = await self.put(key, fresh), False
+                    reply, was_stored = await self.put(key, *fresh), False
         except Exception as error:
             request.set_exception(error)
             request.exception()  # retrieved here, because nobody else may wait for it
@@ -188,101 +246,119 @@ class ReplyCache:
         self.totals.hit(purpose, model)
         self._hits[purpose, model] = self._hits.get((purpose, model), 0) + 1
 
-    # --- for other modules of the package ---------------------------------------------------------------
-
-    def read(self, job: Callable[[sqlite3.Connection], T]) -> asyncio.Future[T]:
-        """Run a job on the reading connection, in its thread."""
-        return _opened(self._reader).do(job)
-
-    def write(self, job: Callable[[sqlite3.Connection], T]) -> asyncio.Future[T]:
-        """Run a job in the writing thread's next transaction; committed when the future is done."""
-        return _opened(self._writer).do(job)
-
-    def _written(self, key: bytes, writing: asyncio.Future[CachedReply]) -> None:
-        if self._writing.get(key) is writing:
-            del self._writing[key]
-        if not writing.cancelled():
-            writing.exception()  # also raised to the caller of put, unless it was cancelled
-
-    # --- totals -----------------------------------------------------------------------------------------
-
-    def _open(self, busy_seconds: float) -> sqlite3.Connection:
-        connection = connect(self.path, busy_seconds)
-        try:
-            self.totals, self._last_call = read_totals(connection)
-        except sqlite3.Error as error:
-            connection.close()
-            raise failure(self.path, error) from error
-        return connection
-
-    def _new_calls(self, connection: sqlite3.Connection) -> tuple[int, list[Any]]:
-        """Calls that were recorded since the last query, by any process."""
-        rows = connection.execute(
-            "select id, purpose, model, prompt_tokens, completion_tokens, prompt_tokens_cached, dollars,"
-            " is_estimate, coalesce(batch, '') from calls where id > ? order by id",
-            [self._last_call],
-        ).fetchall()
-        self._last_call = rows[-1][0] if rows else self._last_call
-        return self._last_call, rows
-
-    def _count_calls(self, new_calls: tuple[int, list[Any]]) -> None:
-        for _, purpose, model, prompt, completion, cached, dollars, is_estimate, batch in new_calls[1]:
-            self.totals.paid(
-                Call(purpose, model, prompt, completion, cached, dollars, bool(is_estimate), batch)
-            )
-
     def _take_hits(self) -> dict[tuple[str, str], int]:
         hits, self._hits = self._hits, {}
         return hits
 
+    # --- the file ---------------------------------------------------------------------------------------
 
-def _opened(worker: Worker | None) -> Worker:
-    if worker is None:
-        raise RuntimeError("the cache is not open: use it in an async with statement")
-    return worker
+    async def read(self, job: Callable[[sqlite3.Connection], T]) -> T:
+        """Run a job that only reads. It sees every write that was asked for before.
+
+        Raises:
+            CacheError: the file cannot be read.
+        """
+        return await self._do(job, self._reads)
+
+    async def write(self, job: Callable[[sqlite3.Connection], T]) -> T:
+        """Run a job in the next transaction; on disk when this returns, also if the caller is cancelled.
+
+        Raises:
+            CacheError: the file cannot be written. Then none of the transaction's jobs is.
+        """
+        return await asyncio.shield(self._do(job, self._writes))
+
+    def _do(self, job: Callable[[sqlite3.Connection], T], queue: _Queue) -> asyncio.Future[T]:
+        if self._connection is None:
+            raise RuntimeError("the cache is not open: use it in an async with statement")
+        loop = asyncio.get_running_loop()
+        future: asyncio.Future[T] = loop.create_future()
+        queue.append((job, future))
+        if self._working is None:
+            self._working = loop.create_task(self._work(loop, self._connection))
+        return future
+
+    async def _work(self, loop: asyncio.AbstractEventLoop, connection: sqlite3.Connection) -> None:
+        """Run the jobs that wait, and then those that came meanwhile."""
+        while self._writes or self._reads:
+            writes, reads = self._writes[:], self._reads[:]
+            self._writes.clear()
+            self._reads.clear()
+            outcomes, calls = await loop.run_in_executor(
+                self._thread, self._run, connection, [job for job, _ in writes], [job for job, _ in reads]
+            )
+            self._count(calls)
+            for (_, future), outcome in zip(writes + reads, outcomes, strict=True):
+                if future.done():
+                    continue
+                if isinstance(outcome, Exception):
+                    future.set_exception(outcome)
+                else:
+                    future.set_result(outcome)
+        self._working = None
+
+    def _run(
+        self, connection: sqlite3.Connection, writes: list[_Job], reads: list[_Job]
+    ) -> tuple[list[Any], list[Any]]:
+        """The results of jobs, or their errors; and the calls that are new. Runs in the thread."""
+
+        def transaction(connection: sqlite3.Connection) -> list[Any]:
+            with connection:
+                connection.execute("begin immediate")
+                return [job(connection) for job in writes]
+
+        def attempt(job: _Job) -> Any:
+            try:
+                return job(connection)
+            except sqlite3.Error as error:
+                return _failure(self.path, error)
+            except Exception as error:
+                return error
+
+        written = attempt(transaction) if writes else []
+        if isinstance(written, Exception):
+            return [*[written] * len(writes), *map(attempt, reads)], []
+        calls = attempt(self._select_calls) if writes else []
+        return [*written, *map(attempt, reads)], calls if isinstance(calls, list) else []
+
+    # --- totals -----------------------------------------------------------------------------------------
+
+    def _select_calls(self, connection: sqlite3.Connection) -> list[Any]:
+        """Sums of the calls that any process recorded since the last query."""
+        return connection.execute(
+            "select max(id), purpose, model, count(*), count(batch), sum(prompt_tokens),"
+            " sum(prompt_tokens_cached), sum(completion_tokens), total(dollars), sum(dollars is null),"
+            " sum(is_estimate) from calls where id > ? group by purpose, model",
+            [self._last_call],
+        ).fetchall()
+
+    def _count(self, calls: list[Any]) -> None:
+        for last, purpose, model, count, batched, *sums in calls:
+            self._last_call = max(self._last_call, last)
+            self.totals.add(purpose, model, Usage(count, 0, batched, *sums))
 
 
 # --- statements -----------------------------------------------------------------------------------------
 
 
-def insert(connection: sqlite3.Connection, key: bytes, reply: CachedReply, call: Call) -> CachedReply:
-    """Store a reply and its call inside a transaction; returns the stored reply."""
+def insert(connection: sqlite3.Connection, key: bytes, reply: CachedReply, call: Call) -> bool:
+    """Store a reply and its call inside a transaction; returns whether there was no reply before."""
     added = connection.execute(
         "insert or ignore into replies values (?, ?, ?, ?, ?)",
         [key, reply.body, zlib.crc32(reply.body), reply.seconds, time.time()],
     ).rowcount
-    insert_call(connection, key, call)
-    return reply if added else (_select(connection, key) or reply)
+    _insert_call(connection, key, call)
+    return added > 0
 
 
-def insert_call(connection: sqlite3.Connection, key: bytes, call: Call) -> None:
+def _insert_call(connection: sqlite3.Connection, key: bytes, call: Call) -> None:
     """Store the record of a call. A batch result that is imported twice was paid for once."""
+    row = {field: getattr(call, field) for field in call.__struct_fields__}
     connection.execute(
-        "insert or ignore into calls values (null, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-        [
-            key,
-            call.purpose,
-            call.model,
-            call.prompt_tokens,
-            call.prompt_tokens_cached,
-            call.completion_tokens,
-            call.dollars,
-            call.is_estimate,
-            call.batch or None,
-            time.time(),
-        ],
+        "insert or ignore into calls values (null, :key, :purpose, :model, :prompt_tokens,"
+        " :prompt_tokens_cached, :completion_tokens, :dollars, :is_estimate, nullif(:batch, ''), :at)",
+        row | {"key": key, "at": time.time()},
     )
-
-
-def _select(connection: sqlite3.Connection, key: bytes) -> CachedReply | None:
-    row = connection.execute("select body, crc, seconds from replies where key = ?", [key]).fetchone()
-    if row is None:
-        return None
-    body, crc, seconds = row
-    if zlib.crc32(body) != crc:
-        hint = "the disk or a copy is damaged; restore the file, or delete the reply and pay for it again"
-        raise CacheError(f"the reply {key.hex()} does not match its checksum", hint=hint)
-    return CachedReply(body, seconds)
 
 
 def _add_hits(connection: sqlite3.Connection, hits: Mapping[tuple[str, str], int]) -> None:
@@ -292,19 +368,58 @@ def _add_hits(connection: sqlite3.Connection, hits: Mapping[tuple[str, str], int
     )
 
 
-def read_totals(connection: sqlite3.Connection) -> tuple[Totals, int]:
-    """The totals of the file, and the id of the last call that they include."""
-    totals = Totals()
-    connection.execute("begin")
-    rows = connection.execute(
-        "select purpose, model, count(*), count(batch), sum(prompt_tokens), sum(prompt_tokens_cached),"
-        " sum(completion_tokens), total(dollars), sum(dollars is null), sum(is_estimate)"
-        " from calls group by purpose, model"
-    ).fetchall()
-    for purpose, model, calls, batched, *rest in rows:
-        totals.add(purpose, model, Usage(calls, 0, batched, *rest))
-    for purpose, model, count in connection.execute("select purpose, model, count from hits"):
-        totals.hit(purpose, model, count)
-    [last] = connection.execute("select coalesce(max(id), 0) from calls").fetchone()
-    connection.execute("commit")
-    return totals, last
+def _select_hits(connection: sqlite3.Connection) -> list[tuple[str, str, int]]:
+    return connection.execute("select purpose, model, count from hits").fetchall()
+
+
+# --- opening --------------------------------------------------------------------------------------------
+
+
+def _connect(path: Path, busy_seconds: float) -> sqlite3.Connection:
+    """Open the file, which is created if it does not exist or is empty.
+
+    Raises:
+        CacheError: it belongs to another program, has another version, is damaged, or cannot be accessed.
+    """
+    connection = None
+    try:
+        # Without implicit transactions.
+        connection = sqlite3.connect(
+            path, timeout=busy_seconds, isolation_level=None, check_same_thread=False
+        )
+        if not _has_schema(connection, path):
+            connection.executescript(_SCHEMA)
+        connection.execute("pragma journal_mode = wal")
+        connection.execute("pragma synchronous = full")
+        return connection
+    except BaseException as error:
+        if connection is not None:
+            connection.close()
+        if isinstance(error, sqlite3.Error):
+            raise _failure(path, error) from error
+        raise
+
+
+def _has_schema(connection: sqlite3.Connection, path: Path) -> bool:
+    """Whether the file has the tables; nothing is written to it.
+
+    Raises:
+        CacheError: it belongs to another program, or has another version.
+    """
+    [application] = connection.execute("pragma application_id").fetchone()
+    [version] = connection.execute("pragma user_version").fetchone()
+    [tables] = connection.execute("select count(*) from sqlite_master").fetchone()
+    if application == _APPLICATION and version != _VERSION:
+        hint = "use the release that wrote it, or another file"
+        raise CacheError(f"{path} has version {version} of the format", hint=hint)
+    if application != _APPLICATION and (application or version or tables):
+        hint = "name another file; it is created if it does not exist"
+        raise CacheError(f"{path} is a database of another program, not a cache of replies", hint=hint)
+    return bool(application)
+
+
+def _failure(path: Path, error: sqlite3.Error) -> CacheError:
+    message = str(error)
+    hints = (hint for words, hint in _HINTS.items() if words in message)
+    hint = next(hints, "is it a cache of replies? name another file, or move this one away")
+    return CacheError(f"the replies in {path} cannot be used: {message}", hint=hint)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any, Final
+from urllib.parse import urlsplit
 
 from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer
 
@@ -112,23 +113,6 @@ class Retry(Settings):
     """The longest pause, except for ``Retry-After``."""
 
 
-class AdaptiveConcurrency(Settings):
-    """Adapts the number of requests in flight to the endpoint; see :mod:`webgym.llm.adaptive`."""
-
-    first: int = Field(default=16, ge=1)
-    """Initial limit of requests in flight. It doubles per round trip until the first sign of overload."""
-
-    shrink: float = Field(default=0.7, gt=0, le=1)
-    """Factor of the limit after 429, 503, 529 or a timeout; 1 does not reduce it."""
-
-    slower: float = Field(default=3.0, gt=1)
-    """How many times slower than at its best the endpoint may be before the limit shrinks. A batching server
-    is two to three times slower per reply at its highest throughput than for a single request."""
-
-    round_replies: int = Field(default=8, ge=1)
-    """Least number of replies over which the endpoint's current speed is measured, as a median."""
-
-
 class ChatConfig(Settings):
     """An endpoint, a model, and limits of requests to them."""
 
@@ -153,9 +137,6 @@ class ChatConfig(Settings):
     concurrency: int = Field(default=32, ge=1)
     """Most requests in flight; others wait, which does not count towards deadlines."""
 
-    adapt: AdaptiveConcurrency = AdaptiveConcurrency()
-    """How the limit of requests in flight adapts to the endpoint, below ``concurrency``."""
-
     connect_seconds: float = Field(default=10.0, gt=0)
     """Deadline for opening a connection."""
 
@@ -175,37 +156,13 @@ class ChatConfig(Settings):
     @field_validator("base_url")
     @classmethod
     def _is_plain_http(cls, value: str) -> str:
-        import httpx  # takes longer than all settings together, and most commands ask no model
-
         try:
-            url = httpx.URL(value.strip().rstrip("/"))
-        except httpx.InvalidURL as error:
+            url = urlsplit(value.strip().rstrip("/"))
+            is_complete = url.hostname and url.port != 0
+        except ValueError as error:
             raise ValueError(f"{value!r} is not a URL") from error
-        if url.scheme not in ("http", "https") or not url.host:
+        if url.scheme not in ("http", "https") or not is_complete:
             raise ValueError("the base URL must start with http:// or https:// and name a host")
-        if url.userinfo or url.query or url.fragment:
+        if "@" in url.netloc or url.query or url.fragment:
             raise ValueError("the base URL must not contain credentials, a query or a fragment")
-        return str(url)
-
-
-class CacheLimits(Settings):
-    """Limits of the cache of replies."""
-
-    busy_seconds: float = Field(default=30.0, ge=0)
-    """How long to wait while another process writes."""
-
-    group: int = Field(default=1000, ge=1)
-    """Most replies that are read, or written with one sync, at a time."""
-
-
-class BatchLimits(Settings):
-    """Limits of a batch file; by default those of the OpenAI batch API."""
-
-    requests: int = Field(default=50_000, ge=1)
-    """Most requests in a file."""
-
-    file_bytes: int = Field(default=200_000_000, ge=1)
-    """Largest file."""
-
-    url: str = "/v1/chat/completions"
-    """The ``url`` of every line."""
+        return url.geturl()

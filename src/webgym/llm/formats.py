@@ -43,17 +43,10 @@ class Formats:
             return
         self._known = accepted
         if self._cache is not None:
-            where = self._where
-            await self._cache.write(
-                lambda connection: (
-                    connection.execute(
-                        "insert or replace into formats values (?, ?, ?)", [*where, accepted]
-                    ).rowcount
-                )
-            )
+            row, statement = [*self._where, accepted], "insert or replace into formats values (?, ?, ?)"
+            await self._cache.write(lambda connection: connection.execute(statement, row).rowcount)
 
     def _select(self, connection: sqlite3.Connection) -> Format | None:
-        row = connection.execute(
-            "select format from formats where endpoint = ? and model = ?", self._where
-        ).fetchone()
-        return next((name for name in FORMATS if row is not None and name == row[0]), None)
+        statement = "select format from formats where endpoint = ? and model = ?"
+        rows = connection.execute(statement, self._where).fetchall()
+        return next((name for name in FORMATS if (name,) in rows), None)

@@ -71,15 +71,6 @@ class Ledger:
         """Whether there is any limit."""
         return self.budget.dollars is not None or self.budget.tokens is not None
 
-    def cost(
-        self, model: str, prompt_tokens: int, completion_tokens: int, *, cached: int = 0
-    ) -> float | None:
-        """Cost of a call in dollars; ``None`` if the model's price is not known."""
-        price = self.prices.of(model)
-        if price is None:
-            return None
-        return price.dollars(prompt_tokens, completion_tokens, cached_tokens=cached)
-
     def paid(self, call: Call) -> None:
         """Count a paid call, if the cache does not."""
         if self.cache is None:
@@ -100,7 +91,8 @@ class Ledger:
             BudgetSpent: nothing is in flight, and the rest of the budget may not be enough.
             ConfigError: the budget is in dollars, and the model's price is not known.
         """
-        dollars = self.cost(model, prompt_tokens, completion_tokens)
+        price = self.prices.of(model)
+        dollars = None if price is None else price.dollars(prompt_tokens, completion_tokens)
         if dollars is None and self.budget.dollars is not None:
             hint = "give its price (--price PROMPT,COMPLETION), or a budget in tokens"
             raise ConfigError(f"a budget in dollars needs the price of {model}", hint=hint)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -10,6 +11,9 @@ from pydantic import Field
 
 from webgym.core.errors import ConfigError
 from webgym.core.settings import Settings, validated
+from webgym.llm.completion import Completion
+from webgym.llm.tokens import count_text
+from webgym.llm.usage import Call
 
 _MILLION: Final = 1_000_000
 _ANY: Final = "*"
@@ -53,6 +57,28 @@ class Prices:
     def of(self, model: str) -> Price | None:
         """A model's price, if it is known."""
         return self._by_model.get(model, self._by_model.get(_ANY))
+
+    def call(
+        self, purpose: str, model: str, completion: Completion, prompt: Callable[[], int], *, batch: str = ""
+    ) -> Call:
+        """The record of a paid call.
+
+        Args:
+            purpose: the caller's label.
+            model: the requested model.
+            completion: the reply.
+            prompt: estimates the prompt's tokens; called if the endpoint counted none.
+            batch: the endpoint's id of the request, if it was answered in a batch.
+        """
+        tokens = completion.prompt_tokens, completion.completion_tokens
+        cached = completion.prompt_tokens_cached
+        is_estimate = not any(tokens)
+        if is_estimate:
+            tokens = prompt(), count_text(completion.text)
+        dollars = None
+        if (price := self.of(model)) is not None:
+            dollars = price.dollars(*tokens, cached_tokens=cached, in_batch=bool(batch))
+        return Call(purpose, model, *tokens, cached, dollars, is_estimate, batch)
 
     @classmethod
     def read(cls, path: Path) -> Prices:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import msgspec
 
-from webgym.llm.config import Sampling
+from webgym.llm.config import ChatConfig, Sampling
 
 
 class Request:
@@ -37,6 +37,15 @@ class Request:
         # The order of the fields has no meaning, so it must not change the key. Inside of fields it has: a
         # model writes a schema's properties in the given order.
         self.body: dict[str, Any] = dict(sorted(fields.items()))
+
+    @classmethod
+    def of(
+        cls, config: ChatConfig, messages: Sequence[Mapping[str, Any]], sampling: Sampling | None = None
+    ) -> Self:
+        """A request to the endpoint and the model of a config, with its parameters where ``sampling`` sets
+        none."""
+        url = f"{config.base_url}/chat/completions"
+        return cls(url, config.model, messages, (sampling or Sampling()).over(config.sampling))
 
     @cached_property
     def content(self) -> bytes:

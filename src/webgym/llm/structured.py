@@ -15,7 +15,6 @@ from webgym.llm.client import EndpointRefused
 from webgym.llm.completion import Completes, Completion, first_line
 from webgym.llm.config import Sampling
 from webgym.llm.formats import FORMATS, Format, Formats
-from webgym.llm.labelled import EndpointClient
 
 T = TypeVar("T")
 Message = Mapping[str, Any]
@@ -161,12 +160,8 @@ class _TypedQuery:
 
     def __init__(self, model: Completes, type: Any, sampling: Sampling | None) -> None:
         self._model = model
-        if isinstance(model, EndpointClient):
-            self._formats = model.formats
-            self._sampling = sampling or model.sampling
-        else:
-            self._formats = Formats()
-            self._sampling = sampling or Sampling()
+        self._formats: Formats = getattr(model, "formats", None) or Formats()
+        self._sampling: Sampling = sampling or getattr(model, "sampling", None) or Sampling()
         self._name = "".join(filter(str.isalnum, getattr(type, "__name__", ""))) or "reply"
         self._schema = strict_schema(type)
 

@@ -44,7 +44,7 @@ COLLECTORS: Final = "collectors"
 
 _SAME: Final = ("seed", "samples", "policy", "agent", "judge", "attempt")
 """Settings that influence attempts and rewards; machines, browsers and limits may differ between runs."""
-_LOCAL: Final = frozenset({"base_url", "cache", "concurrency", "adapt"})
+_LOCAL: Final = frozenset({"base_url", "cache", "concurrency"})
 """Settings of a model's endpoint that may differ between machines: its address and its limits."""
 
 

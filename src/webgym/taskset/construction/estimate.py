@@ -68,9 +68,7 @@ class Estimator:
             NotCached: it is not in the cache; the call is counted.
         """
         config = self._client.config
-        url = f"{config.base_url}/chat/completions"
-        sampling = (sampling or Sampling()).over(config.sampling)
-        request = Request(url, config.model, messages, sampling)
+        request = Request.of(config, messages, sampling)
         stored = None if self._cache is None else await self._cache.get(request.key)
         if stored is not None:
             completion = read_completion(stored.body, model=config.model, seconds=stored.seconds, cached=True)
@@ -78,7 +76,7 @@ class Estimator:
             self.reply_tokens += completion.completion_tokens or count_text(completion.text)
             return completion
         self.calls += 1
-        self.prompt_tokens += count_messages(messages) + self._schema(sampling)
+        self.prompt_tokens += count_messages(messages) + self._schema(request.sampling)
         raise NotCached("the reply is not in the cache, and a dry run makes no requests")
 
     def _schema(self, sampling: Sampling) -> int:

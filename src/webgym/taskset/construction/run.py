@@ -14,7 +14,6 @@ import yaml
 
 from webgym.core.errors import ConfigError, TaskFileError, TooFewWebsites
 from webgym.core.task import LEVELS, Task
-from webgym.llm.batch import BatchFile, Collector, write_batches
 from webgym.llm.cache import ReplyCache
 from webgym.llm.client import ChatClient
 from webgym.llm.completion import Completes
@@ -23,6 +22,7 @@ from webgym.llm.ledger import Ledger
 from webgym.llm.prices import Prices
 from webgym.tasks.files import whole_file
 from webgym.tasks.formats import refuse_others, write_tasks
+from webgym.taskset.batch import BatchFile, Collector, write_batches
 from webgym.taskset.construction.accounting import CountMismatch
 from webgym.taskset.construction.config import PURPOSES, BuildConfig, Purpose
 from webgym.taskset.construction.estimate import Estimate, Estimator, estimate

@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 
 from webgym.core.errors import CacheError, NotCached, UsageError
-from webgym.llm.batch import Collector, import_results, write_batches
 from webgym.llm.cache import ReplyCache
 from webgym.llm.client import ChatClient
-from webgym.llm.config import BatchLimits, ChatConfig, Retry, Sampling
+from webgym.llm.config import ChatConfig, Retry, Sampling
 from webgym.llm.ledger import Ledger
 from webgym.llm.prices import Prices
+from webgym.taskset.batch import Collector, import_results, write_batches
 
 NOWHERE = "http://127.0.0.1:1/v1"
 
@@ -109,11 +109,12 @@ async def test_noted_written_answered_imported_and_used(tmp_path: Path, path: Pa
         assert await write_batches(cache, tmp_path / "out", again=True) == []
 
 
-async def test_files_keep_to_the_limits(tmp_path: Path, path: Path) -> None:
+async def test_files_keep_to_the_limits(tmp_path: Path, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     async with ReplyCache(path) as cache:
         await note(cache, range(10))
         await note(cache, range(5), model="other")
-        files = await write_batches(cache, tmp_path / "few", BatchLimits(requests=4))
+        monkeypatch.setattr("webgym.taskset.batch._REQUESTS", 4)
+        files = await write_batches(cache, tmp_path / "few")
         assert [(file.model, file.requests) for file in files] == [
             ("other", 4),
             ("other", 1),
@@ -122,7 +123,8 @@ async def test_files_keep_to_the_limits(tmp_path: Path, path: Path) -> None:
             ("tiny", 2),
         ]
         assert {line["body"]["model"] for line in lines_of(files[0].path)} == {"other"}
-        files = await write_batches(cache, tmp_path / "small", BatchLimits(file_bytes=600), again=True)
+        monkeypatch.setattr("webgym.taskset.batch._FILE_BYTES", 600)
+        files = await write_batches(cache, tmp_path / "small", again=True)
         assert len(files) > 5
         assert all(file.bytes <= 600 for file in files)
         assert sum(file.requests for file in files) == 15

@@ -20,15 +20,17 @@ import msgspec
 
 from webgym.core.errors import LLMBadReply, NotCached, UsageError
 from webgym.llm.cache import CachedReply, ReplyCache, insert
-from webgym.llm.completion import Completion, NoCompletion, first_line, read_completion
-from webgym.llm.config import BatchLimits, ChatConfig, Sampling
+from webgym.llm.completion import Completion, Labelled, NoCompletion, first_line, read_completion
+from webgym.llm.config import ChatConfig, Sampling
 from webgym.llm.formats import Formats
-from webgym.llm.labelled import Labelled
 from webgym.llm.prices import Prices
 from webgym.llm.request import Request
 from webgym.llm.tokens import count_messages, count_text
-from webgym.llm.usage import Call
 
+_REQUESTS: Final = 50_000
+_FILE_BYTES: Final = 200_000_000
+"""Most requests in a file, and its largest size, in the OpenAI batch API."""
+_URL: Final = "/v1/chat/completions"
 _LINES_AT_ONCE: Final = 500
 _KEY_DIGITS: Final = 64
 
@@ -55,7 +57,6 @@ class Collector:
         self.formats = Formats(config.base_url, config.model, cache)
         self.noted = 0
         self._cache = cache
-        self._url = f"{config.base_url}/chat/completions"
 
     @property
     def sampling(self) -> Sampling:
@@ -64,7 +65,7 @@ class Collector:
 
     def labelled(self, purpose: str) -> Labelled:
         """This collector, its calls counted for a purpose."""
-        return Labelled(self, purpose)
+        return Labelled(self.complete, purpose, self.sampling, self.formats)
 
     async def complete(
         self, messages: Sequence[Mapping[str, Any]], sampling: Sampling | None = None, *, purpose: str = ""
@@ -76,8 +77,7 @@ class Collector:
             CacheError: the cache cannot be read or written.
         """
         model = self.config.model
-        sampling = (sampling or Sampling()).over(self.config.sampling)
-        request = Request(self._url, model, messages, sampling)
+        request = Request.of(self.config, messages, sampling)
         stored = await self._cache.get(request.key)
         if stored is None:
             body = {name: value for name, value in request.body.items() if name != "stream"}
@@ -117,26 +117,22 @@ class BatchFile(msgspec.Struct, frozen=True):
     prompt_tokens: int
 
 
-async def write_batches(
-    cache: ReplyCache, folder: Path, limits: BatchLimits | None = None, *, again: bool = False
-) -> list[BatchFile]:
+async def write_batches(cache: ReplyCache, folder: Path, *, again: bool = False) -> list[BatchFile]:
     """Write the recorded requests that are not answered yet to files.
 
     Args:
         cache: an open cache.
         folder: folder for the files; created if it does not exist.
-        limits: limits of a file.
         again: whether to include requests that were written to files before, for batches that were lost.
 
     Raises:
         UsageError: the folder cannot be written to.
         CacheError: the cache cannot be read or written.
     """
-    limits = limits or BatchLimits()
 
     def write(connection: sqlite3.Connection) -> tuple[list[BatchFile], list[bytes]]:
         folder.mkdir(parents=True, exist_ok=True)
-        writer = _Writer(folder, limits)
+        writer = _Writer(folder)
         rows = connection.execute(
             "select key, model, body from noted where written <= ?"
             " and not exists (select 1 from replies where replies.key = noted.key) order by model, rowid",
@@ -167,9 +163,8 @@ async def write_batches(
 class _Writer:
     """Writes one file after the other. A file gets its name when it is complete."""
 
-    def __init__(self, folder: Path, limits: BatchLimits) -> None:
+    def __init__(self, folder: Path) -> None:
         self.files: list[BatchFile] = []
-        self._limits = limits
         self._temporary = folder / "batch.part"
         self._file: BinaryIO | None = None
         self._model = ""
@@ -181,12 +176,10 @@ class _Writer:
 
     def add(self, key: bytes, model: str, body: bytes) -> None:
         """Write a request, to a new file if the current one is full or has another model."""
-        head = {"custom_id": key.hex(), "method": "POST", "url": self._limits.url}
+        head = {"custom_id": key.hex(), "method": "POST", "url": _URL}
         line = msgspec.json.encode(head | {"body": msgspec.Raw(body)}) + b"\n"
         if self._file is not None and (
-            model != self._model
-            or self._requests == self._limits.requests
-            or self._bytes + len(line) > self._limits.file_bytes
+            model != self._model or self._requests == _REQUESTS or self._bytes + len(line) > _FILE_BYTES
         ):
             self.finish()
         if self._file is None:
@@ -324,30 +317,16 @@ def _import_line(connection: sqlite3.Connection, data: bytes, prices: Prices) ->
         connection.execute("update noted set written = 0 where key = ?", [key])
         return str(error)
     purpose, model, request_body = row or ("batch", completion.model, b"")
-    call = _call(line, completion, purpose, model, request_body, prices)
-    reply = CachedReply(body, 0.0)
-    is_new = insert(connection, key, reply, call) is reply
+    call = prices.call(
+        purpose,
+        model,
+        completion,
+        lambda: count_text(request_body.decode()),
+        batch=line.id or line.custom_id,
+    )
+    is_new = insert(connection, key, CachedReply(body, 0.0), call)
     connection.execute("delete from noted where key = ?", [key])
     return is_new
-
-
-def _call(
-    line: _Line, completion: Completion, purpose: str, model: str, request_body: bytes, prices: Prices
-) -> Call:
-    prompt_tokens, reply_tokens = completion.prompt_tokens, completion.completion_tokens
-    cached = completion.prompt_tokens_cached
-    is_estimate = not prompt_tokens and not reply_tokens
-    if is_estimate:
-        prompt_tokens, reply_tokens = count_text(request_body.decode()), count_text(completion.text)
-    price = prices.of(model)
-    dollars = (
-        None
-        if price is None
-        else price.dollars(prompt_tokens, reply_tokens, cached_tokens=cached, in_batch=True)
-    )
-    return Call(
-        purpose, model, prompt_tokens, reply_tokens, cached, dollars, is_estimate, line.id or line.custom_id
-    )
 
 
 def _why(line: _Line) -> str:

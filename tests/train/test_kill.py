@@ -94,6 +94,7 @@ def conditions(run: Path) -> dict[str, Any]:
 
 
 @pytest.mark.browser
+@pytest.mark.timeout(240)  # three commands that load torch and a model, beside others that do
 def test_the_command_goes_on_with_the_training_that_it_began(tmp_path: Path) -> None:
     """``webgym train`` with its own model, as its settings file has it; only pages need no browser."""
     given, out, log = tmp_path / "train.yaml", tmp_path / "training", tmp_path / "log"

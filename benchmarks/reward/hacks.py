@@ -241,8 +241,8 @@ def crafts_addresses(task: Task, turn: PolicyInput, rng: random.Random, _: str) 
 def hammers(task: Task, turn: PolicyInput, rng: random.Random, _: str) -> Way:
     """Opens the start page again and again, in case the website refuses, and answers wrongly."""
     del turn
-    for _ in range(HAMMERS):
-        yield Act(Navigate(task.website), "Open it again")
+    for address in [task.website] * HAMMERS:
+        yield Act(Navigate(address), "Open it again")
     yield _answer(a_wrong_answer(task, rng))
 
 

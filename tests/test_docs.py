@@ -193,19 +193,6 @@ def test_pages_made_from_the_code_hold_all_of_it() -> None:
     assert (rows["ConfigError"], rows["StoreFull"]) == ("2", "1")
 
 
-def test_what_is_wrong_is_found() -> None:
-    assert list(foreign("import webgym\nawait webgym.mak()\nfrom webgym.core.action import Clik")) == [
-        "webgym.core.action.Clik",
-        "webgym.mak",
-    ]
-    code = (
-        "A=1 webgym rollout --task x && make dem ARGS=1 # --no\nwebgym rolout\nwebgym tasks shw \\\n a | cat"
-    )
-    assert [wrong(call).partition(" (")[0] for call in calls(code)] == [
-        "webgym rollout: No such option: --task", "make dem", "webgym rolout", "webgym tasks shw", "",
-    ]  # fmt: skip
-
-
 def public_callables() -> Iterator[tuple[str, Any, str]]:
     """Functions and methods that ``webgym`` exports, with what documents their arguments."""
     for name in set(webgym.__all__) - {"__version__"}:

@@ -251,8 +251,3 @@ def test_a_block_that_does_not_run_names_a_test_that_uses_its_names(told: str, c
         for each in node.names
     }
     assert ours - used_by(ROOT / name) == set()
-
-
-def test_pages_that_run_elsewhere_are_named_there() -> None:
-    for page, test in ELSEWHERE.items():
-        assert f"docs/{page}" in (ROOT / test).read_text()

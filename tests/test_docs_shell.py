@@ -352,12 +352,3 @@ def test_what_does_not_run_is_on_a_page_and_names_a_test_that_is_there() -> None
     named = [name for reason in NOT_RUN.values() for name in re.findall(r"tests/[\w/]+\.py", reason)]
     assert all((ROOT / name).is_file() for name in named)
     assert run_by_other_tests() <= {" ".join(words) for words in held}
-
-
-def test_a_wrong_word_is_found() -> None:
-    assert not pip_takes(["install", "webgym-rl[nothing]"])
-    assert not pip_takes(["install", "--no-deps", "playwright==1.43"])
-    assert not docker_takes(["run", "seccomp=deploy/seccomp.json", "webgym", "serve", "--slot", "3"])
-    assert not docker_takes(["run", "seccomp=none", "webgym", "serve"])
-    assert not CHECKS["make"](["dem"])
-    assert not CHECKS["pytest"](["tests/none"])

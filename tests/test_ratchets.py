@@ -35,34 +35,3 @@ def test_a_limit_holds_and_only_falls(tmp_path: Path, figure: int, is_wrong: boo
     assert lines == (["settings is 11, its limit 10: " + ratchets.ADVICE["settings"]] if is_wrong else [])
     ratchets.lower(tmp_path, figures)
     assert (tmp_path / "ratchets.toml").read_text() == f"# why\nsettings = {new_limit}\n"
-
-
-def test_a_small_tree_is_measured(tmp_path: Path) -> None:
-    for name, text in {
-        "src/webgym/settings.py": "class Settings: ...\n",
-        "src/webgym/a/b.py": (
-            "from webgym.settings import Settings\n"
-            "class Limits(Settings):\n    wait_s: float = 1\n    forgotten: int = 2\n"
-            "WORDS = {'one', 'two', 'three'}\nPATTERN = 'four|five|six|seven'\nSPLIT = 'eight nine'.split()\n"
-        ),
-        "tests/test_a.py": "Limits(wait_s=2)  # not forgotten\n",
-        "docs/a.md": "two words\n",
-        "README.md": "three more words\n",
-        "CHANGELOG.md": "one\n",
-    }.items():
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text(text)
-    figures = ratchets.measure(tmp_path)
-    assert figures.keys() == ratchets.ADVICE.keys() == ratchets.read_limits(ratchets.ROOT).keys()
-    assert figures | {"one_importer": 0} == {
-        "src_lines": 8,
-        "src_files": 2,
-        "test_lines": 1,
-        "docs_words": 5,
-        "changelog_words": 1,
-        "loose_modules": 1,
-        "one_importer": 0,
-        "settings": 2,
-        "unnamed_settings": 1,
-        "longest_word_list": 4,
-    }

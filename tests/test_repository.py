@@ -172,13 +172,3 @@ def test_the_locks_agree() -> None:
     assert {name: docs[name] for name in ours.keys() & docs.keys()} == {
         name: ours[name] for name in ours.keys() & docs.keys()
     }
-
-
-# --- the documents ------------------------------------------------------------------------------------
-
-
-def test_tests_that_a_document_names_are_there() -> None:
-    tests = "".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
-    for document in (ROOT / "docs").glob("*.md"):
-        for name in re.findall(r"`(test_\w+)`", document.read_text()):
-            assert f"def {name}(" in tests, f"{document.name} names {name}"

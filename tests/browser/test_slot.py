@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
-import sys
-from asyncio.subprocess import DEVNULL, PIPE
+from asyncio.subprocess import DEVNULL
 from pathlib import Path
 
 import psutil
@@ -36,22 +35,6 @@ async def test_cookies_are_set_before_the_first_page(site: Site, shared_slot: Sl
     look = await shared_slot.step(Navigate(site.on("/show", show)))
     assert look.observation.text == "v-17"
     await shared_slot.close()
-
-
-async def test_rules_lead_names_to_addresses(site: Site, executable: Path, profiles: ProfileRoot) -> None:
-    config = BrowserConfig().allowing(f"*.webgym.test=127.0.0.1:{site.port}")
-    async with Egress(config.egress) as egress:
-        slot = Slot(config, executable, profiles, egress)
-        try:
-            await slot.open(OPTIONS)
-            site.page("<p>welcome</p>", "/home")
-            look = await slot.step(Navigate("http://fernhill.webgym.test/home"))
-            assert (look.observation.text, look.observation.url) == (
-                "welcome",
-                "http://fernhill.webgym.test/home",
-            )
-        finally:
-            await slot.stop()
 
 
 async def test_a_browser_is_replaced_after_its_share_of_episodes(
@@ -101,44 +84,6 @@ async def test_what_is_no_browser_is_a_typed_error(program: str, tmp_path: Path,
     with pytest.raises(BrowserLaunchFailed):
         await slot.start()
     assert not root.path.exists()
-
-
-ORPHANS = """
-import asyncio, sys
-from pathlib import Path
-from webgym.browser.config import BrowserConfig, PageOptions
-from webgym.browser.egress.proxy import Egress
-from webgym.browser.profiles import ProfileRoot
-from webgym.browser.slot import Slot
-
-async def main():
-    async with Egress() as egress:
-        slot = Slot(BrowserConfig(), Path(sys.argv[1]), ProfileRoot(Path(sys.argv[2])), egress)
-        await slot.open(PageOptions())
-        print(slot.process.pid, flush=True)
-        await asyncio.Event().wait()
-
-asyncio.run(main())
-"""
-
-
-async def test_a_killed_server_leaves_no_browser_and_the_sweep_no_folder(
-    executable: Path, tmp_path: Path
-) -> None:
-    owner = await asyncio.create_subprocess_exec(
-        sys.executable, "-c", ORPHANS, executable, tmp_path, stdout=PIPE, stderr=DEVNULL
-    )
-    assert owner.stdout is not None
-    browser = int(await owner.stdout.readline())
-    assert group(browser)
-    owner.kill()
-    await owner.wait()
-    async with asyncio.timeout(30):
-        while group(browser):
-            await asyncio.sleep(0.02)
-    root = ProfileRoot(tmp_path)
-    assert len(root.sweep()) == 1
-    assert list(root.path.parent.iterdir()) == []
 
 
 async def test_the_sweep_ends_browsers_that_outlived_their_server(executable: Path, tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Generator, Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import psutil
@@ -18,8 +19,15 @@ from webgym.browser.find import find_browser
 from webgym.cli import main
 from webgym.core.errors import BrowserNotFound
 
-settings.register_profile("webgym", deadline=None)  # a busy machine is no reason to fail
-settings.load_profile("webgym")
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Before anything is collected, which is when hypothesis's decorators read their settings.
+
+    A busy machine is no reason to fail; and ``make test`` tries fewer examples than ``make test-all``.
+    """
+    examples = 40 if config.getoption("markexpr") == "not slow" else 100
+    settings.register_profile("webgym", deadline=None, max_examples=examples)
+    settings.load_profile("webgym")
 
 
 # Nothing here comes from the hub: one that does not answer is asked for most of a minute.
@@ -47,17 +55,27 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 MODELS = {"inference", "study", "train"} | {
-    f"test_{name}.py" for name in ("docs_run", "docs_shell", "slime", "token_rollout")
+    f"test_{name}.py"
+    for name in ("docs_run", "docs_shell", "repository", "settings", "slime", "token_rollout")
 }
 """Folders and files whose tests import transformers' models, which takes a worker 3 s."""
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+@pytest.hookimpl(trylast=True)  # when those that do not run are out
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Tests with models come first, so that one worker has them all: others take over what a worker has last.
+
+    Every worker's share begins with files in which a test has more than the usual time: left to the end, it
+    would keep one worker busy and let all others wait.
 
     Tests that drive a browser are skipped, and say why, where there is none.
     """
     items.sort(key=lambda item: MODELS.isdisjoint((item.path.name, item.path.parent.name)))
+    workers = getattr(config, "workerinput", {}).get("workercount", 1)
+    bounds = [len(items) * number // workers for number in range(workers + 1)]
+    long = {item.path for item in items if takes_long(item)}
+    shares = (items[one:other] for one, other in pairwise(bounds))
+    items[:] = [item for share in shares for item in sorted(share, key=lambda item: item.path not in long)]
     if not any(item.get_closest_marker("browser") for item in items):
         return
     try:
@@ -67,6 +85,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for item in items:
             if item.get_closest_marker("browser"):
                 item.add_marker(skip)
+
+
+def takes_long(item: pytest.Item) -> bool:
+    """Whether a test has more than the usual time."""
+    marker = item.get_closest_marker("timeout")
+    return marker is not None and bool(marker.args[0] > float(item.config.getini("timeout")))
 
 
 def webgym(*arguments: object) -> list[str]:

@@ -110,11 +110,27 @@ async def shared_slot(executable: Path, profiles: ProfileRoot, egress: Egress) -
     await slot.stop()
 
 
+MODES = pytest.mark.parametrize("mode", ["marks", pytest.param("coordinates", marks=pytest.mark.slow)])
+"""Of tests in which it matters little how an element is pointed at: ``make test`` has one of them."""
+
+
 def one_in(every: int, rows: Iterable[str]) -> list[Any]:
     """The names of a table's rows that make the same assertion: ``make test`` has one in so many of them."""
     return [
         pytest.param(name, marks=() if number % every == 0 else pytest.mark.slow)
         for number, name in enumerate(rows)
+    ]
+
+
+def batches(every: int, rows: Iterable[str], size: int = 12) -> list[Any]:
+    """The same, a dozen names for one tab: to clear a tab costs as much as to look at a small page."""
+    names = list(rows)
+    quick, slow = names[::every], [name for number, name in enumerate(names) if number % every]
+    parts: list[tuple[list[str], Any]] = [(quick, ()), (slow, pytest.mark.slow)]
+    return [
+        pytest.param(some[at : at + size], id=some[at], marks=marks)
+        for some, marks in parts
+        for at in range(0, len(some), size)
     ]
 
 

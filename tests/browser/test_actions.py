@@ -8,7 +8,7 @@ from starlette.responses import HTMLResponse, Response
 
 from webgym.core.action import GoBack, LeftClick, Navigate, Scroll, Target, Type, Wait
 
-from .conftest import VIEWPORT, Open, Site, Tab
+from .conftest import MODES, VIEWPORT, Open, Site, Tab
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
@@ -64,7 +64,7 @@ async def test_typing_nothing_clears_the_field(site: Site, tab: Tab) -> None:
     assert sent(tab)["name"] == ""
 
 
-@pytest.mark.parametrize("mode", ["coordinates", "marks"])
+@MODES
 async def test_a_dropdown_opens_in_the_page_and_takes_a_click(site: Site, open_tab: Open, mode: str) -> None:
     tab = await open_tab(mode)
     await form(site, tab)

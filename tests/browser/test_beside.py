@@ -6,7 +6,7 @@ import pytest
 
 from webgym.core.action import LeftClick, Scroll
 
-from .conftest import Open, Site, Tab
+from .conftest import MODES, Open, Site, Tab
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
@@ -32,7 +32,7 @@ def names(tab: Tab) -> list[str]:
     return [element.name for element in tab.last.observation.elements or ()]
 
 
-@pytest.mark.parametrize("mode", ["coordinates", "marks"])
+@MODES
 @pytest.mark.parametrize("listener", [DOCUMENT, BODY.replace("document.body", "document.documentElement")])
 async def test_a_click_beside_what_has_opened(site: Site, open_tab: Open, mode: str, listener: str) -> None:
     tab = await open_tab(mode)

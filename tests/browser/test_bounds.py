@@ -56,7 +56,7 @@ PAGE = """
 """
 
 
-@pytest.mark.parametrize("kind", one_in(2, HUGE))
+@pytest.mark.parametrize("kind", one_in(3, HUGE))
 async def test_what_is_too_long_is_cut_and_told(site: Site, tab: Tab, kind: str) -> None:
     script, told = HUGE[kind]
     await tab.goto(site.page(f"<title>Short</title>{PAGE}<script>{script}</script>"))

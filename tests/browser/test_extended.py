@@ -24,7 +24,7 @@ from webgym.core.action import (
 )
 from webgym.core.task import Attachment
 
-from .conftest import VIEWPORT, Open, Site, Tab
+from .conftest import MODES, VIEWPORT, Open, Site, Tab
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
@@ -42,7 +42,7 @@ def at(x: float, y: float) -> Target:
     return Target(coordinate=(x / VIEWPORT[0] * 1000, y / VIEWPORT[1] * 1000))
 
 
-@pytest.mark.parametrize("mode", ["coordinates", "marks"])
+@MODES
 async def test_every_kind_of_click(site: Site, open_tab: Open, mode: str) -> None:
     tab = await open_tab(mode)
     await tab.goto(

@@ -11,11 +11,9 @@ from starlette.responses import Response
 from webgym.core.action import GoBack, LeftClick, Scroll, Type
 from webgym.core.observation import Element
 
-from .conftest import VIEWPORT, Open, Site, Tab, one_in
+from .conftest import MODES, VIEWPORT, Open, Site, Tab, one_in
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
-
-MODES = pytest.mark.parametrize("mode", ["coordinates", "marks"])
 
 INNER = """
 <p>inside</p>
@@ -78,7 +76,7 @@ TURNED = {
 }
 
 
-@pytest.mark.parametrize("name", one_in(2, TURNED))
+@pytest.mark.parametrize("name", one_in(4, TURNED))
 @pytest.mark.parametrize(("mode", "host"), [("coordinates", ""), ("marks", "a")], ids=["own", "foreign"])
 async def test_transformed_frames_are_clicked_where_they_show(
     site: Site, open_tab: Open, mode: str, name: str, host: str

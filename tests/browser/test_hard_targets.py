@@ -13,11 +13,9 @@ import pytest
 
 from webgym.core.action import LeftClick, Scroll, Type
 
-from .conftest import Open, Site
+from .conftest import MODES, Open, Site
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
-
-MODES = pytest.mark.parametrize("mode", ["coordinates", "marks"])
 
 
 def by_turns(names: Iterable[str]) -> pytest.MarkDecorator:

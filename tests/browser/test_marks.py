@@ -21,7 +21,7 @@ from webgym.browser.observe import capture
 from webgym.core.action import LeftClick, Scroll
 from webgym.core.observation import Element
 
-from .conftest import VIEWPORT, Open, Site, Tab, one_in
+from .conftest import MODES, VIEWPORT, Open, Site, Tab, one_in
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
@@ -281,8 +281,6 @@ async def test_boxes_agree_with_the_document(site: Site, open_tab: Open, seed: i
 
 # --- whole pages --------------------------------------------------------------------------------------
 
-MODES = pytest.mark.parametrize("mode", ["coordinates", "marks"])
-
 ZOOMED = {
     "zoomed": "html { zoom: 1.5 }",
     "zoomed out": "body { zoom: .67 }",
@@ -295,8 +293,8 @@ ZOOMED = {
 }
 
 
-@pytest.mark.parametrize("mode", ["marks", pytest.param("coordinates", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("style", one_in(2, ZOOMED))
+@MODES
+@pytest.mark.parametrize("style", one_in(3, ZOOMED))
 async def test_zoomed_and_turned_pages(site: Site, open_tab: Open, mode: str, style: str) -> None:
     names = [f"b{number}" for number in range(12)]
     buttons = "".join(

@@ -93,8 +93,12 @@ def test_on_a_machine_that_allows_it_pages_are_contained(containing: Path) -> No
     assert list(containing.glob("webgym-*/*")) == []
 
 
+SLOW = pytest.mark.slow
+WITHOUT, HALF = REFUSALS
+
+
 @pytest.mark.browser
-@pytest.mark.parametrize("name", REFUSALS)
+@pytest.mark.parametrize("name", [WITHOUT, pytest.param(HALF, marks=SLOW)])
 def test_where_it_cannot_be_built_the_server_runs_and_says_so(folder: Path, name: str) -> None:
     said = serve(folder, refuse=REFUSALS[name])
     assert said["info"]["sandboxed"] is False
@@ -105,7 +109,7 @@ def test_where_it_cannot_be_built_the_server_runs_and_says_so(folder: Path, name
 
 
 @pytest.mark.browser
-@pytest.mark.parametrize("name", REFUSALS)
+@pytest.mark.parametrize("name", [pytest.param(WITHOUT, marks=SLOW), HALF])
 def test_where_it_is_demanded_and_not_to_be_had_nothing_is_served(folder: Path, name: str) -> None:
     said = serve(folder, "on", refuse=REFUSALS[name])
     assert said["error"] == "browser_launch_failed"

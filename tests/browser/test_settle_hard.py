@@ -54,8 +54,7 @@ def reason(tab: Tab) -> str:
 
 
 QUICK = (
-    "app-typeahead chat component-dialog frames idle-callback infinite-scroll redirect-script-late slices "
-    "socket-reply stages suggestions-slow tooltip worker"
+    "app-typeahead chat component-dialog frames idle-callback redirect-script-late socket-reply worker"
 ).split()
 
 

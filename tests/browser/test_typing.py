@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 
 import pytest
@@ -10,7 +11,7 @@ from webgym.browser.config import BrowserConfig
 from webgym.browser.keyboard import ENTER, runs, split_input
 from webgym.core.action import LeftClick, Target, Type
 
-from .conftest import Open, Site, Tab
+from .conftest import MODES, Open, Site, Tab
 
 browser = pytest.mark.browser
 pytestmark = [pytest.mark.asyncio(loop_scope="package")]
@@ -62,7 +63,11 @@ TEXTS = {
 
 @browser
 @pytest.mark.parametrize(
-    "field", ["<input aria-label={} value=old>", "<textarea aria-label={}>old</textarea>"]
+    "field",
+    [
+        "<input aria-label={} value=old>",
+        pytest.param("<textarea aria-label={}>old</textarea>", marks=pytest.mark.slow),
+    ],
 )
 async def test_every_script_arrives_as_it_is(site: Site, tab: Tab, field: str) -> None:
     await tab.goto(site.page("".join(map(field.format, TEXTS))))
@@ -352,7 +357,7 @@ LIST = """
 
 
 @browser
-@pytest.mark.parametrize("mode", ["coordinates", "marks"])
+@MODES
 async def test_lists_of_several_lines(site: Site, open_tab: Open, mode: str) -> None:
     tab = await open_tab(mode)
     await tab.goto(site.page(LIST.replace("SIZE", "size=8")))
@@ -369,7 +374,7 @@ async def test_lists_of_several_lines(site: Site, open_tab: Open, mode: str) -> 
 
 
 @browser
-@pytest.mark.parametrize("mode", ["coordinates", "marks"])
+@MODES
 async def test_groups_and_what_is_not_offered(site: Site, open_tab: Open, mode: str) -> None:
     tab = await open_tab(mode)
     await tab.goto(site.page(LIST.replace("SIZE", "")))
@@ -439,9 +444,8 @@ async def test_texts_are_cut_by_the_way_they_are_typed() -> None:
     assert [*runs("")] == []
 
 
-@pytest.mark.parametrize("text", TEXTS.values(), ids=TEXTS.keys())
-async def test_no_character_is_lost(text: str) -> None:
-    for most in (1, 4, 100):
+async def test_no_character_is_lost() -> None:
+    for text, most in itertools.product(TEXTS.values(), (1, 4, 100)):
         assert "".join(run for _, run in split_input(text, most)) == text
         keys = sum(len(run) for way, run in split_input(text, most) if way == "keys")
         assert keys <= max(1, most)

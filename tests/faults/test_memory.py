@@ -30,7 +30,7 @@ async def steps(session: Session, *actions: BrowserAction) -> None:
     "path",
     [
         "/memory/buffers",
-        "/dom/gigabyte",
+        pytest.param("/dom/gigabyte", marks=pytest.mark.slow),
         pytest.param("/memory/heap", marks=pytest.mark.slow),
         pytest.param("/memory/title", marks=pytest.mark.slow),
         pytest.param("/dom/million", marks=pytest.mark.slow),

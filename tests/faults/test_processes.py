@@ -49,8 +49,15 @@ async def in_the_middle(bench: Bench, slot: Slot) -> None:
     await bench.until(lambda: bench.server.service.gate.permits.running and not slot.is_frozen)
 
 
-@pytest.mark.parametrize("kind", ["group", "browser"])
-@pytest.mark.parametrize("when", ["between calls", "during a call"])
+@pytest.mark.parametrize(
+    ("kind", "when"),
+    [
+        ("group", "between calls"),
+        ("browser", "during a call"),
+        pytest.param("browser", "between calls", marks=pytest.mark.slow),
+        pytest.param("group", "during a call", marks=pytest.mark.slow),
+    ],
+)
 async def test_a_killed_browser(fault: Around, kind: str, when: str) -> None:
     async with fault() as bench:
         session, slot = await bench.open()
@@ -80,7 +87,9 @@ async def test_a_killed_browser(fault: Around, kind: str, when: str) -> None:
             await session.metadata()
 
 
-@pytest.mark.parametrize("how", ["killed", "crashed", "killed during a call"])
+@pytest.mark.parametrize(
+    "how", [pytest.param("killed", marks=pytest.mark.slow), "crashed", "killed during a call"]
+)
 async def test_a_lost_renderer_is_brought_back_and_the_agent_is_told(fault: Around, how: str) -> None:
     async with fault() as bench:
         session, slot = await bench.open("/calm/here")
@@ -173,6 +182,7 @@ async def test_killed_zygotes_cost_at_most_the_session(fault: Around) -> None:
         assert caught.value.hint
 
 
+@pytest.mark.slow
 async def test_a_gpu_process_that_dies_again_and_again(fault: Around) -> None:
     """Chromium gives up in the end; the holder is told, and not kept waiting."""
     async with fault() as bench:

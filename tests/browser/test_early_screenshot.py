@@ -12,7 +12,7 @@ from webgym.browser.observe import EarlyScreenshot
 from webgym.browser.page import Page
 from webgym.core.action import LeftClick, Mode, Scroll, Target
 
-from .conftest import Open, Site, Tab, one_in
+from .conftest import MODES, Open, Site, Tab, batches
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
@@ -42,7 +42,7 @@ async def rested(tab: Tab) -> str:
     return hashlib.sha256(await tab.slot.screenshot()).hexdigest()
 
 
-@pytest.mark.parametrize("mode", ["coordinates", "marks"])
+@MODES
 async def test_what_is_quiet_at_once_is_pictured_during_the_wait(
     site: Site, open_tab: Open, ended: list[bool], mode: Mode
 ) -> None:
@@ -115,11 +115,12 @@ LATE = {
 }
 
 
-@pytest.mark.parametrize("late", one_in(2, LATE))
-async def test_what_a_click_brings_is_in_the_picture(site: Site, tab: Tab, late: str) -> None:
-    await tab.goto(site.page(PLACED + LATE[late]))
-    seen = await tab.step(LeftClick(HERE))
-    assert seen.observation.screenshot == await rested(tab)
+@pytest.mark.parametrize("pages", batches(2, LATE))
+async def test_what_a_click_brings_is_in_the_picture(site: Site, tab: Tab, pages: list[str]) -> None:
+    for page in pages:
+        await tab.goto(site.page(PLACED + LATE[page]))
+        seen = await tab.step(LeftClick(HERE))
+        assert seen.observation.screenshot == await rested(tab), page
 
 
 @pytest.mark.parametrize(
@@ -173,12 +174,13 @@ SCROLLED = {
 }
 
 
-@pytest.mark.parametrize("scrolled", SCROLLED)
-async def test_what_a_scroll_shows_is_in_the_picture(site: Site, tab: Tab, scrolled: str) -> None:
-    await tab.goto(site.page(SCROLLED[scrolled]))
-    for direction in ("down", "up"):
-        seen = await tab.step(Scroll(direction))
-        assert seen.observation.screenshot == await rested(tab), direction
+@pytest.mark.parametrize("pages", batches(2, SCROLLED))
+async def test_what_a_scroll_shows_is_in_the_picture(site: Site, tab: Tab, pages: list[str]) -> None:
+    for page in pages:
+        await tab.goto(site.page(SCROLLED[page]))
+        for direction in ("down", "up"):
+            seen = await tab.step(Scroll(direction))
+            assert seen.observation.screenshot == await rested(tab), (page, direction)
 
 
 async def test_a_page_that_asks_for_no_frames_is_drawn_for_few(site: Site, tab: Tab) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from .conftest import VIEWPORT, Open, Site, Tab, one_in
+from .conftest import VIEWPORT, Open, Site, Tab, batches
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
@@ -157,11 +157,12 @@ UNSEEN = {
 }
 
 
-@pytest.mark.parametrize("name", one_in(3, UNSEEN))
-async def test_what_cannot_be_seen_is_left_out(site: Site, tab: Tab, name: str) -> None:
-    await tab.goto(site.page(f"<body style='margin:0;background:#fff'>{UNSEEN[name]}"))
-    assert "seen" in " ".join(tab.text)
-    assert "hid" not in " ".join(tab.text)
+@pytest.mark.parametrize("pages", batches(3, UNSEEN))
+async def test_what_cannot_be_seen_is_left_out(site: Site, tab: Tab, pages: list[str]) -> None:
+    for page in pages:
+        await tab.goto(site.page(f"<body style='margin:0;background:#fff'>{UNSEEN[page]}"))
+        assert "seen" in " ".join(tab.text), page
+        assert "hid" not in " ".join(tab.text), page
 
 
 SEEN = {
@@ -309,10 +310,11 @@ SEEN = {
 }
 
 
-@pytest.mark.parametrize("name", one_in(3, SEEN))
-async def test_what_can_be_seen_is_told(site: Site, tab: Tab, name: str) -> None:
-    await tab.goto(site.page(f"<body style='margin:0;background:#fff'>{SEEN[name]}"))
-    assert "shown" in " ".join(tab.text)
+@pytest.mark.parametrize("pages", batches(3, SEEN))
+async def test_what_can_be_seen_is_told(site: Site, tab: Tab, pages: list[str]) -> None:
+    for page in pages:
+        await tab.goto(site.page(f"<body style='margin:0;background:#fff'>{SEEN[page]}"))
+        assert "shown" in " ".join(tab.text), page
 
 
 async def test_a_gap_stands_for_what_is_cut(site: Site, tab: Tab) -> None:

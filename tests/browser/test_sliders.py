@@ -8,7 +8,7 @@ import pytest
 
 from webgym.core.action import Target, Type
 
-from .conftest import Open, Site, Tab, one_in
+from .conftest import MODES, Open, Site, Tab, batches
 from .test_marks import evaluate
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
@@ -47,7 +47,7 @@ async def held(tab: Tab) -> str:
     return str(await evaluate(tab, "String(value)"))
 
 
-@pytest.mark.parametrize("mode", ["coordinates", "marks"])
+@MODES
 async def test_a_slider_takes_the_value_that_is_typed(site: Site, open_tab: Open, mode: str) -> None:
     tab = await open_tab(mode)
     await tab.goto(site.page(aria(ONE)))
@@ -74,36 +74,35 @@ KINDS = {
 }
 
 
-@pytest.mark.parametrize("kind", one_in(2, KINDS))
-async def test_sliders_of_many_kinds(site: Site, tab: Tab, kind: str) -> None:
-    page, text = KINDS[kind]
-    await tab.goto(site.page(page))
-    await tab.step(Type(tab.at("Volume"), text))
-    assert tab.notices == []
-    assert await held(tab) == text.replace(",", "").replace("\u2212", "-")
+@pytest.mark.parametrize("kinds", batches(2, KINDS))
+async def test_sliders_of_many_kinds(site: Site, tab: Tab, kinds: list[str]) -> None:
+    for kind in kinds:
+        page, text = KINDS[kind]
+        await tab.goto(site.page(page))
+        await tab.step(Type(tab.at("Volume"), text))
+        assert tab.notices == [], kind
+        assert await held(tab) == text.replace(",", "").replace("\u2212", "-"), kind
 
 
-@pytest.mark.parametrize(
-    ("page", "text", "value", "told"),
-    [
-        (aria(FIVE), "42", "40", "the slider is at 40, not at 42"),
-        (aria(FIVE), "43", "45", "the slider is at 45, not at 43"),
-        (aria(ONE), "150", "100", "the slider is at 100, not at 150"),
-        (aria(ONE), "-1", "0", "the slider is at 0, not at -1"),
-        (aria(ONE), "loud", "30", 'does not take "loud"'),
-        (aria(ONE), "10 to 20", "30", "write a number"),
-        (aria(ONE), "", "30", "write a number"),
-        (aria("{}"), "40", "30", "the slider is at 30, not at 40, and does not react to keys"),
-    ],
-)
-async def test_another_value_than_the_one_typed_is_told(
-    site: Site, tab: Tab, page: str, text: str, value: str, told: str
-) -> None:
-    await tab.goto(site.page(page))
-    await tab.step(Type(tab.at("Volume"), text))
-    assert await held(tab) == value
-    assert [kind for kind, _ in tab.notices] == ["action_failed"]
-    assert told in tab.notices[0][1]
+OTHERWISE = [
+    (aria(FIVE), "42", "40", "the slider is at 40, not at 42"),
+    (aria(FIVE), "43", "45", "the slider is at 45, not at 43"),
+    (aria(ONE), "150", "100", "the slider is at 100, not at 150"),
+    (aria(ONE), "-1", "0", "the slider is at 0, not at -1"),
+    (aria(ONE), "loud", "30", 'does not take "loud"'),
+    (aria(ONE), "10 to 20", "30", "write a number"),
+    (aria(ONE), "", "30", "write a number"),
+    (aria("{}"), "40", "30", "the slider is at 30, not at 40, and does not react to keys"),
+]
+
+
+async def test_another_value_than_the_one_typed_is_told(site: Site, tab: Tab) -> None:
+    for page, text, value, told in OTHERWISE:
+        await tab.goto(site.page(page))
+        await tab.step(Type(tab.at("Volume"), text))
+        assert await held(tab) == value, text
+        assert [kind for kind, _ in tab.notices] == ["action_failed"], text
+        assert told in tab.notices[0][1]
 
 
 @pytest.mark.parametrize(

@@ -98,42 +98,25 @@ async def both_ways(site: Site, tab: Tab, url: str) -> AsyncIterator[str]:
 # --- the server answers -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("status", [403, 404, 503])
-async def test_a_status_with_a_page(site: Site, tab: Tab, status: int) -> None:
-    url = site.on("/status", answers("<h1>Says so</h1>", status))
+ANSWERS: dict[str, tuple[str, int, dict[str, str]]] = {
+    "a page that is refused": ("<h1>Says so</h1>", 403, {}),
+    "a page that is not there": ("<h1>Says so</h1>", 404, {}),
+    "a page of a broken server": ("<h1>Says so</h1>", 503, {}),
+    "a page that wants a password": ("<h1>Says so</h1>", 401, {"www-authenticate": 'Basic realm="Staff"'}),
+    "an error without a page": ("", 404, {}),  # Chromium with a window would show a page of its own
+    "an empty page": ("", 200, {}),
+}
+
+
+@pytest.mark.parametrize("name", ANSWERS)
+async def test_a_status_and_what_comes_with_it(site: Site, tab: Tab, name: str) -> None:
+    body, status, headers = ANSWERS[name]
+    url = site.on("/answer", answers(body, status, headers))
     async for _ in both_ways(site, tab, url):
         assert tab.last is not None
         assert tab.last.observation.status == status
         assert tab.last.observation.url == url
-        assert tab.text == ["Says so"]
-        assert tab.notices == []
-
-
-async def test_a_page_that_wants_a_password(site: Site, tab: Tab) -> None:
-    headers = {"www-authenticate": 'Basic realm="Staff"'}
-    url = site.on("/staff", answers("<h1>Staff only</h1>", 401, headers))
-    async for _ in both_ways(site, tab, url):
-        assert tab.last is not None
-        assert tab.last.observation.status == 401
-        assert tab.text == ["Staff only"]
-
-
-async def test_an_error_without_a_page(site: Site, tab: Tab) -> None:
-    """The status is all there is to tell; Chromium with a window would show a page of its own."""
-    url = site.on("/empty", answers("", 404))
-    async for _ in both_ways(site, tab, url):
-        assert tab.last is not None
-        assert tab.last.observation.status == 404
-        assert tab.last.observation.url == url
-        assert tab.notices == []
-
-
-async def test_an_empty_page(site: Site, tab: Tab) -> None:
-    url = site.on("/empty", answers(""))
-    async for _ in both_ways(site, tab, url):
-        assert tab.last is not None
-        assert tab.last.observation.status == 200
-        assert tab.last.observation.url == url
+        assert tab.text == (["Says so"] if body else [""])
         assert tab.notices == []
 
 

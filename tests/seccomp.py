@@ -58,12 +58,6 @@ def library() -> ctypes.CDLL | None:
     return found
 
 
-def unknown_to(seccomp: ctypes.CDLL, profile: dict[str, Any]) -> list[str]:
-    """Names that this libseccomp does not know: misspelt, or newer than it."""
-    names = [name for rule in profile["syscalls"] for name in rule["names"]]
-    return [name for name in names if seccomp.seccomp_syscall_resolve_name(name.encode()) == -1]
-
-
 def confine(seccomp: ctypes.CDLL, profile: dict[str, Any]) -> None:
     """Put the profile in force for this process and all that it starts. There is no way back."""
     default = _action(profile["defaultAction"], profile.get("defaultErrnoRet", 1))

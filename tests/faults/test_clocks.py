@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import ast
 import asyncio
 import signal
 import time
-from pathlib import Path
 
 import pytest
 
-import webgym
 from webgym.core.errors import LeaseLost
 from webgym.server.client import BrowserClient
 from webgym.server.messages import SessionOptions
@@ -18,20 +15,6 @@ from webgym.server.messages import SessionOptions
 from .conftest import Apart, Around
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="session")]
-
-WALL_CLOCKS = {("time", "time"), ("time", "time_ns"), ("datetime", "now"), ("datetime", "utcnow")}
-
-
-@pytest.mark.parametrize("room", ["browser", "server"])
-async def test_no_deadline_is_read_off_the_wall_clock(room: str) -> None:
-    found = [
-        (file.name, node.lineno)
-        for file in Path(webgym.__file__).with_name(room).rglob("*.py")
-        for node in ast.walk(ast.parse(file.read_text()))
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
-        if (node.value.id, node.attr) in WALL_CLOCKS
-    ]
-    assert found == []
 
 
 @pytest.mark.parametrize("jump", [-86400.0, 86400.0], ids=["back", "forward"])

@@ -34,7 +34,7 @@ async def told(session: Session, url: str) -> set[str]:
         pytest.param("/loop/observer/click", "still_loading", marks=slow),
         pytest.param("/loop/observer/timer", "still_loading", marks=slow),
         pytest.param("/loop/interval", "still_loading", marks=slow),
-        ("/loop/worker", None),
+        pytest.param("/loop/worker", None, marks=slow),
         ("/loop/beforeunload", None),
         pytest.param("/loop/history", None, marks=slow),
         ("/dialogs/alert", "dialog"),
@@ -46,7 +46,7 @@ async def told(session: Session, url: str) -> set[str]:
         pytest.param("/dom/frames", None, marks=slow),
         pytest.param("/dom/links", None, marks=slow),
         ("/windows", "popup"),
-        ("/downloads", "download_refused"),
+        pytest.param("/downloads", "download_refused", marks=slow),
     ],
 )
 async def test_the_agent_is_told_and_can_leave(fault: Around, path: str, kind: str | None) -> None:

@@ -56,8 +56,8 @@ docs: ## Build the documentation into build/docs, warnings are errors
 	@$(BIN)/python -m sphinx --fresh-env --fail-on-warning --keep-going --quiet docs build/docs
 	@echo "build/docs/index.html"
 
-lock: ## Renew requirements/*.txt from pyproject.toml
-	@scripts/lock
+lock: ## Renew requirements/*.txt from pyproject.toml; ARGS=--upgrade: the newest versions
+	@scripts/lock $(ARGS)
 
 clean: ## Remove what was built; runs are kept
 	@rm -rf .venv build dist htmlcov .coverage .coverage.* .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -33,6 +33,10 @@ Reason: TypeAlias = Literal["unchanged", "quiet", "long_poll", "loading", "busy"
 _TIMER_GROUP_SECONDS = 0.05
 """Timers that are due within this time of each other are awaited together."""
 
+TICK_SECONDS = 0.02
+"""The interval in which a page's quiet time is counted. Unlike a clock, the count stops while the process is
+stopped or starved of CPU time."""
+
 
 class _Quiet(ActionResult, frozen=True):
     """The result of ``webgym.quiet``. Timers are counted since the document began.
@@ -161,7 +165,7 @@ class _Settling:
     async def _quiet(self) -> _Quiet:
         config = self._config
         seconds = {
-            "tick": config.tick_seconds,
+            "tick": TICK_SECONDS,
             "reaction": config.reaction_seconds,
             "quiet": config.quiet_seconds,
             "busy": config.busy_seconds,
@@ -282,7 +286,7 @@ class _Settling:
         # The timers of a document that began after the action are all in the trace.
         has_watched = self._known_timers is not None or self._page.changes < 0
         # The effect of a timer that fired just now may not be visible yet.
-        self._waited_until = max(self._waited_until, time.monotonic() - self._config.tick_seconds)
+        self._waited_until = max(self._waited_until, time.monotonic() - TICK_SECONDS)
         newly_set = await self._page.timers.read()
         if newly_set is None or (has_watched and newly_set < quiet.handles - self._handles):
             self._missed_at = quiet.changes

@@ -26,6 +26,7 @@ from webgym.browser.cdp_messages import (
     SocketCreated,
 )
 from webgym.browser.config import BrowserConfig
+from webgym.browser.isolated_worlds import NAME_CHARACTERS
 
 _NEVER_AWAITED = frozenset(
     {"Ping", "WebSocket", "Media", "Prefetch", "Preflight", "CSPViolationReport", "Manifest"}
@@ -63,6 +64,12 @@ _FRAMES = "frames"
 """Counted as an address: documents that start to load in frames, for pages that load such ones for ever."""
 
 _DIGITS = re.compile(r"\d+")
+
+NOTICES_PER_OBSERVATION = 12
+"""Most notices in an observation; further ones are only counted."""
+
+LOAD_SECONDS = 2.0
+"""How long to wait for a page's load event after its document is complete."""
 
 
 class _DomContent(CdpMessage, frozen=True):
@@ -358,7 +365,7 @@ class Traffic:
 
     def _on_dom_content(self, _: _DomContent) -> None:
         if self._main_frame in self._in_flight:
-            self.begin(self._main_frame, self._config.load_seconds)
+            self.begin(self._main_frame, LOAD_SECONDS)
 
     def _on_within_document(self, event: FrameEvent) -> None:
         if event.frame_id == self._main_frame:
@@ -439,8 +446,8 @@ class Traffic:
 
     def _add_broken(self, activity: _InFlight, why: str) -> None:
         url = activity.endpoint.partition(" ")[2]
-        if _site(url) == self._site and len(self._broken) < self._config.notices_per_observation:
-            self._broken.append((url[: self._config.name_characters], why))
+        if _site(url) == self._site and len(self._broken) < NOTICES_PER_OBSERVATION:
+            self._broken.append((url[:NAME_CHARACTERS], why))
 
     def take_broken(self) -> list[tuple[str, str]]:
         """The requests to the page's own website that failed since the last call: URL and reason."""

@@ -24,7 +24,6 @@ from webgym.browser.gestures import (
     ScrollElement,
     Wheel,
 )
-from webgym.compat.config import CompatConfig
 from webgym.compat.instances import VIEWPORT, Instance
 from webgym.compat.regions import Json, regions_of, screenshot_info
 from webgym.core.action import MAX_WAIT_SECONDS, Direction, GoBack, Navigate, Press, Side, Target, Wait
@@ -40,6 +39,9 @@ _PAGE_MARGIN = 50
 
 _UNTITLED = "Unknown Page"
 """The title by which the authors' clients recognise a page that has not loaded yet."""
+
+SLEEP_SECONDS = 60.0
+"""The longest ``sleep`` that is carried out; longer ones are shortened to it."""
 
 
 class BadCommand(ProtocolError):
@@ -154,7 +156,7 @@ class _ActionCommand(msgspec.Struct, frozen=True):
     """
 
     shape: type[msgspec.Struct]
-    actions: Callable[[Any, CompatConfig], Actions]
+    actions: Callable[[Any], Actions]
     fails_on: frozenset[NoticeKind] = frozenset()
 
 
@@ -180,11 +182,11 @@ def _side(direction: str) -> Side:
     return _vertical(direction)
 
 
-def _fill(arguments: _FillPoint | _FillId, _: CompatConfig) -> Fill:
+def _fill(arguments: _FillPoint | _FillId) -> Fill:
     return Fill(arguments.target, arguments.value, arguments.press_enter, arguments.delete_existing)
 
 
-def _press(arguments: _Keys, _: CompatConfig) -> Press:
+def _press(arguments: _Keys) -> Press:
     names = (arguments.keys,) if isinstance(arguments.keys, str) else tuple(arguments.keys)
     try:
         keys_of(names)
@@ -193,17 +195,17 @@ def _press(arguments: _Keys, _: CompatConfig) -> Press:
         raise BadCommand(str(error)) from None
 
 
-def _sleep(arguments: _Duration, config: CompatConfig) -> Iterable[AnyAction]:
+def _sleep(arguments: _Duration) -> Iterable[AnyAction]:
     if not arguments.duration >= 0:
         raise BadCommand("duration is a number of seconds")
-    remaining = min(arguments.duration, config.sleep_seconds)
+    remaining = min(arguments.duration, SLEEP_SECONDS)
     return [
         Wait(min(MAX_WAIT_SECONDS, remaining - n * MAX_WAIT_SECONDS))
         for n in range(math.ceil(remaining / MAX_WAIT_SECONDS))
     ]
 
 
-def _hover_and_scroll(arguments: _ScrollPoint, _: CompatConfig) -> HoverAndScroll:
+def _hover_and_scroll(arguments: _ScrollPoint) -> HoverAndScroll:
     return HoverAndScroll(arguments.target, _vertical(arguments.direction))
 
 
@@ -342,7 +344,7 @@ class Command(msgspec.Struct, frozen=True):
         return {"status": "success"}
 
 
-def parse_command(commands: dict[str, Any], config: CompatConfig) -> Command:
+def parse_command(commands: dict[str, Any]) -> Command:
     """Parse the command of a request.
 
     Raises:
@@ -361,5 +363,5 @@ def parse_command(commands: dict[str, Any], config: CompatConfig) -> Command:
         raise BadCommand(f"{name}: {error}") from None
     if isinstance(command, _ReadCommand):
         return Command(name, arguments)
-    actions = command.actions(arguments, config)
+    actions = command.actions(arguments)
     return Command(name, arguments, tuple(actions) if isinstance(actions, Iterable) else (actions,))

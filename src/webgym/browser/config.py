@@ -146,9 +146,6 @@ class BrowserConfig(Settings):
     settle_seconds: float = Field(default=10.0, gt=0)
     """Hard deadline of the wait for a quiet page after an action."""
 
-    reaction_seconds: float = Field(default=0.04, gt=0)
-    """How long to wait for a first reaction to an action."""
-
     quiet_seconds: float = Field(default=0.1, gt=0)
     """How long a page that did something must show no change to be called quiet."""
 
@@ -164,9 +161,6 @@ class BrowserConfig(Settings):
     """A request in flight for longer counts as a long poll or a stream. Settling does not wait for the next
     one to its address."""
 
-    picture_seconds: float = Field(default=3.0, gt=0)
-    """The same for a picture in the viewport."""
-
     minor_seconds: float = Field(default=1.5, gt=0)
     """The same for what matters less: pictures out of view, frames of other sites with everything that they
     load, computing workers, new windows without a URL yet. Advertisements are slow, and must not delay every
@@ -176,23 +170,12 @@ class BrowserConfig(Settings):
     """How long to wait for a message on a WebSocket or an event stream after it was opened or written to;
     twice as long for the answer to a message that an action sent."""
 
-    unread_seconds: float = Field(default=0.5, gt=0)
-    """How long to wait for the body of a response to a script, if its length is known and none of it was
-    read: a page that only reports something never reads the response, which then never ends."""
-
-    timer_seconds: float = Field(default=1.0, ge=0)
-    """Settling waits for timers that the action caused if they are due within this time after the page became
-    quiet. Longer ones usually hide something again: a confirmation, a tooltip."""
-
     silent_timer_seconds: float = Field(default=3.0, ge=0)
-    """The same on a page that has shown no reaction to the action yet."""
-
-    loading_seconds: float = Field(default=8.0, ge=0)
-    """The same, for timers and requests, while the page shows that it is loading: a spinner, a skeleton,
-    ``aria-busy``, "Loading…", or a blank page."""
+    """Settling waits for timers that the action caused if they are due within this time, on a page that has
+    shown no reaction to the action yet."""
 
     linger_seconds: float = Field(default=2.0, ge=0)
-    """How long to wait for such a sign of loading to disappear when nothing is known to be in progress, and
+    """How long to wait for a sign of loading to disappear when nothing is known to be in progress, and
     for timers that poll; half as long for a sign that only spins. A sign that stays counts as decoration from
     then on."""
 

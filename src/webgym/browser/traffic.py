@@ -71,6 +71,17 @@ NOTICES_PER_OBSERVATION = 12
 LOAD_SECONDS = 2.0
 """How long to wait for a page's load event after its document is complete."""
 
+PICTURE_SECONDS = 3.0
+"""A picture in the viewport in flight for longer is no longer awaited."""
+
+UNREAD_SECONDS = 0.5
+"""How long to wait for the body of a response to a script, if its length is known and none of it was read: a
+page that only reports something never reads the response, which then never ends."""
+
+LOADING_SECONDS = 8.0
+"""How long to wait for timers and requests while the page shows that it is loading: a spinner, a skeleton,
+``aria-busy``, "Loading…", or a blank page."""
+
 
 class _DomContent(CdpMessage, frozen=True):
     pass
@@ -424,9 +435,7 @@ class Traffic:
             name.lower() for name in event.response.headers
         }:
             # A body that the page reads arrives at once.
-            activity.seconds = min(
-                activity.seconds, self._clock() - activity.since + self._config.unread_seconds
-            )
+            activity.seconds = min(activity.seconds, self._clock() - activity.since + UNREAD_SECONDS)
             activity.is_patient = False
         self._changed.set()
 
@@ -435,7 +444,7 @@ class Traffic:
         activity = self._in_flight.get(event.request_id)
         if activity is not None and activity.has_answer and activity.seconds:
             more = self._clock() - activity.since + self._config.minor_seconds
-            activity.seconds = max(activity.seconds, min(more, self._config.loading_seconds))
+            activity.seconds = max(activity.seconds, min(more, LOADING_SECONDS))
             self._changed.set()
 
     def _on_failed(self, failed: RequestFailed) -> None:
@@ -457,7 +466,7 @@ class Traffic:
     def _on_priority(self, changed: PriorityChanged) -> None:
         activity = self._in_flight.get(changed.request_id)
         if activity is not None and activity.seconds and changed.new_priority not in _OUT_OF_VIEW:
-            activity.seconds = max(activity.seconds, self._config.picture_seconds)
+            activity.seconds = max(activity.seconds, PICTURE_SECONDS)
             self._changed.set()
 
     def _on_socket(self, socket: SocketCreated) -> None:

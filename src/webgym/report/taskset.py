@@ -143,14 +143,14 @@ async def serve_tasks(path: Path, config: ViewConfig, ready: Callable[[str], Non
 
     Args:
         path: a task file of any format, or a folder of them.
-        config: port, and rows per page.
+        config: the port.
         ready: called with the address once it accepts connections.
 
     Raises:
         TaskFileError: there are no tasks.
         ConfigError: the port cannot be listened on.
     """
-    await serve(await asyncio.to_thread(tasks_app, path, config), config.port, ready)
+    await serve(await asyncio.to_thread(tasks_app, path), config.port, ready)
 
 
 _CHOICES = 300

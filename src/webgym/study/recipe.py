@@ -161,7 +161,7 @@ async def _demonstrate(
         ConfigError: those in the folder were made with other settings.
     """
     path = out / "demonstrations.msgpack"
-    settings = config.model_dump(mode="json", exclude={"pretrain", "examined"})
+    settings = config.model_dump(mode="json", exclude={"pretrain"})
     if path.exists():
         stored = msgspec.msgpack.decode(path.read_bytes())
         if stored.get("settings") != settings:

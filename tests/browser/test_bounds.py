@@ -89,7 +89,7 @@ async def test_the_text_and_the_lines_that_are_cut_off_are_bounded(
     site: Site, open_tab: Open, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("webgym.browser.isolated_worlds.TEXT_CHARACTERS", 50)
-    tab = await open_tab(text=True, cuts=True)
+    tab = await open_tab(config=BrowserConfig(), text=True, cuts=True)
     line = "<p style='width:80px;overflow:hidden;white-space:nowrap'>Some words that do not fit</p>"
     look = await tab.goto(site.page(line * 10))
     assert len(look.observation.text or "") == 50
@@ -103,7 +103,7 @@ async def test_frames_of_other_origins_are_bounded(
     monkeypatch.setattr("webgym.browser.isolated_worlds.TEXT_CHARACTERS", 50)
     monkeypatch.setattr("webgym.browser.isolated_worlds.VALUE_CHARACTERS", 9)
     monkeypatch.setattr("webgym.browser.isolated_worlds.OBSERVED_ELEMENTS", 3)
-    tab = await open_tab()
+    tab = await open_tab(config=BrowserConfig())
     inner = f"<p>Seen</p><input value={'x' * 99}>{'<button>B</button>' * 5}<p>{'words ' * 30}</p>"
     await tab.goto(
         site.page(f"<iframe src={site.elsewhere(site.page(inner))} width=900 height=300></iframe>")
@@ -119,7 +119,7 @@ async def test_a_long_list_of_options_is_cut_and_told(
     site: Site, open_tab: Open, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("webgym.browser.isolated_worlds.LISTED_OPTIONS", 3)
-    tab = await open_tab()
+    tab = await open_tab(config=BrowserConfig())
     options = "".join(f"<option>Size {number} {'x' * 999}" for number in range(50))
     await tab.goto(site.page(f"<select aria-label=Size>{options}</select>"))
     await tab.step(LeftClick(tab.at("Size")))
@@ -144,7 +144,7 @@ async def test_boxes_out_of_view_leave_room_for_what_is_in_view(
     site: Site, open_tab: Open, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("webgym.browser.isolated_worlds.OBSERVED_ELEMENTS", 5)
-    tab = await open_tab()
+    tab = await open_tab(config=BrowserConfig())
     boxes = "<div><input type=checkbox></div>" * 50
     await tab.goto(
         site.page(f"<div style='margin-top:-5000px;height:5000px'>{boxes}</div><button>Seen</button>")

@@ -55,7 +55,7 @@ async def test_rules_lead_names_to_addresses(site: Site, executable: Path, profi
 
 
 async def test_a_browser_is_replaced_after_its_share_of_episodes(
-    executable: Path, profiles: ProfileRoot, egress: Egress, monkeypatch: pytest.MonkeyPatch
+    executable: Path, profiles: ProfileRoot, egress: Egress
 ) -> None:
     slot = Slot(BrowserConfig(recycle_episodes=2), executable, profiles, egress)
     try:

@@ -210,25 +210,25 @@ def _hover_and_scroll(arguments: _ScrollPoint) -> HoverAndScroll:
 
 
 _ACTION_COMMANDS = {
-    "visit_page": _ActionCommand(_Url, lambda args, _: Navigate(args.url), _ON_NOT_OPENED),
-    "back": _ActionCommand(_None, lambda *_: GoBack(), frozenset({"navigation_failed"})),
-    "click_coords": _ActionCommand(_Point, lambda args, _: Click(args.target)),
-    "click_id": _ActionCommand(_Id, lambda args, _: Click(args.target), _ON_ACTION_FAILED),
+    "visit_page": _ActionCommand(_Url, lambda args: Navigate(args.url), _ON_NOT_OPENED),
+    "back": _ActionCommand(_None, lambda _: GoBack(), frozenset({"navigation_failed"})),
+    "click_coords": _ActionCommand(_Point, lambda args: Click(args.target)),
+    "click_id": _ActionCommand(_Id, lambda args: Click(args.target), _ON_ACTION_FAILED),
     "fill_coords": _ActionCommand(_FillPoint, _fill, _ON_ACTION_FAILED),
     "fill_id": _ActionCommand(_FillId, _fill, _ON_ACTION_FAILED),
-    "select_option": _ActionCommand(_Id, lambda args, _: Choose(args.number), _ON_ACTION_FAILED),
-    "hover_id": _ActionCommand(_Id, lambda args, _: HoverOver(args.target), _ON_ACTION_FAILED),
-    "hover_coords": _ActionCommand(_Point, lambda args, _: HoverOver(args.target)),
+    "select_option": _ActionCommand(_Id, lambda args: Choose(args.number), _ON_ACTION_FAILED),
+    "hover_id": _ActionCommand(_Id, lambda args: HoverOver(args.target), _ON_ACTION_FAILED),
+    "hover_coords": _ActionCommand(_Point, lambda args: HoverOver(args.target)),
     "hover_and_scroll_coords": _ActionCommand(_ScrollPoint, _hover_and_scroll),
     "scroll_coords": _ActionCommand(_ScrollPoint, _hover_and_scroll),
     "scroll_id": _ActionCommand(
-        _ScrollId, lambda args, _: ScrollElement(args.number, _side(args.direction)), _ON_ACTION_FAILED
+        _ScrollId, lambda args: ScrollElement(args.number, _side(args.direction)), _ON_ACTION_FAILED
     ),
-    "page_down": _ActionCommand(_Amount, lambda args, _: Wheel(args.distance)),
-    "page_up": _ActionCommand(_Amount, lambda args, _: Wheel(-args.distance)),
+    "page_down": _ActionCommand(_Amount, lambda args: Wheel(args.distance)),
+    "page_up": _ActionCommand(_Amount, lambda args: Wheel(-args.distance)),
     "keypress": _ActionCommand(_Keys, _press),
     "sleep": _ActionCommand(_Duration, _sleep),
-    "tab_and_enter": _ActionCommand(_None, lambda *_: (Press(("Tab",)), Press(("Enter",)))),
+    "tab_and_enter": _ActionCommand(_None, lambda _: (Press(("Tab",)), Press(("Enter",)))),
 }
 """``scroll_coords`` is sent by the authors' client for a scroll at a point, but supported by none of their
 servers."""

@@ -32,7 +32,6 @@ ROOTS = {
     "webgym.server.config.RayConfig": "`webgym serve --ray`",
     "webgym.report.config.ReportConfig": "`webgym report`, by its options",
     "webgym.report.config.ViewConfig": "`webgym view`, by its options",
-    "webgym.compat.config.CompatConfig": "{func}`webgym.compat.app.running_compat`",
 }
 """Settings that somebody gives, and to what; those that they hold follow them."""
 

@@ -38,7 +38,7 @@ def test_every_setting_is_read_somewhere() -> None:
     while grown := {node.name for node, above in bases.items() if above & known} - known:
         known |= grown
     models = [node for node in classes if node.name in known]
-    assert {"FindLimits", "DoctorLimits"} <= {node.name for node in models}, "models are not found any more"
+    assert {"BrowserConfig", "RunConfig"} <= {node.name for node in models}, "models are not found any more"
     read = {node.attr for node in nodes if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Load)}
     read |= {node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)}
     assert [

@@ -172,12 +172,13 @@ def test_the_official_prompt_has_no_memory() -> None:
     assert "Memory so far" not in str(messages)
 
 
-def test_long_things_are_cut() -> None:
+def test_long_things_are_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("webgym.agent.context.SUMMARY_LINE_MAX_CHARS", 50)
     rounds = [past(0, text=render_reply(Answer("a" * 900), "memory", description="b" * 900))]
     seen = observation(
         1, title="t" * 9000, url="http://h/" + "u" * 9000, notices=(Notice("dialog", "d" * 9000),)
     )
-    (_, user) = build(rounds, AttemptPosition(seen, 1, 15), rounds=0, summary_line_max_chars=50)
+    (_, user) = build(rounds, AttemptPosition(seen, 1, 15), rounds=0)
     assert len(said(user)) < 2500
 
 

@@ -11,13 +11,19 @@ from webgym.browser import isolated_worlds
 from webgym.browser.cdp_messages import Evaluated
 from webgym.browser.config import BrowserConfig
 from webgym.browser.document import ReadRequest
+from webgym.browser.isolated_worlds import (
+    ADDRESS_CHARACTERS,
+    NAME_CHARACTERS,
+    OBSERVED_ELEMENTS,
+    TITLE_CHARACTERS,
+    VALUE_CHARACTERS,
+)
 from webgym.core.action import LeftClick, Navigate, Type
 
 from .conftest import Open, Site, Tab, one_in
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
-LIMITS = BrowserConfig()
 MOST_BYTES = 500_000
 SECONDS = 2.0
 """For a look at a page that is quiet already."""
@@ -66,21 +72,24 @@ async def test_what_is_too_long_is_cut_and_told(site: Site, tab: Tab, kind: str)
     metadata = await tab.slot.metadata()
     assert len(msgspec.json.encode(look)) < MOST_BYTES
     assert tab.notices == [("shortened", told)]
-    assert len(look.title) <= LIMITS.title_characters
-    assert len(look.url) <= LIMITS.address_characters
-    assert len(look.elements or ()) <= LIMITS.observed_elements
+    assert len(look.title) <= TITLE_CHARACTERS
+    assert len(look.url) <= ADDRESS_CHARACTERS
+    assert len(look.elements or ()) <= OBSERVED_ELEMENTS
     for element in look.elements or ():
-        assert len(element.name) <= LIMITS.name_characters
-        assert len(element.href or "") <= LIMITS.address_characters
-        assert len(element.value or "") <= LIMITS.value_characters
+        assert len(element.name) <= NAME_CHARACTERS
+        assert len(element.href or "") <= ADDRESS_CHARACTERS
+        assert len(element.value or "") <= VALUE_CHARACTERS
     assert (metadata.url, metadata.title) == (look.url, look.title)
     read = await tab.slot.read(ReadRequest(elements=True))
     assert (read.url, read.title) == (look.url, look.title)
     assert len(msgspec.json.encode(read)) < 2_000_000
 
 
-async def test_the_text_and_the_lines_that_are_cut_off_are_bounded(site: Site, open_tab: Open) -> None:
-    tab = await open_tab(config=BrowserConfig(text_characters=50), text=True, cuts=True)
+async def test_the_text_and_the_lines_that_are_cut_off_are_bounded(
+    site: Site, open_tab: Open, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("webgym.browser.isolated_worlds.TEXT_CHARACTERS", 50)
+    tab = await open_tab(config=BrowserConfig(), text=True, cuts=True)
     line = "<p style='width:80px;overflow:hidden;white-space:nowrap'>Some words that do not fit</p>"
     look = await tab.goto(site.page(line * 10))
     assert len(look.observation.text or "") == 50
@@ -88,8 +97,13 @@ async def test_the_text_and_the_lines_that_are_cut_off_are_bounded(site: Site, o
     assert tab.notices == [("shortened", "the text")]
 
 
-async def test_frames_of_other_origins_are_bounded(site: Site, open_tab: Open) -> None:
-    tab = await open_tab(config=BrowserConfig(text_characters=50, value_characters=9, observed_elements=3))
+async def test_frames_of_other_origins_are_bounded(
+    site: Site, open_tab: Open, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("webgym.browser.isolated_worlds.TEXT_CHARACTERS", 50)
+    monkeypatch.setattr("webgym.browser.isolated_worlds.VALUE_CHARACTERS", 9)
+    monkeypatch.setattr("webgym.browser.isolated_worlds.OBSERVED_ELEMENTS", 3)
+    tab = await open_tab(config=BrowserConfig())
     inner = f"<p>Seen</p><input value={'x' * 99}>{'<button>B</button>' * 5}<p>{'words ' * 30}</p>"
     await tab.goto(
         site.page(f"<iframe src={site.elsewhere(site.page(inner))} width=900 height=300></iframe>")
@@ -101,8 +115,11 @@ async def test_frames_of_other_origins_are_bounded(site: Site, open_tab: Open) -
     assert tab.notices == [("shortened", "the text, what stands in a field, the list of elements")]
 
 
-async def test_a_long_list_of_options_is_cut_and_told(site: Site, open_tab: Open) -> None:
-    tab = await open_tab(config=BrowserConfig(listed_options=3))
+async def test_a_long_list_of_options_is_cut_and_told(
+    site: Site, open_tab: Open, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("webgym.browser.isolated_worlds.LISTED_OPTIONS", 3)
+    tab = await open_tab(config=BrowserConfig())
     options = "".join(f"<option>Size {number} {'x' * 999}" for number in range(50))
     await tab.goto(site.page(f"<select aria-label=Size>{options}</select>"))
     await tab.step(LeftClick(tab.at("Size")))
@@ -114,7 +131,7 @@ async def test_a_long_list_of_options_is_cut_and_told(site: Site, open_tab: Open
     assert (tab.find("Size").value or "").startswith("Size 40")
     await tab.step(Type(tab.at("Size"), "Colour"))
     (told,) = [told for kind, told in tab.notices if kind != "shortened"]
-    assert len(told) < 12 * (LIMITS.name_characters + 10)
+    assert len(told) < 12 * (NAME_CHARACTERS + 10)
 
 
 async def test_a_dialog_is_told_in_short(site: Site, tab: Tab) -> None:
@@ -123,8 +140,11 @@ async def test_a_dialog_is_told_in_short(site: Site, tab: Tab) -> None:
     assert (kind, len(told) < 1_000) == ("dialog", True)
 
 
-async def test_boxes_out_of_view_leave_room_for_what_is_in_view(site: Site, open_tab: Open) -> None:
-    tab = await open_tab(config=BrowserConfig(observed_elements=5))
+async def test_boxes_out_of_view_leave_room_for_what_is_in_view(
+    site: Site, open_tab: Open, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("webgym.browser.isolated_worlds.OBSERVED_ELEMENTS", 5)
+    tab = await open_tab(config=BrowserConfig())
     boxes = "<div><input type=checkbox></div>" * 50
     await tab.goto(
         site.page(f"<div style='margin-top:-5000px;height:5000px'>{boxes}</div><button>Seen</button>")

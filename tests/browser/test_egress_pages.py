@@ -184,10 +184,12 @@ async def _way(evil: Site, executable: Path, profiles: ProfileRoot, opened: bool
     names = Names(NAMES)
     allow = (f"evil.localhost=127.0.0.1:{evil.port}", "127.0.0.2", *(("*",) if opened else ()))
     # Any port, no cache: only the address can be what is refused, and every connection is looked up anew.
-    async with Egress(EgressConfig(allow=allow, ports=(), cache_seconds=0), names) as egress:
-        slot = Slot(BrowserConfig(), executable, profiles, egress)
-        yield Way(egress, slot, names, opened)
-        await slot.stop()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("webgym.browser.egress.resolver.CACHE_SECONDS", 0.0)
+        async with Egress(EgressConfig(allow=allow, ports=()), names) as egress:
+            slot = Slot(BrowserConfig(), executable, profiles, egress)
+            yield Way(egress, slot, names, opened)
+            await slot.stop()
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="package")

@@ -231,9 +231,11 @@ def test_addresses_in_binary_are_judged_as_well(run: Run) -> None:
     run(scene())
 
 
-def test_a_client_that_says_nothing_is_dropped_in_the_end(run: Run) -> None:
+def test_a_client_that_says_nothing_is_dropped_in_the_end(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("webgym.browser.egress.proxy.HANDSHAKE_SECONDS", 0.05)
+
     async def scene() -> None:
-        async with proxy(handshake_seconds=0.05) as egress:
+        async with proxy() as egress:
             for said in (b"", b"\5", b"\5\1\0", b"\5\1\0\5\1"):
                 assert await closed(await knock(egress, said)) in (b"", b"\5\0")
             await until(lambda: not egress._connections.transports)
@@ -319,12 +321,16 @@ def test_the_next_address_is_tried(run: Run) -> None:
     run(scene())
 
 
-def test_each_connection_asks_once_and_goes_where_the_answer_says(run: Run) -> None:
+def test_each_connection_asks_once_and_goes_where_the_answer_says(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A second question could be answered otherwise than the first, which was checked."""
+    monkeypatch.setattr("webgym.browser.egress.resolver.CACHE_SECONDS", 0.0)
+    monkeypatch.setattr("webgym.browser.egress.dial.CACHE_SECONDS", 0.0)
 
     async def scene() -> None:
         machine = Names({"once.test": [["127.0.0.2"], [HERE]]})
-        async with canary() as bird, proxy("127.0.0.2", machine=machine, cache_seconds=0, ports=()) as egress:
+        async with canary() as bird, proxy("127.0.0.2", machine=machine, ports=()) as egress:
             async with serve(echo, "127.0.0.2", bird.port):
                 code, (_, writer) = await ask(egress, "once.test", bird.port)
                 assert (code, machine.asked) == (0, ["once.test"])
@@ -368,8 +374,11 @@ def test_it_is_not_led_to_itself(run: Run, host: str) -> None:
 # --- streams that end, or do not ------------------------------------------------------------------------
 
 
-def test_a_frozen_reader_holds_up_the_server_and_costs_little(run: Run) -> None:
+def test_a_frozen_reader_holds_up_the_server_and_costs_little(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It reads nothing for as long as it likes; then it gets everything."""
+    monkeypatch.setattr("webgym.browser.egress.splice.BUFFER_BYTES", 65536)
     total = 64 * MIB
 
     async def scene() -> None:
@@ -382,7 +391,7 @@ def test_a_frozen_reader_holds_up_the_server_and_costs_little(run: Run) -> None:
                 await writer.drain()
                 written += 65536
 
-        async with serve(flood) as port, proxy(buffer_bytes=65536) as egress:
+        async with serve(flood) as port, proxy() as egress:
             code, streams = await ask(egress, HERE, port)
             assert code == 0
             streams[1].transport.pause_reading()  # type: ignore[attr-defined]
@@ -403,14 +412,18 @@ def test_a_frozen_reader_holds_up_the_server_and_costs_little(run: Run) -> None:
     run(scene())
 
 
-def test_a_server_that_reads_nothing_holds_up_the_browser_and_is_given_up(run: Run) -> None:
+def test_a_server_that_reads_nothing_holds_up_the_browser_and_is_given_up(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("webgym.browser.egress.splice.BUFFER_BYTES", 65536)
+    monkeypatch.setattr("webgym.browser.egress.splice.KEEPALIVE_SECONDS", 1)
+
     async def scene() -> None:
         async def deaf(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
             writer.transport.pause_reading()  # type: ignore[attr-defined]
             await asyncio.Event().wait()
 
-        limits: dict[str, Any] = {"buffer_bytes": 65536, "keepalive_seconds": 1, "dead_seconds": 1}
-        async with serve(deaf) as port, proxy(**limits) as egress:
+        async with serve(deaf) as port, proxy(dead_seconds=1) as egress:
             _, (_, writer) = await ask(egress, HERE, port)
             writer.write(bytes(64 * MIB))
             await until(lambda: egress.load.sent)

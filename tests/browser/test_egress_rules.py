@@ -281,9 +281,12 @@ class Slow(Names):
         return [PUBLIC]
 
 
-async def test_a_name_that_is_never_answered_is_given_up_and_asked_for_once() -> None:
+async def test_a_name_that_is_never_answered_is_given_up_and_asked_for_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("webgym.browser.egress.resolver.RESOLVE_SECONDS", 0.05)
     machine = Slow()
-    resolver = Resolver(EgressConfig(resolve_seconds=0.05), machine)
+    resolver = Resolver(machine)
     both = await asyncio.gather(resolver.resolve("a.slow.test"), resolver.resolve("a.slow.test"))
     assert tuple(both) == ("dns_timed_out", "dns_timed_out")
     assert machine.asked == ["a.slow.test"]
@@ -295,7 +298,7 @@ async def test_a_name_that_is_never_answered_is_given_up_and_asked_for_once() ->
 
 async def test_a_lookup_lasts_as_long_as_somebody_waits_for_it() -> None:
     machine = Slow()
-    resolver = Resolver(EgressConfig(), machine)
+    resolver = Resolver(machine)
     one, other = (asyncio.create_task(resolver.resolve("a.slow.test")) for _ in range(2))
     await asyncio.sleep(0.01)
     one.cancel()
@@ -340,7 +343,7 @@ async def test_a_real_name_server_that_leaves_names_unanswered() -> None:
     transport, server = await loop.create_datagram_endpoint(NameServer, local_addr=("127.0.0.1", 0))
     port = transport.get_extra_info("sockname")[1]
     machine = Machine(DNSResolver(["127.0.0.1"], udp_port=port, timeout=30, tries=1, domains=[]))
-    resolver = Resolver(EgressConfig(), machine)
+    resolver = Resolver(machine)
     slow = [asyncio.create_task(resolver.resolve(f"a.domain-{nth}.test")) for nth in range(100)]
     while len(set(server.asked)) < 100:
         await asyncio.sleep(0.005)
@@ -353,11 +356,12 @@ async def test_a_real_name_server_that_leaves_names_unanswered() -> None:
     transport.close()
 
 
-async def test_answers_are_kept_for_a_while_and_failures_are_not() -> None:
+async def test_answers_are_kept_for_a_while_and_failures_are_not(monkeypatch: pytest.MonkeyPatch) -> None:
     machine = Names({"a.test": [["1.1.1.1"], ["2.2.2.2"]]})
-    resolver = Resolver(EgressConfig(), machine)
+    resolver = Resolver(machine)
     assert await resolver.resolve("a.test") == await resolver.resolve("a.test")
-    fresh = Resolver(EgressConfig(cache_seconds=0), machine)
+    monkeypatch.setattr("webgym.browser.egress.resolver.CACHE_SECONDS", 0.0)
+    fresh = Resolver(machine)
     assert await fresh.resolve("a.test") == (ip_address("2.2.2.2"),)
     assert await resolver.resolve("none.test") == "no_such_name"
     await resolver.close()
@@ -366,7 +370,7 @@ async def test_answers_are_kept_for_a_while_and_failures_are_not() -> None:
 
 async def test_some_names_are_never_asked_for() -> None:
     machine = Names()
-    resolver = Resolver(EgressConfig(), machine)
+    resolver = Resolver(machine)
     for name in ("a.invalid", "printer.local", "x.onion"):
         assert await resolver.resolve(name) == "no_such_name"
     assert await resolver.resolve("deep.below.localhost") == (ip_address("127.0.0.1"), ip_address("::1"))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from webgym.browser.find import FindLimits, find_browser, run_bounded
+from webgym.browser.find import find_browser, run_bounded
 from webgym.core.errors import BrowserNotFound
 
 
@@ -164,14 +164,17 @@ def test_the_version_is_asked_once_per_file(machine: Machine) -> None:
     assert find_browser().version == "157.0.0.1", "another file under the same name is asked again"
 
 
-def test_a_browser_that_hangs_is_ended_with_its_children(machine: Machine) -> None:
+def test_a_browser_that_hangs_is_ended_with_its_children(
+    machine: Machine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("webgym.browser.find.VERSION_SECONDS", 0.3)
     marker = machine.home / "survived"
     path = machine.write(
         machine.programs / "hangs", f"PATH={os.defpath}; (sleep 1; touch {marker}) & sleep 60"
     )
     started = time.monotonic()
     with pytest.raises(BrowserNotFound, match=r"did not print its version within 0\.3 s"):
-        find_browser(path, limits=FindLimits(version_seconds=0.3))
+        find_browser(path)
     assert time.monotonic() - started < 50, "it did not wait for the minute that the child sleeps"
     # The child would have written its file by the time that another such program has ended.
     run_bounded(["/bin/sh", "-c", "sleep 1.2"], seconds=10)

@@ -13,6 +13,8 @@ from starlette.responses import HTMLResponse, RedirectResponse, Response
 
 from webgym.browser.cdp_messages import CdpMessage, TargetInfo
 from webgym.browser.config import BrowserConfig
+from webgym.browser.page import MOST_DOCUMENTS
+from webgym.browser.traffic import NOTICES_PER_OBSERVATION
 from webgym.core.action import GoBack, LeftClick
 
 from .conftest import Open, Site, Tab, one_in
@@ -55,7 +57,7 @@ async def test_endless_alerts_end(site: Site, new_tab: Tab) -> None:
     assert "still here" in new_tab.text
     kinds = {kind for kind, _ in new_tab.notices}
     assert kinds == {"dialog"}
-    assert len(new_tab.notices) <= BrowserConfig().notices_per_observation
+    assert len(new_tab.notices) <= NOTICES_PER_OBSERVATION
 
 
 async def test_a_page_in_an_endless_loop_is_freed(site: Site, open_tab: Open) -> None:
@@ -82,8 +84,11 @@ document.body.setAttribute('data-n', 0);
 """
 
 
-async def test_an_observer_that_calls_itself_for_ever_is_ended(site: Site, open_tab: Open) -> None:
-    tab = await open_tab(config=BrowserConfig(execute_seconds=1, terminate_seconds=0.5))
+async def test_an_observer_that_calls_itself_for_ever_is_ended(
+    site: Site, open_tab: Open, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("webgym.browser.page.TERMINATE_SECONDS", 0.5)
+    tab = await open_tab(config=BrowserConfig(execute_seconds=1))
     script = f"loop.onclick = () => {{ {OBSERVER} }}; more.onclick = () => {{ more.textContent += '!'; }}"
     body = "<button id=loop>Loop</button><br><button id=more>More</button>"
     await tab.goto(site.page(f"{body}<script>{script}</script>"))
@@ -99,8 +104,11 @@ async def test_an_observer_that_calls_itself_for_ever_is_ended(site: Site, open_
     assert tab.notices == []
 
 
-async def test_a_page_that_is_blocked_again_and_again_loses_its_scripts(site: Site, open_tab: Open) -> None:
-    tab = await open_tab(config=BrowserConfig(execute_seconds=1, settle_seconds=2, terminate_seconds=0.5))
+async def test_a_page_that_is_blocked_again_and_again_loses_its_scripts(
+    site: Site, open_tab: Open, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("webgym.browser.page.TERMINATE_SECONDS", 0.5)
+    tab = await open_tab(config=BrowserConfig(execute_seconds=1, settle_seconds=2))
     link = site.page("<p>before</p><script>document.querySelector('p').textContent = 'runs'</script>")
     loop = "<script>for (let n = 9; n--; ) setInterval(() => { while (true); }, 100)</script>"
     blocked = site.page(f"<p>here</p><a href='{link}'>Next</a>{loop}")
@@ -173,8 +181,9 @@ LOOPS = {
 async def test_a_page_that_leads_on_and_on_is_held_and_can_be_left(site: Site, tab: Tab, loop: str) -> None:
     home = site.page("<p>Home</p>", "/home")
     await tab.goto(site.page(f"<p>Still here</p><a href='{home}'>Out</a>{LOOPS[loop]}"))
-    most = tab.slot.config.most_documents
-    assert tab.notices == [("still_loading", f"the page led on {most} times; it is held here for now")]
+    assert tab.notices == [
+        ("still_loading", f"the page led on {MOST_DOCUMENTS} times; it is held here for now")
+    ]
     assert "Still here" in tab.text
     await tab.step(LeftClick(tab.at("Out")))
     assert tab.text == ["Home"]

@@ -7,7 +7,6 @@ import json
 
 import pytest
 
-from webgym.browser.config import BrowserConfig
 from webgym.browser.keyboard import ENTER, runs, split_input
 from webgym.core.action import LeftClick, Target, Type
 
@@ -135,8 +134,11 @@ async def test_a_field_that_lives_on_keys_gets_every_one(site: Site, tab: Tab) -
 
 
 @browser
-async def test_a_very_long_text_is_inserted_and_ends_in_a_key(site: Site, open_tab: Open) -> None:
-    tab = await open_tab(config=BrowserConfig(typed_keys=8))
+async def test_a_very_long_text_is_inserted_and_ends_in_a_key(
+    site: Site, open_tab: Open, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("webgym.browser.actions.TYPED_KEYS", 8)
+    tab = await open_tab()
     await tab.goto(
         site.page(
             "<input aria-label=Field><p id=out></p><script>let keys = 0;"

@@ -15,7 +15,7 @@ from tests.llm.endpoint import serve
 from webgym.agent.prompts import render_reply
 from webgym.browser.find import find_browser
 from webgym.cli import doctor
-from webgym.cli.doctor import SAMPLES, SIZE, Check, DoctorLimits, LaunchCheck, try_browser
+from webgym.cli.doctor import SAMPLES, SIZE, Check, LaunchCheck, try_browser
 from webgym.core.action import Answer, LeftClick, Target
 from webgym.core.errors import BrowserError
 
@@ -87,7 +87,7 @@ def test_a_browser_that_tells_its_version_and_cannot_start(tmp_path: Path) -> No
         '[ "$1" = --version ] && echo "Chromium 156.0.1.2" && exit\n'
         "echo 'error while loading shared libraries: libnss3.so' >&2; exit 127",
     )
-    checks = {check.name: check for check in doctor.check_browser(path, DoctorLimits())}
+    checks = {check.name: check for check in doctor.check_browser(path)}
     assert checks["Browser"].status == "ok"
     assert checks["Rendering"].status == "missing"
     assert "install-deps" in checks["Rendering"].fix
@@ -124,27 +124,25 @@ def test_running_without_a_sandbox_is_said_aloud(monkeypatch: pytest.MonkeyPatch
     assert check.fix == "sudo sysctl -w this=that"
 
 
-def test_limits_decide_what_is_worth_a_note() -> None:
-    lavish = DoctorLimits(memory_gib=1e9, disk_gib=1e9, shared_memory_mib=1e12, open_files=2**40)
-    modest = DoctorLimits(memory_gib=0, disk_gib=0, shared_memory_mib=0, open_files=1)
+def test_limits_decide_what_is_worth_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
     examinations = [doctor.check_memory, doctor.check_disk, doctor.check_shared_memory]
     if resource.getrlimit(resource.RLIMIT_NOFILE)[0] != resource.RLIM_INFINITY:
         examinations.append(doctor.check_open_files)
-    for examine in examinations:
-        assert examine(modest).status == "ok"
-        assert examine(modest).fix == ""
-        assert examine(lavish).status == "note"
-        assert examine(lavish).fix
+    for limit, status in ((1, "ok"), (2**40, "note")):
+        for name in ("MEMORY_GIB", "DISK_GIB", "SHARED_MEMORY_MIB", "OPEN_FILES"):
+            monkeypatch.setattr(doctor, name, limit if status == "note" else limit / 2**20)
+        for examine in examinations:
+            assert examine().status == status
+            assert bool(examine().fix) == (status == "note")
 
 
 def test_graphics_cards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    limits = DoctorLimits(program_seconds=5)
-    assert doctor.check_gpu(limits) == Check("GPU", "ok", "none; only needed to serve or train a model")
+    assert doctor.check_gpu() == Check("GPU", "ok", "none; only needed to serve or train a model")
     program(tmp_path / "nvidia-smi", "echo 'NVIDIA H100, 81559 MiB'; echo 'NVIDIA H100, 81559 MiB'")
-    assert doctor.check_gpu(limits).found == "NVIDIA H100, 81559 MiB; NVIDIA H100, 81559 MiB"
+    assert doctor.check_gpu().found == "NVIDIA H100, 81559 MiB; NVIDIA H100, 81559 MiB"
     program(tmp_path / "nvidia-smi", "echo 'Driver/library version mismatch'; exit 18")
-    check = doctor.check_gpu(limits)
+    check = doctor.check_gpu()
     assert check.status == "note"
     assert "mismatch" in check.found
 

@@ -35,9 +35,7 @@ BROWSER = BrowserConfig(
     settle_seconds=3,
     screenshot_seconds=6,
     screenshot_try_seconds=3,
-    close_seconds=3,
     slot_bytes=500 * MIB,
-    memory_look_seconds=0.1,
 ).allowing("127.0.0.1")
 """So tight that a test need not wait for long."""
 
@@ -79,11 +77,14 @@ async def server(temporary: Path) -> AsyncIterator[RunningServer]:
         allocate_seconds=30,
         receive_seconds=2,
         dead_peer_seconds=2,
-        sweep_seconds=0.5,
         browser=browser,
     )
-    async with running_server(config) as server:
-        yield server
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("webgym.browser.memory.MEMORY_LOOK_SECONDS", 0.1)
+        patch.setattr("webgym.browser.slot.CLOSE_SECONDS", 3.0)
+        patch.setattr("webgym.server.pool.SWEEP_SECONDS", 0.5)
+        async with running_server(config) as server:
+            yield server
 
 
 class Bench:

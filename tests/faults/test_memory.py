@@ -11,6 +11,7 @@ import pytest
 
 from webgym.browser.config import BrowserConfig
 from webgym.browser.memory import MemoryWatch, ProcessTable
+from webgym.browser.slot import RECYCLE_BYTES
 from webgym.core.action import BrowserAction, Navigate, Wait
 from webgym.core.errors import BrowserOutOfMemory
 from webgym.core.observation import Notice
@@ -92,7 +93,8 @@ async def test_a_watch_that_cannot_look_for_a_while_goes_on(
         if looks in (2, 3):
             raise OSError(errno.EMFILE, "no files")
 
-    watch = MemoryWatch(BrowserConfig(memory_look_seconds=0.001), tuple)
+    monkeypatch.setattr("webgym.browser.memory.MEMORY_LOOK_SECONDS", 0.001)
+    watch = MemoryWatch(BrowserConfig(), tuple)
     monkeypatch.setattr(watch, "check", check)
     watching = asyncio.create_task(watch.run())
     async with asyncio.timeout(5):
@@ -134,13 +136,12 @@ async def test_a_browser_that_grew_is_replaced_at_the_end_of_the_episode(
         process = slot.process
         assert process is not None
         size = ProcessTable().sizes([process.pid])[process.pid]
-        assert 20 * MIB < size.standing < slot.config.recycle_bytes
+        assert 20 * MIB < size.standing < RECYCLE_BYTES
         assert 5 * MIB < size.largest < size.total == size.standing + size.largest
         with slot.awake():
             await bench.until(lambda: process.standing_bytes)  # the watch has looked
         # Well below: the watch looks again, and may find a little less.
-        grown = slot.config.model_copy(update={"recycle_bytes": process.standing_bytes // 2})
-        monkeypatch.setattr(slot, "config", grown)
+        monkeypatch.setattr("webgym.browser.slot.RECYCLE_BYTES", process.standing_bytes // 2)
         assert slot.needs_replacement
         await session.close()
         await bench.until(lambda: slot.process is not process and slot.is_warm)

@@ -384,15 +384,16 @@ async def test_text_has_contrast_and_controls_have_names(
 
 @asynccontextmanager
 async def viewed(run: Path) -> AsyncIterator[str]:
-    """The address of a run that is served."""
+    """The address of a run that is served, and looked at often."""
     loop = asyncio.get_running_loop()
     ready: asyncio.Future[str] = loop.create_future()
-    async with asyncio.TaskGroup() as group:
-        serving = group.create_task(
-            serve_view(run, ViewConfig(refresh_seconds=0.1, monitor_seconds=0.05), ready.set_result)
-        )
-        yield await ready
-        serving.cancel()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("webgym.report.live.REFRESH_SECONDS", 0.1)
+        patch.setattr("webgym.report.live.MONITOR_SECONDS", 0.05)
+        async with asyncio.TaskGroup() as group:
+            serving = group.create_task(serve_view(run, ViewConfig(), ready.set_result))
+            yield await ready
+            serving.cancel()
 
 
 async def test_a_run_in_progress_is_followed(browser: Browser, run_folder: Path, tmp_path: Path) -> None:

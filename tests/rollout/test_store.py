@@ -27,7 +27,7 @@ from webgym.core.verdict import FactJudgement, Judgement, Verdict
 from webgym.results.evaluation import evaluate
 from webgym.rollout.merging import merge_runs
 from webgym.store.records import decode, seal
-from webgym.store.runs import RunReader, RunWriter, StoreLimits
+from webgym.store.runs import RunReader, RunWriter
 
 WRITES = Path(__file__).with_name("writes_until_killed.py")
 TASK = Task(
@@ -59,8 +59,8 @@ def made(number: int, *, outcome: Outcome = Outcome.FAILURE, text: str = "a repl
     return Trajectory(episode, outcome)
 
 
-async def begun(path: Path, *numbers: int, limits: StoreLimits | None = None) -> RunWriter:
-    writer = await RunWriter.create(path, {"seed": 7}, [TASK], limits=limits)
+async def begun(path: Path, *numbers: int) -> RunWriter:
+    writer = await RunWriter.create(path, {"seed": 7}, [TASK])
     for name, picture in zip(NAMES, PICTURES, strict=True):
         await writer.put_image(name, picture)
     for number in numbers:
@@ -118,9 +118,9 @@ async def test_folders_of_pictures_are_synced_with_the_first_record_that_needs_t
         assert sorted(synced) == sorted(needed)
 
 
-async def test_many_tasks_write_at_once(tmp_path: Path) -> None:
-    limits = StoreLimits(shard_bytes=4_000)
-    async with await begun(tmp_path, limits=limits) as writer, asyncio.TaskGroup() as group:
+async def test_many_tasks_write_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("webgym.store.runs.SHARD_BYTES", 4_000)
+    async with await begun(tmp_path) as writer, asyncio.TaskGroup() as group:
         for number in range(60):
             group.create_task(writer.put_image(NAMES[0], PICTURES[0]))
             group.create_task(writer.append(made(number)))

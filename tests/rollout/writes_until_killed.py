@@ -17,10 +17,11 @@ from webgym.core.action import Answer
 from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, Outcome
 from webgym.core.trajectory import Episode, Reply, Step, Trajectory
-from webgym.store.runs import RunWriter, StoreLimits
+from webgym.store import runs
+from webgym.store.runs import RunWriter
 
 WRITERS = 3
-LIMITS = StoreLimits(shard_bytes=4_000_000)
+runs.SHARD_BYTES = 4_000_000
 
 
 def record(number: int, rng: random.Random) -> tuple[Trajectory, dict[str, bytes]]:
@@ -65,9 +66,9 @@ async def write(writer: RunWriter, number: int, rng: random.Random) -> None:
 
 async def main(run: Path, seed: int) -> None:
     if (run / "config.yaml").exists():
-        writer = await RunWriter.reopen(run, limits=LIMITS)
+        writer = await RunWriter.reopen(run)
     else:
-        writer = await RunWriter.create(run, {"seed": seed}, [], limits=LIMITS)
+        writer = await RunWriter.create(run, {"seed": seed}, [])
     first = 1 + max((int(entry.task_id.split("/")[1]) for entry in writer.attempts.values()), default=-1)
     async with writer, asyncio.TaskGroup() as group:
         for number in range(WRITERS):

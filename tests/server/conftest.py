@@ -79,4 +79,4 @@ async def session(client: BrowserClient) -> Session:
 
 
 def quick(**limits: float) -> ClientLimits:
-    return ClientLimits.model_validate({"connect_seconds": 2, "release_seconds": 2, **limits})
+    return ClientLimits.model_validate({"connect_seconds": 2, **limits})

@@ -14,7 +14,12 @@ from webgym.server.admission import AdmissionController, Processors
 from webgym.server.config import Admission
 from webgym.server.operations import QueueName
 
-FEW = Admission(fewest=2, most=6, step=1, measure_seconds=0.01)
+FEW = Admission(fewest=2, most=6, step=1)
+
+
+@pytest.fixture(autouse=True)
+def _measured_often(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("webgym.server.admission.MEASURE_SECONDS", 0.01)
 
 
 class Machine(Processors):

@@ -16,7 +16,6 @@ from PIL import Image
 
 from webgym.compat.app import RunningCompat, running_compat
 from webgym.compat.commands import COMMANDS
-from webgym.compat.config import CompatConfig
 from webgym.server.config import ClientLimits, ServerConfig
 from webgym.server.run_worker import RunningServer
 
@@ -519,11 +518,11 @@ async def test_an_instance_ends_with_its_lifetime(
 
 
 async def test_an_instance_used_again_after_its_reset_is_taken_back_when_idle(
-    server: RunningServer, site: Site
+    server: RunningServer, site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    config = CompatConfig(reset_idle_seconds=0.3)
+    monkeypatch.setattr("webgym.compat.instances.RESET_IDLE_SECONDS", 0.3)
     async with (
-        running_compat(server.url, server.token, listening=ServerConfig(), config=config) as layer,
+        running_compat(server.url, server.token, listening=ServerConfig()) as layer,
         httpx.AsyncClient(
             base_url=layer.url, headers={"x-api-key": layer.key}, trust_env=False, timeout=60
         ) as http,
@@ -537,10 +536,12 @@ async def test_an_instance_used_again_after_its_reset_is_taken_back_when_idle(
     await until(lambda: len(server.service.leases) == 0)
 
 
-async def test_only_so_many_instances_are_remembered(server: RunningServer) -> None:
-    config = CompatConfig(instances=2)
+async def test_only_so_many_instances_are_remembered(
+    server: RunningServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("webgym.compat.instances.INSTANCES", 2)
     async with (
-        running_compat(server.url, server.token, listening=ServerConfig(), config=config) as layer,
+        running_compat(server.url, server.token, listening=ServerConfig()) as layer,
         httpx.AsyncClient(
             base_url=layer.url, headers={"x-api-key": layer.key}, trust_env=False, timeout=60
         ) as http,

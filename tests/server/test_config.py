@@ -17,7 +17,6 @@ from webgym import cli
 from webgym.browser.config import BrowserConfig
 from webgym.browser.egress.config import EgressConfig
 from webgym.cli import serve
-from webgym.compat.config import CompatConfig
 from webgym.server.config import ClientLimits, GatewayConfig, RayConfig, ServerConfig
 from webgym.server.operations import QUEUES
 
@@ -32,7 +31,7 @@ SOURCE = "".join(
 
 @pytest.mark.parametrize(
     "config",
-    [BrowserConfig, EgressConfig, ServerConfig, GatewayConfig, RayConfig, ClientLimits, CompatConfig],
+    [BrowserConfig, EgressConfig, ServerConfig, GatewayConfig, RayConfig, ClientLimits],
 )
 def test_every_key_is_read(config: type[BaseModel]) -> None:
     for name in config.model_fields.keys() - set(QUEUES):  # those are read by their names

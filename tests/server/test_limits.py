@@ -309,8 +309,11 @@ def test_deep_nesting_is_a_broken_request(body: bytes) -> None:
         decode(body, StepRequest)
 
 
-async def test_a_call_that_outlasts_the_servers_end_is_told_so(caplog: pytest.LogCaptureFixture) -> None:
-    async with served(shutdown_seconds=1) as server:
+async def test_a_call_that_outlasts_the_servers_end_is_told_so(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("webgym.server.listening.SHUTDOWN_SECONDS", 1)
+    async with served() as server:
         request = b"GET /hold HTTP/1.1\r\nhost: x\r\nconnection: close\r\n" + AUTHORIZED + b"\r\n"
         answer = asyncio.create_task(server.answer(request))
         await until(lambda: server.in_flight == 1)

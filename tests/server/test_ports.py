@@ -36,8 +36,9 @@ def test_workers_keep_to_their_ports_here_and_on_a_node() -> None:
 
 def test_a_nodes_sessions_follow_its_cpus() -> None:
     node = {"NodeManagerAddress": "10.0.0.7", "Resources": {"CPU": 12.0}}
-    fleet = GatewayConfig(cores_per_worker=4)
+    fleet = GatewayConfig()
     by_cpus = RayHost(sys, node, ServerConfig(), fleet, RayConfig(slots_per_cpu=2.5))
     assert [share.slots for share in by_cpus.shares] == [10, 10, 10]
+    assert [share.parallel_launches for share in by_cpus.shares] == [4, 4, 4]  # one for each core
     by_node = RayHost(sys, node, ServerConfig(), fleet, RayConfig(slots_per_node=7))
     assert [share.slots for share in by_node.shares] == [3, 2, 2]

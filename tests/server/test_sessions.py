@@ -13,6 +13,7 @@ import httpx
 import pytest
 
 from webgym.browser.config import BrowserConfig
+from webgym.browser.isolated_worlds import ADDRESS_CHARACTERS
 from webgym.core.action import GoBack, LeftClick, Navigate, Press, Scroll, Target, Type, Upload
 from webgym.core.errors import BrowserCrashed, LeaseLost, NoCapacity, ProtocolError
 from webgym.core.task import Attachment
@@ -186,7 +187,7 @@ async def test_an_endless_address_is_not_opened(site: Site, client: BrowserClien
     session = await client.open()
     most = BrowserConfig().url_length
     longest = site.url() + "?" + "x" * (most - len(site.url()) - 1)
-    shown = longest[: BrowserConfig().address_characters]
+    shown = longest[:ADDRESS_CHARACTERS]
     assert (await session.navigate(longest)).url == shown
     refused = await session.navigate(longest + "x")
     assert refused.url == shown

@@ -90,16 +90,18 @@ def texts(messages: Any) -> list[str]:
 def test_a_recipe_that_was_killed_ends_with_the_same_weights(
     tmp_path: Path, calls: Calls, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("webgym.study.pretrain.CHECKPOINT_STEPS", 2)
+    monkeypatch.setattr("webgym.study.pretrain.REPORT_STEPS", 1)
+    monkeypatch.setattr("webgym.study.recipe.EXAMINED", 1)
     small = {"width": 32, "text_layers": 1, "vision_layers": 2}
-    taught = {"model": small, "steps": 6, "pointing_steps": 3, "batch": 2, "threads": 1, "warmup": 1}
+    taught = {"model": small, "steps": 6, "pointing_steps": 3, "batch": 2, "threads": 1}
     (tmp_path / "small.yaml").write_text(
         json.dumps(
             {
                 "attempts": 3,
                 "per_family": 6,
-                "examined": 1,
                 "budget": [2, 2, 2],
-                "pretrain": {**taught, "checkpoint_steps": 2, "report_steps": 1},
+                "pretrain": taught,
             }
         )
     )
@@ -128,7 +130,7 @@ def test_a_recipe_that_was_killed_ends_with_the_same_weights(
     with pytest.raises(Killed):
         asyncio.run(follow(config, tmp_path / "killed", tell=killed, advance=advance))
     del told[:]
-    faster = config.model_copy(update={"pretrain": config.pretrain.model_copy(update={"muon_rate": 0.5})})
+    faster = config.model_copy(update={"pretrain": config.pretrain.model_copy(update={"decay_share": 0.5})})
     for name in ("whole", "killed"):  # a model, and a checkpoint
         with pytest.raises(ConfigError, match=f"the model in .*{name} was made with other settings"):
             asyncio.run(follow(faster, tmp_path / name, tell=tell, advance=advance))

@@ -84,7 +84,6 @@ class Command:
                     "today": TODAY,
                     "split": {"test_tasks": count},
                     "figures": False,
-                    "duplicates": {"per_template": 3},
                 }
             )
         )
@@ -258,7 +257,9 @@ async def test_ctrl_c_is_one_line_and_loses_nothing(tmp_path: Path) -> None:
 PRICES = {"*": {"prompt": 1, "completion": 4}}
 
 
-async def test_a_dry_run_counts_before_it_asks_and_measures_what_is_there(tmp_path: Path) -> None:
+async def test_a_dry_run_counts_before_it_asks_and_measures_what_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     async with serve() as endpoint:
         command = Command(endpoint, tmp_path, count=6)
         place = BuildPaths.of(tmp_path / "out")
@@ -284,10 +285,8 @@ async def test_a_dry_run_counts_before_it_asks_and_measures_what_is_there(tmp_pa
         half = {name: {"at_most": 3} for name in command.sources}
         other = BuildPaths.of(tmp_path / "other", tmp_path / "half.sqlite")
         await run_build(command.settings(sources=half, split={"test_tasks": 3}), other, QUIET)
-        few = {"measured_from": 10}
-        trial = await run_dry(
-            command.settings(assumptions=few), BuildPaths.of(tmp_path / "whole", other.cache), QUIET
-        )
+        monkeypatch.setattr("webgym.taskset.construction.estimate.MEASURED_FROM", 10)
+        trial = await run_dry(command.settings(), BuildPaths.of(tmp_path / "whole", other.cache), QUIET)
         assert "measured" in trial.lines[1].basis, "a trial run's replies tell what the whole will take"
         assert 0 < trial.lines[1].there < trial.lines[1].things
         assert trial.dollars is None

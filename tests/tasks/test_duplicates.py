@@ -182,10 +182,11 @@ def test_a_family_s_members_may_be_near_but_not_the_same() -> None:
     assert verdicts(asking("s/1", LONG), asking("s/2", shorter)) == [("s/2", "near", "s/1")]
 
 
-def test_a_template_is_capped_in_synthetic_sources_alone() -> None:
+def test_a_template_is_capped_in_synthetic_sources_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("webgym.taskset.duplicates.PER_TEMPLATE", 4)
     texts = [f"Find a hotel with {number} stars." for number in range(10)]
     made = [asking(f"p/{n}", text, source="pae-webvoyager") for n, text in enumerate(texts)]
-    limits = DuplicateLimits(per_template=4)
+    limits = DuplicateLimits()
     dropped = verdicts(*made, limits=limits)
     kept = {each.id for each in made} - {id for id, _, _ in dropped}
     assert (len(kept), {why for _, why, _ in dropped}) == (4, {"template"})
@@ -198,11 +199,12 @@ def test_a_template_is_capped_in_synthetic_sources_alone() -> None:
     )
 
 
-def test_a_website_is_capped_in_synthetic_sources_alone() -> None:
+def test_a_website_is_capped_in_synthetic_sources_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("webgym.taskset.duplicates.PER_WEBSITE", 3)
     words = "alpha beta gamma delta epsilon zeta".split()
     made = [asking(f"p/{word}", f"Find {word}.", source="agentsynth-web") for word in words]
     child = asking("p/alpha+1", "Find only alpha.", source="agentsynth-web", parent_id="p/alpha")
-    dropped = verdicts(*made, child, limits=DuplicateLimits(per_website=3))
+    dropped = verdicts(*made, child)
     gone = {id for id, why, _ in dropped if why == "website"}
     assert len(gone) == 3
     assert ("p/alpha" in gone) == (("p/alpha+1", "parent", "p/alpha") in dropped)

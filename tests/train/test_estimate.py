@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -42,7 +43,7 @@ def test_memory_and_time_follow_from_settings() -> None:
     full = estimate(settings(), H100)
     assert not full.fits  # 16 bytes a weight
     assert full.memory["optimizer"] == 2 * full.memory["gradients"] == 2 * full.memory["weights"]
-    eight = estimate(settings(), H100.model_copy(update={"count": 8}))
+    eight = estimate(settings(), replace(H100, count=8))
     assert eight.memory["weights"] == full.memory["weights"] / 8
     assert eight.seconds == pytest.approx(full.seconds / 8)
 
@@ -57,7 +58,7 @@ def test_memory_and_time_follow_from_settings() -> None:
 
 def test_the_8b_preset_fits_eight_h100_beside_the_model_that_replies() -> None:
     preset = load_train_config([Path(__file__).parents[2] / "configs/train/qwen3-vl-8b.yaml"])
-    found = estimate(preset.learn, H100.model_copy(update={"count": 8}), local=preset.local)
+    found = estimate(preset.learn, replace(H100, count=8), local=preset.local)
     assert found.memory["local model"] == 2 * found.parameters
     assert found.fits
 

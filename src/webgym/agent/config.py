@@ -59,9 +59,6 @@ class AgentConfig(Settings):
     """Largest size of the memory, in characters of JSON. Entries that would exceed it are refused, and the
     next prompt says so."""
 
-    summary_line_max_chars: int = Field(default=200, ge=20)
-    """Longest description of one older action in the list of actions."""
-
     @model_validator(mode="after")
     def _format_supports_actions(self) -> Self:
         if self.actions == "extended" and self.prompt_format.startswith("compact"):

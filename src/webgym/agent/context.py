@@ -61,6 +61,9 @@ _WORD_LETTERS: Final = 5
 _LETTERS: Final = 1.5
 """Letters per token of other letters: identifiers, capitals, base64; random letters have about 1.7."""
 
+SUMMARY_LINE_MAX_CHARS = 200
+"""Longest description of one older action in the list of actions."""
+
 
 class Cut(msgspec.Struct, frozen=True):
     """How many items are left out of a request, the oldest of each kind first.
@@ -355,7 +358,7 @@ def _opening(
         parts.append(f"Its files, for upload: {named}")
     if older:
         lines = [f"(The first {cut.lines} are left out.)"] if cut.lines else []
-        lines += [_summary_line(past, screen, config.summary_line_max_chars) for past in older[cut.lines :]]
+        lines += [_summary_line(past, screen, SUMMARY_LINE_MAX_CHARS) for past in older[cut.lines :]]
         parts.append("Earlier actions:\n" + "\n".join(lines))
     if config.prompt_format in WITH_MEMORY:
         shown = dict(list(now.memory.items())[cut.entries :])

@@ -14,7 +14,7 @@ from webgym.browser.keyboard import BACKSPACE, ENTER, PROCESS, Key, key_of, spli
 from webgym.browser.page import BLANK, Page, Returned
 from webgym.browser.pointer import Point, click, drag, holding, mouse, press, scroll
 from webgym.browser.settle import settle
-from webgym.browser.sliders import slide
+from webgym.browser.sliders import TYPED_KEYS, slide
 from webgym.browser.upload import upload
 from webgym.core.action import (
     GRID,
@@ -164,7 +164,7 @@ async def _compose(page: Page, text: str) -> None:
 
 
 async def _write(page: Page, text: str) -> None:
-    for method, run in split_input(text, page.config.typed_keys):
+    for method, run in split_input(text, TYPED_KEYS):
         match method:
             case "keys":
                 await asyncio.gather(*(_press(page, key_of(character)) for character in run))
@@ -219,7 +219,6 @@ async def type_at(
     Raises:
         ActionFailed: no element accepts this text, or a slider does not have this value.
     """
-    config = page.config
     await click(page, point)
     field = await _prepare(page, text, enter)
     if field.kind in ("none", "keys", "read_only"):
@@ -239,10 +238,8 @@ async def type_at(
         case "set" if field.why:
             raise ActionFailed(field.why)
         case "keys" | "none" | "frame":
-            if len(text) > config.typed_keys:
-                raise ActionFailed(
-                    f"this is not a text field; it takes {config.typed_keys} key presses at most"
-                )
+            if len(text) > TYPED_KEYS:
+                raise ActionFailed(f"this is not a text field; it takes {TYPED_KEYS} key presses at most")
             await _write(page, text)
         case "text" if text:
             if not replace:

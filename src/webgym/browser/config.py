@@ -126,22 +126,12 @@ class BrowserConfig(Settings):
     open_seconds: float = Field(default=20.0, gt=0)
     """Creating a context with its page. Takes 0.1 s on an idle machine."""
 
-    close_seconds: float = Field(default=5.0, gt=0)
-    """Disposing of a context. If a page hangs for longer, the slot's browser is replaced."""
-
-    kill_seconds: float = Field(default=10.0, gt=0)
-    """From SIGKILL until every process of the group must have ended."""
-
     navigate_seconds: float = Field(default=15.0, gt=0)
     """From requesting a URL to the first byte that replaces the page."""
 
     execute_seconds: float = Field(default=10.0, gt=0)
     """Until the page has handled one input event or script. A script of the page that blocks it for longer is
     terminated."""
-
-    terminate_seconds: float = Field(default=1.0, gt=0)
-    """Until a script that is terminated has ended. A chain of callbacks outlives the end of one of them; then
-    the page's scripts are switched off until it answers, as long again at most."""
 
     screenshot_seconds: float = Field(default=15.0, gt=0)
     """One screenshot, retries included."""
@@ -151,22 +141,10 @@ class BrowserConfig(Settings):
     second request is; none is while the document has no body. On a busy machine the slowest answers take half
     a second."""
 
-    most_documents: int = Field(default=12, ge=1)
-    """Documents that may follow one another in the tab after an action. A page that redirects further, such
-    as one that reloads itself, is then kept at its current document until the next action, so that it can be
-    observed. Signing in somewhere takes five or six."""
-
     # --- settling -----------------------------------------------------------------------------------
 
     settle_seconds: float = Field(default=10.0, gt=0)
     """Hard deadline of the wait for a quiet page after an action."""
-
-    tick_seconds: float = Field(default=0.02, gt=0)
-    """The interval in which a page's quiet time is counted. Unlike a clock, the count stops while the process
-    is stopped or starved of CPU time."""
-
-    reaction_seconds: float = Field(default=0.04, gt=0)
-    """How long to wait for a first reaction to an action."""
 
     quiet_seconds: float = Field(default=0.1, gt=0)
     """How long a page that did something must show no change to be called quiet."""
@@ -183,9 +161,6 @@ class BrowserConfig(Settings):
     """A request in flight for longer counts as a long poll or a stream. Settling does not wait for the next
     one to its address."""
 
-    picture_seconds: float = Field(default=3.0, gt=0)
-    """The same for a picture in the viewport."""
-
     minor_seconds: float = Field(default=1.5, gt=0)
     """The same for what matters less: pictures out of view, frames of other sites with everything that they
     load, computing workers, new windows without a URL yet. Advertisements are slow, and must not delay every
@@ -195,98 +170,27 @@ class BrowserConfig(Settings):
     """How long to wait for a message on a WebSocket or an event stream after it was opened or written to;
     twice as long for the answer to a message that an action sent."""
 
-    unread_seconds: float = Field(default=0.5, gt=0)
-    """How long to wait for the body of a response to a script, if its length is known and none of it was
-    read: a page that only reports something never reads the response, which then never ends."""
-
-    load_seconds: float = Field(default=2.0, gt=0)
-    """How long to wait for a page's load event after its document is complete."""
-
-    timer_seconds: float = Field(default=1.0, ge=0)
-    """Settling waits for timers that the action caused if they are due within this time after the page became
-    quiet. Longer ones usually hide something again: a confirmation, a tooltip."""
-
     silent_timer_seconds: float = Field(default=3.0, ge=0)
-    """The same on a page that has shown no reaction to the action yet."""
-
-    loading_seconds: float = Field(default=8.0, ge=0)
-    """The same, for timers and requests, while the page shows that it is loading: a spinner, a skeleton,
-    ``aria-busy``, "Loading…", or a blank page."""
+    """Settling waits for timers that the action caused if they are due within this time, on a page that has
+    shown no reaction to the action yet."""
 
     linger_seconds: float = Field(default=2.0, ge=0)
-    """How long to wait for such a sign of loading to disappear when nothing is known to be in progress, and
+    """How long to wait for a sign of loading to disappear when nothing is known to be in progress, and
     for timers that poll; half as long for a sign that only spins. A sign that stays counts as decoration from
     then on."""
 
-    trace_kilobytes: int = Field(default=256, gt=0)
-    """Size of the trace buffer that timers are read from: the last second of a page with animations."""
-
-    trace_seconds: float = Field(default=0.5, gt=0)
-    """Deadline for reading the trace. It takes 0.015 s, but 5 s after a process has joined the browser."""
-
     # --- actions ------------------------------------------------------------------------------------
-
-    typed_keys: int = Field(default=200, ge=1)
-    """A text of up to this many characters is typed key by key, because fields may handle key events. A key
-    costs about 1 ms of CPU, as much as inserting a whole text, so a longer text is inserted except for its
-    last character, which is typed. Also the longest text for an element that handles keys but is no field,
-    such as a game board."""
 
     url_length: int = Field(default=16_384, gt=0)
     """Longest URL to open, characters: a model that repeats itself writes longer ones."""
 
-    # --- observations ---------------------------------------------------------------------------------
-    # A page may contain hundreds of megabytes of each. Longer content is truncated in the page, before it
-    # reaches the records, and a notice says so.
-
-    title_characters: int = Field(default=1_000, gt=0)
-    """Longest title."""
-
-    address_characters: int = Field(default=4_096, gt=0)
-    """Longest URL, of the page and of a link. Search and log-in pages use 2,000; data URLs have no limit."""
-
-    text_characters: int = Field(default=100_000, gt=0)
-    """Longest visible text; also the limit of all field values together, and of all values and addresses of
-    elements together. A viewport full of small print has 15,000."""
-
-    name_characters: int = Field(default=200, gt=0)
-    """Longest name of an element, and of an option in an open list."""
-
-    value_characters: int = Field(default=10_000, gt=0)
-    """Longest value of a field: more than an agent writes in one action."""
-
-    observed_elements: int = Field(default=2_000, gt=0)
-    """Most elements in an observation. Busy viewports have 200; the marks of many more would overlap."""
-
-    listed_options: int = Field(default=1_000, gt=0)
-    """Most options in the open list of a dropdown. The others can be chosen by typing their text."""
-
-    document_characters: int = Field(default=1_000_000, gt=0)
-    """Most characters, all texts together, when a whole document is read."""
-
-    document_elements: int = Field(default=5_000, gt=0)
-    """Most elements when a whole document is read."""
-
     passed_over: int = Field(default=8, ge=0)
     """Most pages that redirect by script and that one ``go_back`` skips."""
-
-    dialogs_per_action: int = Field(default=20, gt=0)
-    """Most dialogs that are answered within one action; then the script that opens them is terminated."""
-
-    notices_per_observation: int = Field(default=12, gt=0)
-    """Most notices in an observation; further ones are only counted."""
 
     # --- recycling ----------------------------------------------------------------------------------
 
     recycle_episodes: int = Field(default=50, gt=0)
     """Episodes that one browser process serves. A fresh process costs 1 s and has no leftover state."""
-
-    recycle_seconds: float = Field(default=3600.0, gt=0)
-    """Age at which a browser is replaced at the end of an episode."""
-
-    recycle_bytes: int = Field(default=400 * 1024**2, gt=0)
-    """Memory use, without renderers, at which a browser is replaced at the end of an episode. A fresh one has
-    80 MB."""
 
     # --- memory -------------------------------------------------------------------------------------
 
@@ -306,9 +210,6 @@ class BrowserConfig(Settings):
     reserve_bytes: int = Field(default=512 * 1024**2, ge=0)
     """Memory that must stay available on the machine. When less is available, the largest browser, or its
     largest renderer, is ended."""
-
-    memory_look_seconds: float = Field(default=0.5, gt=0)
-    """Interval between two checks of memory use. A page can allocate 500 MB in this time."""
 
     def allowing(self, *rules: str) -> BrowserConfig:
         """A copy with these rules before the egress policy's own."""

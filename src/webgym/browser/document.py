@@ -11,6 +11,12 @@ from webgym.browser.page import Page
 
 Box = tuple[float, float, float, float]
 
+DOCUMENT_CHARACTERS = 1_000_000
+"""Most characters, all texts together, when a whole document is read."""
+
+DOCUMENT_ELEMENTS = 5_000
+"""Most elements when a whole document is read."""
+
 
 class ReadRequest(msgspec.Struct, frozen=True, omit_defaults=True):
     """Which parts of a document to read.
@@ -48,7 +54,7 @@ class DocumentElement(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Document(msgspec.Struct, frozen=True, omit_defaults=True):
-    """The content of a document, truncated to ``document_characters`` and ``document_elements``.
+    """The content of a document, truncated to ``DOCUMENT_CHARACTERS`` and ``DOCUMENT_ELEMENTS``.
 
     Attributes:
         url, title: URL and title of the main frame.
@@ -76,8 +82,8 @@ async def read(page: Page, request: ReadRequest) -> Document:
     """
     options = {
         **msgspec.structs.asdict(request),
-        "characters": page.config.document_characters,
-        "most": page.config.document_elements,
+        "characters": DOCUMENT_CHARACTERS,
+        "most": DOCUMENT_ELEMENTS,
     }
     document = await with_retries(page, lambda: page.run("readDocument", options, reply=Document))
     return msgspec.structs.replace(document, url=page.address)

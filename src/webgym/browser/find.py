@@ -27,10 +27,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-from pydantic import Field, PositiveFloat
-
 from webgym.core.errors import BrowserNotFound
-from webgym.core.settings import Settings
 
 Kind: TypeAlias = Literal["headless-shell", "chromium", "chrome"]
 Origin: TypeAlias = Literal["setting", "playwright", "system"]
@@ -53,14 +50,6 @@ _SYSTEM_NAMES: tuple[str, ...] = (
 )
 
 
-class FindLimits(Settings):
-    """Time limits of the search for a browser."""
-
-    version_seconds: PositiveFloat = Field(
-        default=15.0, description="for one browser to print its version; a cold disk takes a few seconds"
-    )
-
-
 @dataclass(frozen=True, slots=True)
 class FoundBrowser:
     """A Chromium that starts.
@@ -78,26 +67,26 @@ class FoundBrowser:
     origin: Origin
 
 
-DEFAULT_LIMITS = FindLimits()
+VERSION_SECONDS = 15.0
+"""Time limit for one browser to print its version; a cold disk takes a few seconds."""
 
 
-def find_browser(explicit: Path | None = None, *, limits: FindLimits = DEFAULT_LIMITS) -> FoundBrowser:
+def find_browser(explicit: Path | None = None) -> FoundBrowser:
     """The browser to start.
 
     Args:
         explicit: path of an executable. If it cannot be used, that is an error: no other one is searched for.
-        limits: time limits of the search.
 
     Raises:
         BrowserNotFound: there is no Chromium, or the explicit one cannot be used. The hint says what to do.
     """
     setting = explicit or os.environ.get(ENVIRONMENT_VARIABLE)
     if setting:
-        return _examine(Path(setting).expanduser().absolute(), "setting", limits)
+        return _examine(Path(setting).expanduser().absolute(), "setting")
     unusable: list[str] = []
     for path, origin in _candidates():
         try:
-            return _examine(path, origin, limits)
+            return _examine(path, origin)
         except BrowserNotFound as error:
             unusable.append(error.message)
     raise BrowserNotFound("; ".join(["no Chromium on this machine", *unusable]), hint=INSTALL_HINT)
@@ -175,12 +164,12 @@ def _playwright_shells(folder: Path) -> list[Path]:
     ]
 
 
-def _examine(path: Path, origin: Origin, limits: FindLimits) -> FoundBrowser:
+def _examine(path: Path, origin: Origin) -> FoundBrowser:
     if not path.exists():
         raise BrowserNotFound(f"there is no browser at {path}", hint=_hint(origin))
     if not path.is_file() or not os.access(path, os.X_OK):
         raise BrowserNotFound(f"{path} is not an executable file", hint=_hint(origin))
-    product, version = _product_and_version(path, path.stat().st_mtime_ns, origin, limits)
+    product, version = _product_and_version(path, path.stat().st_mtime_ns, origin)
     if "headless" in path.name:
         kind: Kind = "headless-shell"
     else:
@@ -189,12 +178,12 @@ def _examine(path: Path, origin: Origin, limits: FindLimits) -> FoundBrowser:
 
 
 @functools.lru_cache(maxsize=64)
-def _product_and_version(path: Path, _changed: int, origin: Origin, limits: FindLimits) -> tuple[str, str]:
+def _product_and_version(path: Path, _changed: int, origin: Origin) -> tuple[str, str]:
     """Product and version as ``--version`` prints them. Cached, since it costs a process start."""
     try:
-        answer = run_bounded([path, "--version"], limits.version_seconds)
+        answer = run_bounded([path, "--version"], VERSION_SECONDS)
     except subprocess.TimeoutExpired:
-        reason = f"{path} did not print its version within {limits.version_seconds:g} s"
+        reason = f"{path} did not print its version within {VERSION_SECONDS:g} s"
         raise BrowserNotFound(reason, hint=_hint(origin)) from None
     except OSError as error:
         raise BrowserNotFound(f"{path} does not start: {error.strerror}", hint=_hint(origin)) from error

@@ -57,6 +57,30 @@ _WORLD_IS_GONE = (
     "Internal error",  # WebGym's script was terminated together with the page's own
 )
 
+# A page may contain hundreds of megabytes of each. Longer content is truncated in the page, before it reaches
+# the records, and a notice says so.
+TITLE_CHARACTERS = 1_000
+"""Longest title."""
+
+ADDRESS_CHARACTERS = 4_096
+"""Longest URL, of the page and of a link. Search and log-in pages use 2,000; data URLs have no limit."""
+
+TEXT_CHARACTERS = 100_000
+"""Longest visible text; also the limit of all field values together, and of all values and addresses of
+elements together. A viewport full of small print has 15,000."""
+
+NAME_CHARACTERS = 200
+"""Longest name of an element, and of an option in an open list."""
+
+VALUE_CHARACTERS = 10_000
+"""Longest value of a field: more than an agent writes in one action."""
+
+OBSERVED_ELEMENTS = 2_000
+"""Most elements in an observation. Busy viewports have 200; the marks of many more would overlap."""
+
+LISTED_OPTIONS = 1_000
+"""Most options in the open list of a dropdown. The others can be chosen by typing their text."""
+
 
 class DocumentGone(BrowserError):
     """The page navigated to another document while a script ran in it."""
@@ -99,13 +123,13 @@ class Worlds:
         self._config = config
         self._limits = json.dumps(
             {
-                "title": config.title_characters,
-                "address": config.address_characters,
-                "text": config.text_characters,
-                "name": config.name_characters,
-                "value": config.value_characters,
-                "elements": config.observed_elements,
-                "options": config.listed_options,
+                "title": TITLE_CHARACTERS,
+                "address": ADDRESS_CHARACTERS,
+                "text": TEXT_CHARACTERS,
+                "name": NAME_CHARACTERS,
+                "value": VALUE_CHARACTERS,
+                "elements": OBSERVED_ELEMENTS,
+                "options": LISTED_OPTIONS,
             }
         )
         self._question = f"webgym-{secrets.token_hex()}"

@@ -42,6 +42,9 @@ _CGROUP = Path("/sys/fs/cgroup")
 _COUNTED = (b"RssAnon:", b"RssShmem:")
 _TYPE = re.compile(rb"--type=([a-z-]+)")
 
+MEMORY_LOOK_SECONDS = 0.5
+"""Interval between two checks of memory use. A page can allocate 500 MB in this time."""
+
 
 class Browser(Protocol):
     """A browser process, as far as the watch needs it."""
@@ -179,7 +182,7 @@ class MemoryWatch:
         """Check at intervals, until cancelled. Checks that fail, because no file is left, are made again."""
         is_blind = False
         while True:
-            await asyncio.sleep(self._config.memory_look_seconds)
+            await asyncio.sleep(MEMORY_LOOK_SECONDS)
             try:
                 await self.check()
                 is_blind = False

@@ -32,10 +32,10 @@ from webgym.browser.cdp_messages import (
 )
 from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.egress.proxy import ProxyListener
-from webgym.browser.isolated_worlds import Worlds
+from webgym.browser.isolated_worlds import ADDRESS_CHARACTERS, Worlds
 from webgym.browser.popups import Popups
 from webgym.browser.timers import IdleTimers, Timers
-from webgym.browser.traffic import Traffic
+from webgym.browser.traffic import NOTICES_PER_OBSERVATION, Traffic
 from webgym.browser.workers import AUTO_ATTACH, Workers
 from webgym.core.errors import BrowserTimeout, EgressRefused, NavigationFailed
 from webgym.core.observation import Fault, FaultKind, Notice, NoticeKind
@@ -72,6 +72,18 @@ _PROXY_ERRORS = frozenset({"net::ERR_SOCKS_CONNECTION_FAILED", "net::ERR_ADDRESS
 
 _FORM_RESULT = "net::ERR_CACHE_MISS"
 """Chromium's error for a page in the history that requires submitting a form again."""
+
+DIALOGS_PER_ACTION = 20
+"""Most dialogs that are answered within one action; then the script that opens them is terminated."""
+
+MOST_DOCUMENTS = 12
+"""Documents that may follow one another in the tab after an action. A page that redirects further, such as
+one that reloads itself, is then kept at its current document until the next action, so that it can be
+observed. Signing in somewhere takes five or six."""
+
+TERMINATE_SECONDS = 1.0
+"""Until a script that is terminated has ended. A chain of callbacks outlives the end of one of them; then the
+page's scripts are switched off until it answers, as long again at most."""
 
 
 def _not_opened_message(url: str) -> str:
@@ -286,8 +298,8 @@ class Page:
 
     @property
     def address(self) -> str:
-        """Its URL, truncated to ``address_characters``."""
-        return self.url[: self.config.address_characters]
+        """Its URL, truncated to ``ADDRESS_CHARACTERS``."""
+        return self.url[:ADDRESS_CHARACTERS]
 
     @property
     def is_chosen(self) -> bool:
@@ -337,9 +349,9 @@ class Page:
 
     def note(self, kind: NoticeKind, text: str) -> None:
         """Add a notice to the next observation."""
-        if len(self._happened) < self.config.notices_per_observation:
+        if len(self._happened) < NOTICES_PER_OBSERVATION:
             self._happened.append(Notice(kind, text))
-        if len(self._notices) < self.config.notices_per_observation:
+        if len(self._notices) < NOTICES_PER_OBSERVATION:
             self._notices.append(Notice(kind, text))
         else:
             self._more_notices += 1
@@ -358,8 +370,8 @@ class Page:
             )
 
     def _add_fault(self, kind: FaultKind, url: str, why: str, is_typed: bool) -> None:
-        if kind == "renderer" or len(self._faults) < self.config.notices_per_observation:
-            self._faults.append(Fault(kind, url[: self.config.address_characters], why, is_typed))
+        if kind == "renderer" or len(self._faults) < NOTICES_PER_OBSERVATION:
+            self._faults.append(Fault(kind, url[:ADDRESS_CHARACTERS], why, is_typed))
 
     def take_faults(self) -> tuple[Fault, ...]:
         """The faults since the last call."""
@@ -440,9 +452,9 @@ class Page:
         self.session.send("Emulation.setScriptExecutionDisabled", {"value": not on})
 
     async def _answers(self) -> bool:
-        """Whether the page answers a command within ``terminate_seconds``."""
+        """Whether the page answers a command within ``TERMINATE_SECONDS``."""
         try:
-            await self.session.do("Page.enable", seconds=self.config.terminate_seconds)  # has no effect
+            await self.session.do("Page.enable", seconds=TERMINATE_SECONDS)  # has no effect
         except (BrowserTimeout, CommandFailed):
             return False
         return True
@@ -465,7 +477,7 @@ class Page:
             self.note("still_loading", "the page did not react; what it had not loaded yet was given up")
         else:
             self.note("still_loading", "the page did not react; the script that ran was ended")
-            await self.rest(self.config.terminate_seconds)
+            await self.rest(TERMINATE_SECONDS)
             if not await self._answers():
                 self._switch_scripts(on=False)
                 self.session.send("Runtime.terminateExecution")
@@ -605,7 +617,7 @@ class Page:
         if not self.has_scripts:
             self._switch_scripts(on=True)
         self._documents += 1
-        if self._documents > self.config.most_documents and self._release is None:
+        if self._documents > MOST_DOCUMENTS and self._release is None:
             self._keep_document()
         self.url = (frame.unreachable_url or frame.url) + frame.url_fragment
         self.status = self._statuses.get(frame.loader_id)
@@ -629,9 +641,7 @@ class Page:
         """Block further navigations until the next action."""
         self._release = self.session.on("Fetch.requestPaused", RequestPaused, self._on_paused)
         self.session.send("Fetch.enable", {"patterns": [{"urlPattern": "*", "resourceType": "Document"}]})
-        self.note(
-            "still_loading", f"the page led on {self.config.most_documents} times; it is held here for now"
-        )
+        self.note("still_loading", f"the page led on {MOST_DOCUMENTS} times; it is held here for now")
 
     def _on_paused(self, event: RequestPaused) -> None:
         if event.frame_id != self.target_id:
@@ -672,9 +682,9 @@ class Page:
 
     def _on_dialog(self, event: DialogOpening) -> None:
         self._dialogs += 1
-        if self._dialogs > self.config.dialogs_per_action:
+        if self._dialogs > DIALOGS_PER_ACTION:
             self.session.send("Runtime.terminateExecution")
-            if self._dialogs == self.config.dialogs_per_action + 1:
+            if self._dialogs == DIALOGS_PER_ACTION + 1:
                 self.note("dialog", "the page would not stop opening dialogs; it may open no more")
         else:
             dialog = f'{event.type} "{event.message[:_QUOTED_LENGTH]}"'
@@ -685,7 +695,7 @@ class Page:
             )
             self.note("dialog", f"{dialog}: {answer}")
         self.session.send("Page.handleJavaScriptDialog", {"accept": True, "promptText": event.default_prompt})
-        if self._dialogs > self.config.dialogs_per_action:
+        if self._dialogs > DIALOGS_PER_ACTION:
             self.session.send("Runtime.evaluate", {"expression": _NO_DIALOGS})
 
     def _on_download(self, event: DownloadWillBegin) -> None:

@@ -115,6 +115,9 @@ _FIRST_PAUSE_SECONDS = 0.01
 _EXIT_POLL_SECONDS = (0.001, 0.05)
 """First and longest pause while waiting for a killed process group to end."""
 
+KILL_SECONDS = 10.0
+"""From SIGKILL until every process of the group must have ended."""
+
 
 class BrowserProcess:
     """A running browser: its connection, its process group and its profile.
@@ -128,7 +131,6 @@ class BrowserProcess:
         connection: Connection,
         profile: Path,
         root: ProfileRoot,
-        kill_seconds: float,
         cgroup: Cgroup | None = None,
     ) -> None:
         self.pid = pid
@@ -145,7 +147,6 @@ class BrowserProcess:
         """Why its renderer was last ended; empty if it was not."""
         self._root = root
         self._cgroup = cgroup
-        self._kill_seconds = kill_seconds
         self._exited = asyncio.Event()
         self._ending: asyncio.Task[None] | None = None
         connection.why_lost = self._why_lost
@@ -244,7 +245,7 @@ class BrowserProcess:
 
     async def _end(self) -> None:
         try:
-            await _end_group(self.pid, self._kill_seconds, self._cgroup)
+            await _end_group(self.pid, KILL_SECONDS, self._cgroup)
         finally:
             self._close_pidfd()
             await self._root.remove(self.profile)
@@ -404,10 +405,10 @@ async def _start(
             with child_end:
                 arguments = _arguments(executable, profile, sandbox, listener)
                 pid = _spawn(cgroup.command(arguments) if cgroup else arguments, child_end, profile)
-            process = BrowserProcess(pid, Connection(), profile, root, config.kill_seconds, cgroup)
+            process = BrowserProcess(pid, Connection(), profile, root, cgroup)
         except OSError as error:
             if pid is not None:
-                await _end_group(pid, config.kill_seconds, cgroup)
+                await _end_group(pid, KILL_SECONDS, cgroup)
             if cgroup is not None:
                 cgroup.remove()
             await root.remove(profile)

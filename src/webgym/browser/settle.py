@@ -17,6 +17,7 @@ from typing import Literal, TypeAlias
 from webgym.browser.isolated_worlds import DocumentGone
 from webgym.browser.page import ActionResult, Page
 from webgym.browser.timers import Timer
+from webgym.browser.traffic import LOADING_SECONDS
 from webgym.core.errors import BrowserTimeout
 
 Reason: TypeAlias = Literal["unchanged", "quiet", "long_poll", "loading", "busy", "deadline"]
@@ -32,6 +33,17 @@ Reason: TypeAlias = Literal["unchanged", "quiet", "long_poll", "loading", "busy"
 
 _TIMER_GROUP_SECONDS = 0.05
 """Timers that are due within this time of each other are awaited together."""
+
+TICK_SECONDS = 0.02
+"""The interval in which a page's quiet time is counted. Unlike a clock, the count stops while the process is
+stopped or starved of CPU time."""
+
+REACTION_SECONDS = 0.04
+"""How long to wait for a first reaction to an action."""
+
+TIMER_SECONDS = 1.0
+"""Settling waits for timers that the action caused if they are due within this time after the page became
+quiet. Longer ones usually hide something again: a confirmation, a tooltip."""
 
 
 class _Quiet(ActionResult, frozen=True):
@@ -161,8 +173,8 @@ class _Settling:
     async def _quiet(self) -> _Quiet:
         config = self._config
         seconds = {
-            "tick": config.tick_seconds,
-            "reaction": config.reaction_seconds,
+            "tick": TICK_SECONDS,
+            "reaction": REACTION_SECONDS,
             "quiet": config.quiet_seconds,
             "busy": config.busy_seconds,
             "stir": config.stir_seconds if self._page.changes >= 0 else config.busy_seconds,
@@ -227,7 +239,7 @@ class _Settling:
         if self._first_quiet is None:
             self._first_quiet = time.monotonic()
         if quiet.loading and not self._patience:  # requests that exceeded their limit have more time now
-            self._patience = self._config.loading_seconds
+            self._patience = LOADING_SECONDS
             if not self._page.traffic.is_idle(self._patience):
                 return True
         timer = await self._next_timer(quiet)
@@ -254,7 +266,7 @@ class _Settling:
         elif self._known_timers is None:
             return None
         for timer in self._pending():
-            if timer.repeats and not (quiet.loading and 0 < timer.delay <= page.config.timer_seconds):
+            if timer.repeats and not (quiet.loading and 0 < timer.delay <= TIMER_SECONDS):
                 continue
             upcoming = timer.next(self._waited_until)
             if upcoming.due > horizon:
@@ -282,7 +294,7 @@ class _Settling:
         # The timers of a document that began after the action are all in the trace.
         has_watched = self._known_timers is not None or self._page.changes < 0
         # The effect of a timer that fired just now may not be visible yet.
-        self._waited_until = max(self._waited_until, time.monotonic() - self._config.tick_seconds)
+        self._waited_until = max(self._waited_until, time.monotonic() - TICK_SECONDS)
         newly_set = await self._page.timers.read()
         if newly_set is None or (has_watched and newly_set < quiet.handles - self._handles):
             self._missed_at = quiet.changes
@@ -321,11 +333,11 @@ class _Settling:
         """Until when to wait for timers, ``time.monotonic()``."""
         config = self._config
         if quiet.loading:
-            return first + config.loading_seconds
+            return first + LOADING_SECONDS
         if not self._last_effect and not self._has_changed(quiet):
             return first + config.silent_timer_seconds
         # If a timer had an effect, the next one has as much time again, but in total only twice the limit.
-        return min(max(first, self._last_effect), first + config.timer_seconds) + config.timer_seconds
+        return min(max(first, self._last_effect), first + TIMER_SECONDS) + TIMER_SECONDS
 
     def _learn(self, quiet: _Quiet) -> None:
         """Record whether the awaited timers had an effect, and the target of the action."""

@@ -19,6 +19,12 @@ _MOST_READS = 40
 _PRECISION = 1e-6
 """Relative difference up to which two values are equal, as pages round them."""
 
+TYPED_KEYS = 200
+"""A text of up to this many characters is typed key by key, because fields may handle key events. A key costs
+about 1 ms of CPU, as much as inserting a whole text, so a longer text is inserted except for its last
+character, which is typed. Also the longest text for an element that handles keys but is no field, such as a
+game board."""
+
 
 class _Told(msgspec.Struct, frozen=True):
     """What the page tells of the value of a slider."""
@@ -34,7 +40,7 @@ class _Slider:
         self.value = value
         self.frame = frame
         self.steps: dict[str, float] = {}
-        self.keys_left = page.config.typed_keys
+        self.keys_left = TYPED_KEYS
         self.reads_left = _MOST_READS
 
     async def press(self, name: str, count: int = 1) -> None:

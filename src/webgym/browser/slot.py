@@ -56,6 +56,16 @@ _ATTACHED = [
     {"exclude": True},
 ]
 
+RECYCLE_SECONDS = 3600.0
+"""Age at which a browser is replaced at the end of an episode."""
+
+RECYCLE_BYTES = 400 * 1024**2
+"""Memory use, without renderers, at which a browser is replaced at the end of an episode. A fresh one has 80
+MB."""
+
+CLOSE_SECONDS = 5.0
+"""Disposing of a context. If a page hangs for longer, the slot's browser is replaced."""
+
 
 class Slot:
     """One browser in which one episode at a time can run.
@@ -138,8 +148,8 @@ class Slot:
             return True
         return (
             self._episodes >= self.config.recycle_episodes
-            or process.age >= self.config.recycle_seconds
-            or process.standing_bytes >= self.config.recycle_bytes
+            or process.age >= RECYCLE_SECONDS
+            or process.standing_bytes >= RECYCLE_BYTES
         )
 
     @contextlib.contextmanager
@@ -203,7 +213,7 @@ class Slot:
         self.launches += 1
         self._episodes = 0
         connection = self._process.connection
-        self._timers = Timers(connection, self.config)
+        self._timers = Timers(connection)
         connection.on("Target.attachedToTarget", AttachedToTarget, self._on_attached)
         connection.on("Target.detachedFromTarget", DetachedFromTarget, self._on_detached)
         attach = {"autoAttach": True, "waitForDebuggerOnStart": True, "flatten": True, "filter": _ATTACHED}
@@ -368,7 +378,7 @@ class Slot:
                 "Target.disposeBrowserContext",
                 {"browserContextId": self._context},
                 reply=EmptyReply,
-                seconds=self.config.close_seconds,
+                seconds=CLOSE_SECONDS,
             )
         except (BrowserTimeout, BrowserCrashed, CommandFailed):
             await self.stop()

@@ -18,7 +18,6 @@ import msgspec
 
 from webgym.browser.cdp import Connection
 from webgym.browser.cdp_messages import CdpMessage
-from webgym.browser.config import BrowserConfig
 
 log = logging.getLogger(__name__)
 
@@ -35,6 +34,12 @@ _IDLE_WAITS_ANYWHERE = 5
 
 _Key = tuple[int, str, int]
 """Process id, frame or thread, and the timer's id in it."""
+
+TRACE_KILOBYTES = 256
+"""Size of the trace buffer that timers are read from: the last second of a page with animations."""
+
+TRACE_SECONDS = 0.5
+"""Deadline for reading the trace. It takes 0.015 s, but 5 s after a process has joined the browser."""
 
 
 class Timer(msgspec.Struct, frozen=True):
@@ -142,13 +147,10 @@ class Timers:
 
     Args:
         connection: the browser's connection.
-        config: the slot's limits.
     """
 
-    def __init__(self, connection: Connection, config: BrowserConfig) -> None:
+    def __init__(self, connection: Connection) -> None:
         self._connection = connection
-        self._buffer_kilobytes = config.trace_kilobytes
-        self._seconds = config.trace_seconds
         self._is_wanted = False
         self._is_on = False
         self._was_full = False
@@ -173,7 +175,7 @@ class Timers:
         self._is_on = True
         trace = {
             "recordMode": "recordContinuously",
-            "traceBufferSizeInKb": self._buffer_kilobytes,
+            "traceBufferSizeInKb": TRACE_KILOBYTES,
             "includedCategories": _CATEGORIES,
             "excludedCategories": ["*"],
         }
@@ -213,10 +215,10 @@ class Timers:
         self._ended_at = time.monotonic()
         self._connection.send("Tracing.end")
         try:
-            async with asyncio.timeout(self._seconds):
+            async with asyncio.timeout(TRACE_SECONDS):
                 await self._has_ended.wait()
         except TimeoutError:
-            log.info("the browser's trace could not be read within %g s", self._seconds)
+            log.info("the browser's trace could not be read within %g s", TRACE_SECONDS)
             return False
         return True
 
@@ -278,6 +280,6 @@ class Timers:
 
     def _prune(self) -> None:
         """Remove overdue timers, whose firing was lost from the buffer."""
-        old = time.monotonic() - self._seconds
+        old = time.monotonic() - TRACE_SECONDS
         self._set = {key: timer for key, timer in self._set.items() if timer.repeats or timer.due > old}
         self._worker_fires = {root: at for root, at in self._worker_fires.items() if at > old}

@@ -26,6 +26,7 @@ from webgym.browser.cdp_messages import (
     SocketCreated,
 )
 from webgym.browser.config import BrowserConfig
+from webgym.browser.isolated_worlds import NAME_CHARACTERS
 
 _NEVER_AWAITED = frozenset(
     {"Ping", "WebSocket", "Media", "Prefetch", "Preflight", "CSPViolationReport", "Manifest"}
@@ -63,6 +64,23 @@ _FRAMES = "frames"
 """Counted as an address: documents that start to load in frames, for pages that load such ones for ever."""
 
 _DIGITS = re.compile(r"\d+")
+
+NOTICES_PER_OBSERVATION = 12
+"""Most notices in an observation; further ones are only counted."""
+
+LOAD_SECONDS = 2.0
+"""How long to wait for a page's load event after its document is complete."""
+
+PICTURE_SECONDS = 3.0
+"""A picture in the viewport in flight for longer is no longer awaited."""
+
+UNREAD_SECONDS = 0.5
+"""How long to wait for the body of a response to a script, if its length is known and none of it was read: a
+page that only reports something never reads the response, which then never ends."""
+
+LOADING_SECONDS = 8.0
+"""How long to wait for timers and requests while the page shows that it is loading: a spinner, a skeleton,
+``aria-busy``, "Loading…", or a blank page."""
 
 
 class _DomContent(CdpMessage, frozen=True):
@@ -358,7 +376,7 @@ class Traffic:
 
     def _on_dom_content(self, _: _DomContent) -> None:
         if self._main_frame in self._in_flight:
-            self.begin(self._main_frame, self._config.load_seconds)
+            self.begin(self._main_frame, LOAD_SECONDS)
 
     def _on_within_document(self, event: FrameEvent) -> None:
         if event.frame_id == self._main_frame:
@@ -417,9 +435,7 @@ class Traffic:
             name.lower() for name in event.response.headers
         }:
             # A body that the page reads arrives at once.
-            activity.seconds = min(
-                activity.seconds, self._clock() - activity.since + self._config.unread_seconds
-            )
+            activity.seconds = min(activity.seconds, self._clock() - activity.since + UNREAD_SECONDS)
             activity.is_patient = False
         self._changed.set()
 
@@ -428,7 +444,7 @@ class Traffic:
         activity = self._in_flight.get(event.request_id)
         if activity is not None and activity.has_answer and activity.seconds:
             more = self._clock() - activity.since + self._config.minor_seconds
-            activity.seconds = max(activity.seconds, min(more, self._config.loading_seconds))
+            activity.seconds = max(activity.seconds, min(more, LOADING_SECONDS))
             self._changed.set()
 
     def _on_failed(self, failed: RequestFailed) -> None:
@@ -439,8 +455,8 @@ class Traffic:
 
     def _add_broken(self, activity: _InFlight, why: str) -> None:
         url = activity.endpoint.partition(" ")[2]
-        if _site(url) == self._site and len(self._broken) < self._config.notices_per_observation:
-            self._broken.append((url[: self._config.name_characters], why))
+        if _site(url) == self._site and len(self._broken) < NOTICES_PER_OBSERVATION:
+            self._broken.append((url[:NAME_CHARACTERS], why))
 
     def take_broken(self) -> list[tuple[str, str]]:
         """The requests to the page's own website that failed since the last call: URL and reason."""
@@ -450,7 +466,7 @@ class Traffic:
     def _on_priority(self, changed: PriorityChanged) -> None:
         activity = self._in_flight.get(changed.request_id)
         if activity is not None and activity.seconds and changed.new_priority not in _OUT_OF_VIEW:
-            activity.seconds = max(activity.seconds, self._config.picture_seconds)
+            activity.seconds = max(activity.seconds, PICTURE_SECONDS)
             self._changed.set()
 
     def _on_socket(self, socket: SocketCreated) -> None:

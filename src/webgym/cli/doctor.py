@@ -29,7 +29,6 @@ import msgspec
 import psutil
 import typer
 from PIL import Image
-from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -42,7 +41,6 @@ from webgym.browser.process import BrowserProcess, launch_sandboxed
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.sandbox import remedy
 from webgym.core.errors import BrowserError, BrowserNotFound, BrowserTimeout, ConfigError, WebGymError
-from webgym.core.settings import Settings
 from webgym.core.text import plain
 
 Status: TypeAlias = Literal["ok", "note", "missing"]
@@ -61,27 +59,23 @@ _MARKS: dict[Status, tuple[str, str]] = {
 }
 
 
-class DoctorLimits(Settings):
-    """Limits below which doctor reports a problem, and time limits of its checks."""
+MEMORY_GIB = 2.0
+"""Free memory below which doctor reports a problem; eight sessions and Python need about one GiB."""
 
-    memory_gib: NonNegativeFloat = Field(
-        default=2.0, description="free memory, GiB; eight sessions and Python need about one"
-    )
-    disk_gib: NonNegativeFloat = Field(
-        default=2.0, description="free disk space, GiB; a thousand trajectories need about one"
-    )
-    shared_memory_mib: NonNegativeFloat = Field(
-        default=256.0, description="shared memory, MiB; the usual 64 of a container are too few"
-    )
-    open_files: PositiveInt = Field(
-        default=4096, description="file descriptors per process; a slot needs about ten"
-    )
-    program_seconds: PositiveFloat = Field(
-        default=10.0, description="time limit of a program such as nvidia-smi, seconds"
-    )
-    browser_seconds: PositiveFloat = Field(
-        default=60.0, description="time limit to start the browser, render a page and end it, seconds"
-    )
+DISK_GIB = 2.0
+"""The same for disk space; a thousand trajectories need about one GiB."""
+
+SHARED_MEMORY_MIB = 256.0
+"""The same for shared memory; the usual 64 MiB of a container are too few."""
+
+OPEN_FILES = 4096
+"""The same for file descriptors of a process; a slot needs about ten."""
+
+PROGRAM_SECONDS = 10.0
+"""Time limit of a program such as nvidia-smi."""
+
+BROWSER_SECONDS = 60.0
+"""Time limit to start the browser, render a page and end it."""
 
 
 class Check(msgspec.Struct, frozen=True):
@@ -156,24 +150,22 @@ def table(checks: list[Check]) -> Table:
     return rich
 
 
-def examine(browser: Path | None = None, limits: DoctorLimits | None = None) -> Iterator[Check]:
+def examine(browser: Path | None = None) -> Iterator[Check]:
     """Run all checks, in the order in which problems should be fixed.
 
     Args:
         browser: the executable to check; by default it is searched for.
-        limits: by default the defaults.
     """
-    limits = limits or DoctorLimits()
     yield check_python()
     yield check_packages()
     yield check_uvloop()
-    yield from check_browser(browser, limits)
-    yield check_shared_memory(limits)
+    yield from check_browser(browser)
+    yield check_shared_memory()
     yield check_cores()
-    yield check_memory(limits)
-    yield check_open_files(limits)
-    yield check_disk(limits)
-    yield check_gpu(limits)
+    yield check_memory()
+    yield check_open_files()
+    yield check_disk()
+    yield check_gpu()
 
 
 # --- Python ------------------------------------------------------------------------------------------
@@ -211,7 +203,7 @@ def check_uvloop() -> Check:
 # --- browser -----------------------------------------------------------------------------------------
 
 
-def check_browser(explicit: Path | None, limits: DoctorLimits) -> Iterator[Check]:
+def check_browser(explicit: Path | None) -> Iterator[Check]:
     """The browser: its path, whether it starts and renders, its sandbox, its fonts."""
     try:
         found = find_browser(explicit)
@@ -220,7 +212,7 @@ def check_browser(explicit: Path | None, limits: DoctorLimits) -> Iterator[Check
         return
     yield Check("Browser", "ok", f"{found.kind} {found.version} ({found.path}, {_ORIGINS[found.origin]})")
     try:
-        trial = asyncio.run(try_browser(found.path, limits.browser_seconds))
+        trial = asyncio.run(try_browser(found.path, BROWSER_SECONDS))
     except BrowserError as error:
         yield Check("Rendering", "missing", error.message, _fix_launch(found, error))
         return
@@ -259,14 +251,14 @@ def _fonts(trial: LaunchCheck) -> Check:
 # --- machine -----------------------------------------------------------------------------------------
 
 
-def check_shared_memory(limits: DoctorLimits) -> Check:
+def check_shared_memory() -> Check:
     """Shared memory of processes. Without enough of it, Chromium uses files instead."""
     name = "Shared memory"
     if not _SHARED_MEMORY.is_dir():
         return Check(name, "note", f"no {_SHARED_MEMORY}", f"{_sudo()}mount -t tmpfs tmpfs {_SHARED_MEMORY}")
     size = shutil.disk_usage(_SHARED_MEMORY).total
     found = f"{_size(size)} in {_SHARED_MEMORY}"
-    if size < limits.shared_memory_mib * _MIB:
+    if size < SHARED_MEMORY_MIB * _MIB:
         return Check(name, "note", found, "start the container with --shm-size=1g")
     return Check(name, "ok", found)
 
@@ -288,45 +280,45 @@ def _cgroup_cores() -> float | None:
     return None if quota == "max" else int(quota) / int(period)
 
 
-def check_memory(limits: DoctorLimits) -> Check:
+def check_memory() -> Check:
     """Free memory."""
     memory = psutil.virtual_memory()
     found = f"{_size(memory.available)} free of {_size(memory.total)}"
-    if memory.available < limits.memory_gib * _GIB:
+    if memory.available < MEMORY_GIB * _GIB:
         return Check("Memory", "note", found, "use fewer sessions, e.g. --sessions 4")
     return Check("Memory", "ok", found)
 
 
-def check_open_files(limits: DoctorLimits) -> Check:
+def check_open_files() -> Check:
     """The limit of open files per process."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     found = "unlimited" if soft == resource.RLIM_INFINITY else f"{soft}"
-    if soft != resource.RLIM_INFINITY and soft < limits.open_files:
-        reachable = limits.open_files if hard == resource.RLIM_INFINITY else min(limits.open_files, hard)
+    if soft != resource.RLIM_INFINITY and soft < OPEN_FILES:
+        reachable = OPEN_FILES if hard == resource.RLIM_INFINITY else min(OPEN_FILES, hard)
         raised = f"ulimit -n {reachable}" if reachable > soft else "an administrator raises the hard limit"
         return Check("Open files", "note", found, raised)
     return Check("Open files", "ok", found)
 
 
-def check_disk(limits: DoctorLimits) -> Check:
+def check_disk() -> Check:
     """Free space in the folders of runs and of browser profiles."""
     here, temporary = Path.cwd(), Path(tempfile.gettempdir())
     free = {path: shutil.disk_usage(path).free for path in (here, temporary)}
     found = f"{_size(free[here])} free here, {_size(free[temporary])} in {temporary}"
-    if min(free.values()) < limits.disk_gib * _GIB:
+    if min(free.values()) < DISK_GIB * _GIB:
         fullest = min(free, key=lambda path: free[path])
         return Check("Disk", "note", found, f"free space in {fullest}")
     return Check("Disk", "ok", found)
 
 
-def check_gpu(limits: DoctorLimits) -> Check:
+def check_gpu() -> Check:
     """GPUs, which are only needed to serve or train a model."""
     program = shutil.which("nvidia-smi")
     if program is None:
         return Check("GPU", "ok", "none; only needed to serve or train a model")
     query = [program, "--query-gpu=name,memory.total", "--format=csv,noheader"]
     try:
-        answer = run_bounded(query, limits.program_seconds)
+        answer = run_bounded(query, PROGRAM_SECONDS)
     except (OSError, subprocess.TimeoutExpired) as error:
         return Check("GPU", "note", f"nvidia-smi failed: {error}", "see the output of `nvidia-smi`")
     cards = [line.strip() for line in answer.stdout.splitlines() if line.strip()]

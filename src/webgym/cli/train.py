@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -89,7 +90,5 @@ def _explanation(settings: TrainConfig, gpus: str) -> list[str]:
         f"prompt format {settings.rollout.agent.prompt_format}",
         f"learning   {learn.objective.name}, rate {update.learning_rate:g}, batch {update.batch}, "
         f"{learn.replay.steps:,} steps x {learn.replay.passes}; steps that changed nothing are {penalty}",
-        *estimate(
-            learn, KNOWN_GPUS[kind].model_copy(update={"count": int(count or 1)}), local=settings.local
-        ).lines(),
+        *estimate(learn, replace(KNOWN_GPUS[kind], count=int(count or 1)), local=settings.local).lines(),
     ]

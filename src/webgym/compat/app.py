@@ -19,7 +19,6 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from webgym.compat.commands import MARKS, BadCommand, parse_command, picture
-from webgym.compat.config import CompatConfig
 from webgym.compat.instances import VIEWPORT, Instance, Instances, NoInstance
 from webgym.compat.regions import Json
 from webgym.core.errors import (
@@ -40,6 +39,15 @@ from webgym.server.operations import JSON, PNG
 log = logging.getLogger(__name__)
 
 KEY_HEADER = "x-api-key"
+
+WAITING = 1024
+"""Most callers of ``/get`` that wait for a slot at once."""
+
+LIFETIME_MINUTES = 60.0
+"""Lifetime of an instance whose ``lifetime_mins`` is missing or 0."""
+
+LONGEST_MINUTES = 240.0
+"""Longest lifetime that a client may request. A session does not last longer either."""
 
 
 class BadRequest(WebGymError):
@@ -147,16 +155,15 @@ class _Layer:
 
     async def get(self, request: Request) -> Response:
         """Create an instance."""
-        config = self._instances.config
         text = request.query_params.get("lifetime_mins", "")
         try:
-            minutes = float(text or 0) or config.lifetime_minutes
+            minutes = float(text or 0) or LIFETIME_MINUTES
         except ValueError:
             minutes = math.nan
         if not minutes > 0:
             raise BadRequest(f'lifetime_mins is a number of minutes, not "{text[:40]}"')
-        if minutes > config.longest_minutes:
-            raise BadRequest(f"lifetime_mins may be {config.longest_minutes:g} at most, not {minutes:g}")
+        if minutes > LONGEST_MINUTES:
+            raise BadRequest(f"lifetime_mins may be {LONGEST_MINUTES:g} at most, not {minutes:g}")
 
         async def undo(instance: Instance) -> None:
             self._instances.end(instance)
@@ -196,7 +203,7 @@ class _Layer:
         body = await self._body(request)
         instance_id = self._instance_id(body)
         commands = {name: value for name, value in body.items() if name not in {"instance_id", "node"}}
-        command = parse_command(commands, self._instances.config)
+        command = parse_command(commands)
         try:
             async with self._instances.using(instance_id) as (instance, session):
                 return _json(await command.run(instance, session))
@@ -267,7 +274,6 @@ async def running_compat(
     *,
     listening: ServerConfig,
     key: str | None = None,
-    config: CompatConfig | None = None,
     listener: socket.socket | None = None,
 ) -> AsyncIterator[RunningCompat]:
     """Serve the authors' API during the block, in front of a WebGym server.
@@ -276,21 +282,17 @@ async def running_compat(
         server_url, token: URL and token of the worker or gateway behind the layer.
         listening: where the layer listens, and the limits of its HTTP server.
         key: the API key; by default the token.
-        config: limits of the layer.
         listener: the socket, if it is open already. It is closed at the end.
 
     Raises:
         ConfigError: the address cannot be listened on.
     """
-    config = config or CompatConfig()
     key = key or token
-    limits = ClientLimits(
-        allocate=config.waiting, release=config.waiting, wait_seconds=listening.allocate_seconds
-    )
+    limits = ClientLimits(allocate=WAITING, release=WAITING, wait_seconds=listening.allocate_seconds)
     async with AsyncExitStack() as stack:
         listener = stack.enter_context(closing(listener or listen(listening)))
         client = await stack.enter_async_context(BrowserClient(server_url, token=token, limits=limits))
-        instances = await stack.enter_async_context(Instances(client, config))
+        instances = await stack.enter_async_context(Instances(client))
         app = create_compat_app(instances, key, body_bytes=listening.body_bytes)
         await stack.enter_async_context(serving(app, listener, listening))
         yield RunningCompat(url_of(listener), key, instances)

@@ -24,7 +24,6 @@ from webgym.browser.gestures import (
     ScrollElement,
     Wheel,
 )
-from webgym.compat.config import CompatConfig
 from webgym.compat.instances import VIEWPORT, Instance
 from webgym.compat.regions import Json, regions_of, screenshot_info
 from webgym.core.action import MAX_WAIT_SECONDS, Direction, GoBack, Navigate, Press, Side, Target, Wait
@@ -40,6 +39,9 @@ _PAGE_MARGIN = 50
 
 _UNTITLED = "Unknown Page"
 """The title by which the authors' clients recognise a page that has not loaded yet."""
+
+SLEEP_SECONDS = 60.0
+"""The longest ``sleep`` that is carried out; longer ones are shortened to it."""
 
 
 class BadCommand(ProtocolError):
@@ -154,7 +156,7 @@ class _ActionCommand(msgspec.Struct, frozen=True):
     """
 
     shape: type[msgspec.Struct]
-    actions: Callable[[Any, CompatConfig], Actions]
+    actions: Callable[[Any], Actions]
     fails_on: frozenset[NoticeKind] = frozenset()
 
 
@@ -180,11 +182,11 @@ def _side(direction: str) -> Side:
     return _vertical(direction)
 
 
-def _fill(arguments: _FillPoint | _FillId, _: CompatConfig) -> Fill:
+def _fill(arguments: _FillPoint | _FillId) -> Fill:
     return Fill(arguments.target, arguments.value, arguments.press_enter, arguments.delete_existing)
 
 
-def _press(arguments: _Keys, _: CompatConfig) -> Press:
+def _press(arguments: _Keys) -> Press:
     names = (arguments.keys,) if isinstance(arguments.keys, str) else tuple(arguments.keys)
     try:
         keys_of(names)
@@ -193,40 +195,40 @@ def _press(arguments: _Keys, _: CompatConfig) -> Press:
         raise BadCommand(str(error)) from None
 
 
-def _sleep(arguments: _Duration, config: CompatConfig) -> Iterable[AnyAction]:
+def _sleep(arguments: _Duration) -> Iterable[AnyAction]:
     if not arguments.duration >= 0:
         raise BadCommand("duration is a number of seconds")
-    remaining = min(arguments.duration, config.sleep_seconds)
+    remaining = min(arguments.duration, SLEEP_SECONDS)
     return [
         Wait(min(MAX_WAIT_SECONDS, remaining - n * MAX_WAIT_SECONDS))
         for n in range(math.ceil(remaining / MAX_WAIT_SECONDS))
     ]
 
 
-def _hover_and_scroll(arguments: _ScrollPoint, _: CompatConfig) -> HoverAndScroll:
+def _hover_and_scroll(arguments: _ScrollPoint) -> HoverAndScroll:
     return HoverAndScroll(arguments.target, _vertical(arguments.direction))
 
 
 _ACTION_COMMANDS = {
-    "visit_page": _ActionCommand(_Url, lambda args, _: Navigate(args.url), _ON_NOT_OPENED),
-    "back": _ActionCommand(_None, lambda *_: GoBack(), frozenset({"navigation_failed"})),
-    "click_coords": _ActionCommand(_Point, lambda args, _: Click(args.target)),
-    "click_id": _ActionCommand(_Id, lambda args, _: Click(args.target), _ON_ACTION_FAILED),
+    "visit_page": _ActionCommand(_Url, lambda args: Navigate(args.url), _ON_NOT_OPENED),
+    "back": _ActionCommand(_None, lambda _: GoBack(), frozenset({"navigation_failed"})),
+    "click_coords": _ActionCommand(_Point, lambda args: Click(args.target)),
+    "click_id": _ActionCommand(_Id, lambda args: Click(args.target), _ON_ACTION_FAILED),
     "fill_coords": _ActionCommand(_FillPoint, _fill, _ON_ACTION_FAILED),
     "fill_id": _ActionCommand(_FillId, _fill, _ON_ACTION_FAILED),
-    "select_option": _ActionCommand(_Id, lambda args, _: Choose(args.number), _ON_ACTION_FAILED),
-    "hover_id": _ActionCommand(_Id, lambda args, _: HoverOver(args.target), _ON_ACTION_FAILED),
-    "hover_coords": _ActionCommand(_Point, lambda args, _: HoverOver(args.target)),
+    "select_option": _ActionCommand(_Id, lambda args: Choose(args.number), _ON_ACTION_FAILED),
+    "hover_id": _ActionCommand(_Id, lambda args: HoverOver(args.target), _ON_ACTION_FAILED),
+    "hover_coords": _ActionCommand(_Point, lambda args: HoverOver(args.target)),
     "hover_and_scroll_coords": _ActionCommand(_ScrollPoint, _hover_and_scroll),
     "scroll_coords": _ActionCommand(_ScrollPoint, _hover_and_scroll),
     "scroll_id": _ActionCommand(
-        _ScrollId, lambda args, _: ScrollElement(args.number, _side(args.direction)), _ON_ACTION_FAILED
+        _ScrollId, lambda args: ScrollElement(args.number, _side(args.direction)), _ON_ACTION_FAILED
     ),
-    "page_down": _ActionCommand(_Amount, lambda args, _: Wheel(args.distance)),
-    "page_up": _ActionCommand(_Amount, lambda args, _: Wheel(-args.distance)),
+    "page_down": _ActionCommand(_Amount, lambda args: Wheel(args.distance)),
+    "page_up": _ActionCommand(_Amount, lambda args: Wheel(-args.distance)),
     "keypress": _ActionCommand(_Keys, _press),
     "sleep": _ActionCommand(_Duration, _sleep),
-    "tab_and_enter": _ActionCommand(_None, lambda *_: (Press(("Tab",)), Press(("Enter",)))),
+    "tab_and_enter": _ActionCommand(_None, lambda _: (Press(("Tab",)), Press(("Enter",)))),
 }
 """``scroll_coords`` is sent by the authors' client for a scroll at a point, but supported by none of their
 servers."""
@@ -342,7 +344,7 @@ class Command(msgspec.Struct, frozen=True):
         return {"status": "success"}
 
 
-def parse_command(commands: dict[str, Any], config: CompatConfig) -> Command:
+def parse_command(commands: dict[str, Any]) -> Command:
     """Parse the command of a request.
 
     Raises:
@@ -361,5 +363,5 @@ def parse_command(commands: dict[str, Any], config: CompatConfig) -> Command:
         raise BadCommand(f"{name}: {error}") from None
     if isinstance(command, _ReadCommand):
         return Command(name, arguments)
-    actions = command.actions(arguments, config)
+    actions = command.actions(arguments)
     return Command(name, arguments, tuple(actions) if isinstance(actions, Iterable) else (actions,))

@@ -15,7 +15,6 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-from webgym.compat.config import CompatConfig
 from webgym.core.background import BackgroundTasks
 from webgym.core.errors import BrowserError, LeaseLost, WebGymError
 from webgym.server.client import BrowserClient, Session
@@ -27,6 +26,14 @@ _OPTIONS = SessionOptions(mode="marks")
 """Screenshots without marks are available in this mode too."""
 
 VIEWPORT = _OPTIONS.viewport
+
+RESET_IDLE_SECONDS = 600.0
+"""Idle time after which an instance ends that was used again after its reset: the authors' clients release an
+instance with ``/reset``, and a late call must not keep a browser for the rest of its lifetime. Longer than a
+model thinks."""
+
+INSTANCES = 10_000
+"""Largest number of instances, including those without a browser, of which the oldest are dropped first."""
 
 
 class NoInstance(LeaseLost):
@@ -67,12 +74,10 @@ class Instances:
 
     Args:
         client: the client of the server behind the layer.
-        config: limits of the layer.
     """
 
-    def __init__(self, client: BrowserClient, config: CompatConfig) -> None:
+    def __init__(self, client: BrowserClient) -> None:
         self.client = client
-        self.config = config
         self._instances: dict[str, Instance] = {}
         self._changed = asyncio.Event()
         self._reaper: asyncio.Task[None] | None = None
@@ -112,7 +117,7 @@ class Instances:
         return instance
 
     def _forget_oldest(self) -> None:
-        while len(self._instances) > self.config.instances:
+        while len(self._instances) > INSTANCES:
             idle = next((it for it in self._instances.values() if it.session is None), None)
             if idle is None:
                 return
@@ -205,7 +210,7 @@ class Instances:
             return instance.ends
         now = asyncio.get_running_loop().time()
         used = now if instance.turn.locked() else instance.used
-        return min(instance.ends, used + self.config.reset_idle_seconds)
+        return min(instance.ends, used + RESET_IDLE_SECONDS)
 
     async def _reap(self) -> None:
         """End instances at their deadlines. Sleeps until the next deadline."""

@@ -74,8 +74,8 @@ class Element(msgspec.Struct, frozen=True, omit_defaults=True):
         number: its mark; stable while the element stays in the document.
         role: ARIA role, explicit or implied by the tag (``link``, ``button``, ``textbox``, ``combobox``,
             ``checkbox``, ``radio``, ``option``, ``tab``, ...).
-        name: accessible name: label, text, placeholder or title, white space folded; its first 200 characters
-            (``browser.name_characters``).
+        name: accessible name: label, text, placeholder or title, white space folded; its first 200
+            characters.
         box: ``(x, y, width, height)`` of its visible part, CSS pixels of the viewport.
         value: current value of a form control, or of a component of such a role; ``"true"``/``"false"`` for a
             checkbox or radio.

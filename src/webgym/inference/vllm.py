@@ -48,6 +48,9 @@ EXPLICIT: Final = Sampling(
 )
 """Every parameter is set, because a server takes missing ones from the model's ``generation_config.json``."""
 
+UPDATE_SECONDS: Final = 600.0
+"""Deadline for loading new weights, after the last reply with the old ones."""
+
 _MOST_FOREIGN: Final = 5
 """Number of replies with other weights than the published ones, after which the training stops."""
 
@@ -96,9 +99,6 @@ class VllmConfig(Settings):
 
     restarts: int = Field(default=3, ge=0)
     """How often a server that ended is started again between two publications."""
-
-    update_seconds: float = Field(default=600.0, gt=0)
-    """Deadline for loading new weights, after the last reply with the old ones."""
 
     api_key_env: str = "WEBGYM_API_KEY"
     """Environment variable with the key of a running server. A server started here gets a random key."""
@@ -189,14 +189,12 @@ class VllmApi:
     Args:
         base_url: the server's base URL, with ``/v1``.
         key: its API key; empty for none.
-        update_seconds: deadline for loading new weights.
     """
 
-    def __init__(self, base_url: str, key: SecretStr, update_seconds: float = 600.0) -> None:
+    def __init__(self, base_url: str, key: SecretStr) -> None:
         self.base_url = base_url
         self.key = key
         self._root = base_url.removesuffix("/v1")
-        self._update_seconds = update_seconds
         secret = key.get_secret_value()
         self._http = httpx.AsyncClient(
             headers={"Authorization": f"Bearer {secret}"} if secret else {},
@@ -285,7 +283,7 @@ class VllmApi:
             LLMUnreachable: the server does not answer.
             LLMBadReply: it answers with an error status.
         """
-        timeout = self._update_seconds if method == "POST" else 10.0
+        timeout = UPDATE_SECONDS if method == "POST" else 10.0
         try:
             answer = await self._http.request(method, self._root + path, json=body, timeout=timeout)
         except (httpx.HTTPError, RuntimeError) as error:  # RuntimeError: closed, because the server ended

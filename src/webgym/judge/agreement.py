@@ -45,6 +45,9 @@ GROUPS: Final[tuple[Group, ...]] = ("overall", *LEVELS)
 
 _TP, _FP, _FN, _TN = range(4)
 
+CONFIDENCE = 0.95
+"""Confidence level of the intervals, between 0 and 1."""
+
 
 class AgreementConfig(Settings):
     """How agreement is measured."""
@@ -55,9 +58,6 @@ class AgreementConfig(Settings):
 
     resamples: Annotated[int, Field(ge=100)] = 10_000
     """Number of bootstrap resamples."""
-
-    confidence: Annotated[float, Field(gt=0, lt=1)] = 0.95
-    """Confidence level of the intervals, between 0 and 1."""
 
     seed: int = 0
     """Seed of the bootstrap: the same cases and seed give the same intervals."""
@@ -185,12 +185,10 @@ def agreement(
         cases={group: len(_in_group(labelled, group)) for group in groups},
         successes={group: sum(case.human for case in _in_group(labelled, group)) for group in groups},
         judges={
-            judge: {group: _figures(tables[group], labelled, group, index, config) for group in groups}
+            judge: {group: _figures(tables[group], labelled, group, index) for group in groups}
             for index, judge in enumerate(judges)
         },
-        differences=tuple(
-            _difference(tables, judges, index, groups, config) for index in range(1, len(judges))
-        ),
+        differences=tuple(_difference(tables, judges, index, groups) for index in range(1, len(judges))),
     )
 
 
@@ -279,14 +277,12 @@ def _view(table: _Table, view: int) -> tuple[Counts, Counts]:
     return table.observed[4 * view : 4 * view + 4], table.resampled[:, 4 * view : 4 * view + 4]
 
 
-def _figures(
-    table: _Table, cases: Sequence[Case], group: Group, judge: int, config: AgreementConfig
-) -> Figures:
+def _figures(table: _Table, cases: Sequence[Case], group: Group, judge: int) -> Figures:
     observed, resamples = _view(table, judge)
     return Figures(
         Confusion(*map(int, observed)),
         sum(case.verdicts[judge] is None for case in _in_group(cases, group)),
-        _estimates(_rates(observed), _rates(resamples), config),
+        _estimates(_rates(observed), _rates(resamples)),
     )
 
 
@@ -295,7 +291,6 @@ def _difference(
     judges: Sequence[str],
     judge: int,
     groups: Sequence[Group],
-    config: AgreementConfig,
 ) -> Difference:
     view = len(judges) + 2 * (judge - 1)
     cases, metrics = {}, {}
@@ -306,22 +301,21 @@ def _difference(
         )
         cases[group] = int(observed.sum())
         metrics[group] = _estimates(
-            _rates(observed) - _rates(base), _rates(resamples) - _rates(base_resamples), config
+            _rates(observed) - _rates(base), _rates(resamples) - _rates(base_resamples)
         )
     return Difference(judges[judge], judges[0], cases, metrics)
 
 
-def _estimates(observed: Values, resamples: Values, config: AgreementConfig) -> dict[Metric, Estimate]:
+def _estimates(observed: Values, resamples: Values) -> dict[Metric, Estimate]:
     return {
-        name: _estimate(float(observed[column]), resamples[:, column], config.confidence)
-        for column, name in enumerate(METRICS)
+        name: _estimate(float(observed[column]), resamples[:, column]) for column, name in enumerate(METRICS)
     }
 
 
-def _estimate(value: float, resamples: Values, confidence: float) -> Estimate:
+def _estimate(value: float, resamples: Values) -> Estimate:
     if np.isnan(value):
         return Estimate(None)
-    return Estimate(value, *(percentiles(resamples, confidence) or ()))
+    return Estimate(value, *(percentiles(resamples, CONFIDENCE) or ()))
 
 
 def _none_if_nan(value: float) -> float | None:

@@ -17,6 +17,12 @@ PROMPT_CHARS: Final = 6_000
 """Upper estimate of the characters of a prompt's fixed text and a rubric's facts, for checking the
 settings."""
 
+PIXELS_PER_TOKEN = 784
+"""For estimating a request's tokens: Qwen-VL models use one token for 28 by 28 pixels, others fewer."""
+
+CHARS_PER_TOKEN = 3.0
+"""For estimating a request's tokens; low, so that the estimate errs on the high side."""
+
 
 class StageConfig(Section):
     """The model of one stage of the judge, and the limits of a request to it."""
@@ -33,8 +39,8 @@ class StageConfig(Section):
     whose replies are combined."""
 
     request_tokens: Annotated[int, Field(ge=2048)] = 65_536
-    """Most tokens of a request and its reply, as estimated with ``images.pixels_per_token`` and
-    ``texts.chars_per_token``. Screenshots that do not fit are split over several requests."""
+    """Most tokens of a request and its reply, as estimated with ``PIXELS_PER_TOKEN`` and
+    ``CHARS_PER_TOKEN``. Screenshots that do not fit are split over several requests."""
 
 
 class ImageConfig(Section):
@@ -43,21 +49,9 @@ class ImageConfig(Section):
     max_side: int = Field(default=1280, ge=64)
     """Longest side in pixels; a larger screenshot is scaled down."""
 
-    max_bytes: int = Field(default=1_500_000, ge=10_000)
-    """Size in bytes; a screenshot whose PNG is larger is sent as JPEG."""
-
-    jpeg_quality: int = Field(default=85, ge=1, le=95)
-    """Quality of those JPEG images, 1 to 95."""
-
-    pixels_per_token: int = Field(default=784, ge=1)
-    """For estimating a request's tokens: Qwen-VL models use one token for 28 by 28 pixels, others fewer."""
-
 
 class TextConfig(Section):
     """How much text is sent to a model and kept from it, in characters."""
-
-    chars_per_token: float = Field(default=3.0, gt=0)
-    """For estimating a request's tokens; low, so that the estimate errs on the high side."""
 
     instruction_chars: int = Field(default=8_000, ge=200)
     """Longest task instruction; the middle of a longer one is left out."""
@@ -68,12 +62,6 @@ class TextConfig(Section):
 
     history_chars: int = Field(default=12_000, ge=200)
     """Longest action history; the oldest lines of a longer one are left out."""
-
-    action_chars: int = Field(default=300, ge=40)
-    """Longest line of the action history (one action)."""
-
-    reason_chars: int = Field(default=1_200, ge=100)
-    """Longest reason that is kept in the verdict."""
 
 
 class JudgeConfig(Section):
@@ -100,15 +88,8 @@ class JudgeConfig(Section):
     images: ImageConfig = ImageConfig()
     texts: TextConfig = TextConfig()
 
-    select_keypoints: bool = True
-    """Select screenshots before the facts are judged (paper §3.4); ``False`` sends all of them."""
-
     early_exit: bool = False
     """Stop at the first criterion that fails. Cheaper, but the verdict then lacks facts and has no score."""
-
-    judge_unanswered: bool = True
-    """Judge the facts even of an episode without an answer: its reward is 0 either way, but its score is
-    not."""
 
     reference_rule: Literal["decides", "required"] = "decides"
     """What a reference answer overrides. ``decides``: it alone sets the reward (paper §3.4). ``required``: an
@@ -132,7 +113,7 @@ class JudgeConfig(Section):
     def _fits(self) -> Self:
         texts = self.texts
         chars = PROMPT_CHARS + texts.instruction_chars + max(texts.answer_chars * 2, texts.history_chars)
-        needed = chars / texts.chars_per_token + self.images.max_side**2 / self.images.pixels_per_token
+        needed = chars / CHARS_PER_TOKEN + self.images.max_side**2 / PIXELS_PER_TOKEN
         for name in STAGES:
             stage = self.stage(name)
             if needed + (stage.sampling.max_tokens or 0) > stage.request_tokens:

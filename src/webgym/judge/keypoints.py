@@ -12,7 +12,7 @@ from webgym.core.observation import Observation
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode
 from webgym.judge import prompts
-from webgym.judge.config import JudgeConfig, Stage
+from webgym.judge.config import CHARS_PER_TOKEN, JudgeConfig, Stage
 from webgym.judge.images import tokens_of
 from webgym.judge.model_client import (
     JudgeModelClient,
@@ -43,8 +43,6 @@ async def select(
     latest = {observation.screenshot: index for index, observation in enumerate(observations)}
     last = latest.pop(observations[-1].screenshot)
     candidates = sorted(latest.values())
-    if not config.select_keypoints:
-        return (*candidates, last)
     batch_size = _capacity(
         episode, candidates, "keypoint", _question(task, episode, [], config).write, config
     )
@@ -152,7 +150,7 @@ def _capacity(
     settings = config.stage(stage)
     if not indices:
         return 1
-    text_tokens = sum(map(len, write(""))) / config.texts.chars_per_token
+    text_tokens = sum(map(len, write(""))) / CHARS_PER_TOKEN
     remaining = settings.request_tokens - text_tokens - (settings.sampling.max_tokens or 0)
     viewports = [episode.observations[index].viewport for index in indices]
     image_tokens = max(tokens_of(size, config.images) for size in viewports) + LABEL_TOKENS

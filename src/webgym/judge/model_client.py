@@ -25,6 +25,9 @@ T = TypeVar("T")
 _MAX_UNUSABLE: Final = 4
 """Most unusable replies in one conversation, as a multiple of ``tries``: the request grows with each."""
 
+REASON_CHARS = 1_200
+"""Longest reason that is kept in the verdict."""
+
 
 class LabelledScreenshot(msgspec.Struct, frozen=True):
     """A screenshot in a question.
@@ -133,7 +136,7 @@ class JudgeModelClient:
                     break
                 messages = [
                     *messages,
-                    *_correction_request(reply.text, problem, self._config.texts.reason_chars),
+                    *_correction_request(reply.text, problem, REASON_CHARS),
                 ]
         raise JudgeError(
             f"no clear verdict in {unusable} replies at the {question.stage} stage: {problem}",

@@ -27,7 +27,7 @@ from webgym.judge.base import Pictures
 from webgym.judge.blocking import find_block
 from webgym.judge.config import STAGES, JudgeConfig, Stage
 from webgym.judge.keypoints import fit_in_request, page_texts, select, split_into_requests
-from webgym.judge.model_client import JudgeModelClient, Question, gather, result_or_error
+from webgym.judge.model_client import REASON_CHARS, JudgeModelClient, Question, gather, result_or_error
 from webgym.judge.prompts import action_history
 from webgym.judge.reference import Match, compare
 from webgym.judge.soft import score_of
@@ -46,6 +46,9 @@ _STEPS = re.compile(
 Write: TypeAlias = Callable[..., tuple[str, str]]
 Quoted: TypeAlias = tuple[str, ...]
 _NOT_BLOCKED = Judgement(False, "the attempt succeeded")
+
+ACTION_CHARS = 300
+"""Longest line of the action history (one action)."""
 
 
 class RubricJudge:
@@ -99,7 +102,7 @@ class _EpisodeJudging:
         self._episode = episode
         self._client = client
         self._config = config
-        self._instruction = shorten(task.instruction, config.texts.instruction_chars)
+        self._instruction = shorten(task.instruction, self._config.texts.instruction_chars)
         self._answer = episode.answer or ""
         self._keypoints: tuple[int, ...] | None = None
         self._facts: list[FactJudgement] = []
@@ -140,8 +143,8 @@ class _EpisodeJudging:
             is_hopeless = decides and self._reference.passed is None
             if is_hopeless or (config.early_exit and (decides or self._reference.passed is False)):
                 return
-        if not is_answered and (config.early_exit or not config.judge_unanswered):
-            return
+        if not is_answered and config.early_exit:
+            return  # its reward is 0 either way, but its score is not
         self._keypoints = await select(task, self._episode, self._client, config)
         if config.early_exit:
             await self._judge_until_one_fails()
@@ -177,7 +180,7 @@ class _EpisodeJudging:
     async def _ask_fact(self, group: FactGroup, text: str) -> Judgement:
         """Criterion A: whether the screenshots confirm this fact."""
         texts = self._config.texts
-        history = action_history(self._episode, line_chars=texts.action_chars, limit=texts.history_chars)
+        history = action_history(self._episode, line_chars=ACTION_CHARS, limit=texts.history_chars)
         write = partial(prompts.fact, instruction=self._instruction, group=group, text=text, history=history)
         return await self._ask("fact", write, (self._instruction, group.description, *group.facts, history))
 
@@ -197,7 +200,7 @@ class _EpisodeJudging:
                 return decisive
         if len(found) == 1:
             return found[0]
-        reasons = shorten("\n".join(judgement.reason for judgement in found), self._config.texts.reason_chars)
+        reasons = shorten("\n".join(judgement.reason for judgement in found), REASON_CHARS)
         return Judgement(True, reasons, tuple(sorted({step for each in found for step in each.steps})))
 
     async def _ask(self, stage: Stage, write: Write, quoted: Quoted) -> Judgement:
@@ -250,7 +253,7 @@ class _EpisodeJudging:
         if isinstance(result, Finding):
             return self._judgement(result, chosen)
         self._unread.append(result)
-        return Judgement(None, f"not read: {shorten(result.message, self._config.texts.reason_chars)}")
+        return Judgement(None, f"not read: {shorten(result.message, REASON_CHARS)}")
 
     async def _compare_with_reference(self, expected: str) -> Judgement:
         """Compare the answer with the reference answer: by the rule where it is sure, else by a model."""
@@ -284,7 +287,7 @@ class _EpisodeJudging:
         seen, texts = self._episode.observations, self._config.texts
         last = with_suspects.steps[-self._config.blocking.images_per_call :]
         pages = "\n".join(f"{seen[i].url}, status {seen[i].status}, {seen[i].title}" for i in last)
-        history = action_history(self._episode, line_chars=texts.action_chars, limit=texts.history_chars)
+        history = action_history(self._episode, line_chars=ACTION_CHARS, limit=texts.history_chars)
         write = partial(prompts.blocking, website=self._task.website, history=history, last=pages)
         text, shots, chosen = fit_in_request(self._episode, last, "blocking", self._config, write)
         untrusted = (self._task.website, history, pages, *page_texts(seen, chosen))
@@ -294,7 +297,7 @@ class _EpisodeJudging:
     def _judgement(self, finding: Finding, chosen: Sequence[int]) -> Judgement:
         """The judgement that is recorded for a finding: its reason, and the steps shown that the reason
         names."""
-        reason = shorten(finding.reason, self._config.texts.reason_chars).strip()
+        reason = shorten(finding.reason, REASON_CHARS).strip()
         return Judgement(finding.passed, reason or "no reason was given", cited(reason, chosen))
 
 

@@ -61,6 +61,9 @@ _IDLE_SECONDS: Final = 3.0
 """How long a connection is kept without a request. Servers such as vLLM's close it after 5 s, and a request
 that is sent at that moment fails."""
 
+MAX_REPLY_BYTES = 8 * 1024 * 1024
+"""Largest reply; a larger one is rejected."""
+
 
 class EndpointRefused(LLMBadReply):
     """The endpoint answered with an HTTP error status.
@@ -408,8 +411,8 @@ class ChatClient:
         async for chunk in response.content.iter_any():
             data += chunk
             progress.received = len(data)
-            if len(data) > self.config.max_reply_bytes:
-                hint = "is this a chat endpoint? max_reply_bytes is the limit"
+            if len(data) > MAX_REPLY_BYTES:
+                hint = "is this a chat endpoint?"
                 raise LLMBadReply(f"{self._where()} sent more than {size(len(data))}", hint=hint)
         return bytes(data)
 

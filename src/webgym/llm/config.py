@@ -147,9 +147,6 @@ class ChatConfig(Settings):
     total_seconds: float = Field(default=600.0, gt=0)
     """Deadline for the complete reply, including retries and pauses, except ``retry.patience_seconds``."""
 
-    max_reply_bytes: int = Field(default=8 * 1024 * 1024, ge=1024)
-    """Largest reply; a larger one is rejected."""
-
     retry: Retry = Retry()
     """When a request is sent again."""
 

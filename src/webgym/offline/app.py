@@ -40,6 +40,9 @@ ASSET_TYPES = {".css": "text/css; charset=utf-8", ".js": "text/javascript; chars
 _LARGEST_FORM: Final = 2**20
 """Most bytes of the body of a form."""
 
+START_SECONDS = 30.0
+"""Longest time for the start of the server."""
+
 
 class SitesApp:
     """The ASGI application.
@@ -265,7 +268,7 @@ async def serving(config: SitesConfig, web: OfflineWeb | None = None) -> AsyncIt
     )
     running = asyncio.create_task(server.serve(sockets=[listener]))
     try:
-        async with asyncio.timeout(config.start_seconds):
+        async with asyncio.timeout(START_SECONDS):
             await server.ready.wait()
         host, port = listener.getsockname()[:2]
         yield RunningSites(web, f"{host}:{port}", token)

@@ -20,10 +20,6 @@ class ReportConfig(Settings):
     image_width: int = Field(default=800, ge=64)
     """Width of embedded screenshots in pixels, with the aspect ratio kept. Smaller ones are not enlarged."""
 
-    image_quality: int = Field(default=70, ge=1, le=100)
-    """WebP quality. At 70 and 800 pixels, text of 14 CSS pixels stays readable, at 20-50 kB per
-    screenshot."""
-
     image_budget_bytes: int = Field(default=48 * 2**20, ge=0)
     """Most bytes of embedded screenshots. Further ones are references to the run folder."""
 
@@ -39,15 +35,6 @@ class ViewConfig(Settings):
 
     port: int = Field(default=0, ge=0, le=65535)
     """Port to listen on; 0 takes a free one."""
-
-    refresh_seconds: float = Field(default=2.0, gt=0)
-    """Interval at which an open page polls for new trajectories."""
-
-    monitor_seconds: float = Field(default=0.5, gt=0)
-    """Interval at which the monitor checks for new figures of the collector."""
-
-    page_size: int = Field(default=100, ge=1, le=500)
-    """Rows per page in the list of a task set."""
 
     labels: Path | None = None
     """File of the human labels, CSV or JSON by its suffix; ``None`` is ``labels.csv`` in the run folder."""

@@ -46,13 +46,19 @@ _FOREVER = {"Cache-Control": "private, max-age=31536000, immutable"}
 
 _MOST_ROWS = 20_000
 
+REFRESH_SECONDS = 2.0
+"""Interval at which an open page polls for new trajectories."""
+
+MONITOR_SECONDS = 0.5
+"""Interval at which the monitor checks for new figures of the collector."""
+
 
 class _Pages:
     """The request handlers. A lock ensures that only one thread reads the run at a time."""
 
-    def __init__(self, run: LiveRun, config: ViewConfig) -> None:
+    def __init__(self, run: LiveRun) -> None:
         self._run = run
-        self._page = Page(run.reader.path.resolve().name, live=True, refresh_seconds=config.refresh_seconds)
+        self._page = Page(run.reader.path.resolve().name, live=True, refresh_seconds=REFRESH_SECONDS)
         self._lock = asyncio.Lock()
 
     async def read(self, call: Callable[..., Any], *args: Any) -> Any:
@@ -141,7 +147,7 @@ def view_app(run_path: Path, config: ViewConfig | None = None) -> Starlette:
 
 
 def _app(run: LiveRun, config: ViewConfig, closing: asyncio.Event) -> Starlette:
-    pages = _Pages(run, config)
+    pages = _Pages(run)
     return Starlette(
         routes=[
             Route("/", pages.document),
@@ -150,7 +156,7 @@ def _app(run: LiveRun, config: ViewConfig, closing: asyncio.Event) -> Starlette:
             Route("/api/trajectory", pages.trajectory),
             Route("/screenshots/{prefix}/{name}.png", pages.picture),
             *Labelling(run, pages.read, config).routes(),
-            *Monitoring(run.reader.path, config, closing).routes(),
+            *Monitoring(run.reader.path, closing).routes(),
         ],
         middleware=[ONLY_LOCAL_NAMES],
         exception_handlers={StoreError: _store_failed, UsageError: unusable},
@@ -200,9 +206,8 @@ class Monitoring:
         closing: is set when the server shuts down; streams then end.
     """
 
-    def __init__(self, run: Path, config: ViewConfig, closing: asyncio.Event) -> None:
+    def __init__(self, run: Path, closing: asyncio.Event) -> None:
         self._run = run
-        self._seconds = config.monitor_seconds
         self._closing = closing
         settings = {"live": True, "states": STATES, "levels": LEVELS, "outcomes": outcome_words()}
         self._page = Document(run.resolve().name, _SCRIPTS, settings, live=True)
@@ -234,7 +239,7 @@ class Monitoring:
             elif unchanged % _KEEP_ALIVE_AFTER == 0:
                 yield b": still here\n\n"
             before = now
-            await _wait(self._closing, self._seconds)
+            await _wait(self._closing, MONITOR_SECONDS)
 
     def _read(self) -> dict[str, Any]:
         """The feed, ``None`` if no collector is running, and the error if it cannot be read."""

@@ -46,6 +46,9 @@ _CACHED_SEARCHES: Final = 16
 _PICTURE: Final = {**SAFE, "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'"}
 """An SVG may contain style, but no script."""
 
+PAGE_SIZE = 100
+"""Rows per page in the list of a task set."""
+
 
 class TaskSet:
     """A task set, read once. Blocking: call it from a thread.
@@ -54,7 +57,7 @@ class TaskSet:
         TaskFileError: there are no tasks.
     """
 
-    def __init__(self, path: Path, page_size: int) -> None:
+    def __init__(self, path: Path) -> None:
         contents = read_tasks(path)
         self.index = TaskIndex(contents.tasks)
         self.figures = figures_of(path)
@@ -63,7 +66,7 @@ class TaskSet:
         filter_values = choices(self.index)
         settings = {
             "outcomes": {},
-            "page": page_size,
+            "page": PAGE_SIZE,
             "choices": filter_values,
             "subdomains": subdomains(self.index),
         }
@@ -117,13 +120,13 @@ class _Pages:
         return FileResponse(path, headers=_PICTURE)
 
 
-def tasks_app(path: Path, config: ViewConfig | None = None) -> Starlette:
+def tasks_app(path: Path) -> Starlette:
     """The application that serves a task set.
 
     Raises:
         TaskFileError: there are no tasks.
     """
-    pages = _Pages(TaskSet(path, (config or ViewConfig()).page_size))
+    pages = _Pages(TaskSet(path))
     return Starlette(
         routes=[
             Route("/", pages.document),
@@ -140,14 +143,14 @@ async def serve_tasks(path: Path, config: ViewConfig, ready: Callable[[str], Non
 
     Args:
         path: a task file of any format, or a folder of them.
-        config: port, and rows per page.
+        config: the port.
         ready: called with the address once it accepts connections.
 
     Raises:
         TaskFileError: there are no tasks.
         ConfigError: the port cannot be listened on.
     """
-    await serve(await asyncio.to_thread(tasks_app, path, config), config.port, ready)
+    await serve(await asyncio.to_thread(tasks_app, path), config.port, ready)
 
 
 _CHOICES = 300

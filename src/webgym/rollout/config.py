@@ -31,9 +31,6 @@ class AttemptConfig(Settings):
     exceeds it ends without a reward, as the environment's failure: the agent's own limit is its budget of
     steps."""
 
-    record_text: bool = True
-    """Record the text that is visible in each screenshot; the offline judge needs it."""
-
     record_cuts: bool = False
     """Record the lines of each page that are never fully visible, for checks of websites."""
 

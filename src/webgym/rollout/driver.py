@@ -205,7 +205,7 @@ class EpisodeDriver:
         return SessionOptions(
             mode=traits.mode,
             viewport=context.config.viewport,
-            text=context.config.record_text,
+            text=True,  # the offline judge needs it
             cuts=context.config.record_cuts,
             elements=traits.elements,
             cookies=context.site_state.cookies(self.visitor) if context.site_state else (),

@@ -38,9 +38,6 @@ class RejudgeConfig(Settings):
     limit: int | None = Field(default=None, ge=1)
     """Judge at most this many attempts; by default all."""
 
-    retry_failures: bool = True
-    """Judge attempts again for which this judge failed to give a verdict."""
-
     judge_again: int = Field(default=2, ge=0)
     """How often attempts without a verdict are judged again after all others."""
 
@@ -153,8 +150,7 @@ def _waiting(reader: RunReader, verdict_log: VerdictLog, state: Judging, config:
         state.total += 1
         state.policies.add(episode.policy)
         judged = verdict_log.latest.get(episode.attempt_id)
-        is_kept = judged is not None and (judged.verdict is not None or not config.retry_failures)
-        if judged is not None and is_kept and not config.again:
+        if judged is not None and judged.verdict is not None and not config.again:
             state.earlier += 1
             state.count(judged, now=False)
         else:

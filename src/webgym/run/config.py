@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeAlias
@@ -198,11 +199,18 @@ def _from_environment(variable: str) -> SecretStr | None:
     return SecretStr(value) if value else None
 
 
-class Secrets(Settings):
-    """Secrets that a run needs, by default from the environment; they are never stored in its folder."""
+@dataclass(frozen=True)
+class Secrets:
+    """Secrets that a run needs, by default from the environment. They are no settings: no file holds them,
+    and they are never stored in the run's folder.
 
-    server_token: SecretStr | None = Field(default_factory=partial(_from_environment, "WEBGYM_TOKEN"))
-    sites_token: SecretStr | None = Field(default_factory=partial(_from_environment, SITES_TOKEN))
+    Attributes:
+        server_token: of the browser server.
+        sites_token: of the offline web.
+    """
+
+    server_token: SecretStr | None = field(default_factory=partial(_from_environment, "WEBGYM_TOKEN"))
+    sites_token: SecretStr | None = field(default_factory=partial(_from_environment, SITES_TOKEN))
 
 
 Tell: TypeAlias = Callable[[str], None]

@@ -8,6 +8,7 @@ from contextlib import (
     AsyncExitStack,
     asynccontextmanager,
 )
+from dataclasses import replace
 from importlib import import_module
 from typing import Any, Final
 
@@ -95,7 +96,7 @@ async def services(config: RunConfig, secrets: Secrets) -> AsyncIterator[tuple[S
         if config.tasks.file is None and choice.sites_url is None:
             sites = await stack.enter_async_context(serving(config.sites))
             choice = choice.model_copy(update={"sites_url": sites.url})
-            secrets = secrets.model_copy(update={"sites_token": SecretStr(sites.token)})
+            secrets = replace(secrets, sites_token=SecretStr(sites.token))
             allowed = tuple(sites.allowed_hosts)
         else:
             allowed = _rules_for_sites_elsewhere(config)
@@ -107,7 +108,7 @@ async def services(config: RunConfig, secrets: Secrets) -> AsyncIterator[tuple[S
         server = await stack.enter_async_context(running_server(serve))
         choice = choice.model_copy(update={"url": server.url})
         token = server.token if isinstance(server.token, SecretStr) else SecretStr(server.token)
-        yield choice, secrets.model_copy(update={"server_token": token})
+        yield choice, replace(secrets, server_token=token)
 
 
 class ServedState:

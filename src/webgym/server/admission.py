@@ -33,6 +33,15 @@ log = logging.getLogger(__name__)
 _RECENT = 0.1
 """Weight of the latest call in the expected service time of a queue's calls."""
 
+MEASURE_SECONDS = 0.2
+"""Interval between two measurements, while calls wait. The kernel counts in hundredths of a second."""
+
+SPARE_BELOW = 0.9
+"""Busy share of the processors below which more slots may run."""
+
+SATURATED_ABOVE = 0.96
+"""Busy share above which fewer may."""
+
 
 class _Grant(NamedTuple):
     """A granted permit: when it was granted, and how long its call is expected to take, seconds."""
@@ -218,14 +227,14 @@ class AdmissionController:
         config = self._config
         self._measure()  # the next measurement begins here
         while any(queue.first is not None for queue in self._queues.values()):
-            await asyncio.sleep(config.measure_seconds)
+            await asyncio.sleep(MEASURE_SECONDS)
             if (busy := self._measure()) is None:
                 continue
             self.busy = busy
-            if self.busy < config.spare_below:
+            if self.busy < SPARE_BELOW:
                 self.limit = min(config.most, self.limit + config.step)
                 self._grant()
-            elif self.busy > config.saturated_above:
+            elif self.busy > SATURATED_ABOVE:
                 self.limit = max(config.fewest, self.limit - config.step)
 
     def _measure(self) -> float | None:

@@ -78,6 +78,12 @@ _NAME_BYTES = 8
 _SLOW_SECONDS = 30.0
 """A call that is not answered for longer is reported as a problem."""
 
+HEARTBEAT_SHARE = 0.3
+"""A session without a call for this share of its lease's time to live is renewed."""
+
+RELEASE_SECONDS = 10.0
+"""Releasing a session. Short, because the lease expires by itself."""
+
 
 @dataclass(eq=False)
 class _Unanswered:
@@ -229,7 +235,7 @@ class BrowserClient:
 
     async def _give_back(self, grant: SessionGrant) -> None:
         with contextlib.suppress(WebGymError):  # the lease expires by itself
-            await self.call(RELEASE, Closed, grant=grant, seconds=self.limits.release_seconds)
+            await self.call(RELEASE, Closed, grant=grant, seconds=RELEASE_SECONDS)
 
     async def info(self) -> ServerInfo:
         """Information about the server."""
@@ -523,7 +529,7 @@ class Session:
         self._client.forget(self)
         await self.abandon()
         try:
-            seconds = self._client.limits.release_seconds
+            seconds = RELEASE_SECONDS
             await self._client.call(RELEASE, Closed, grant=self.grant, route=self._route, seconds=seconds)
         except LeaseLost:
             return
@@ -546,7 +552,7 @@ class Session:
 
     async def _keep_alive(self) -> None:
         """Renew the lease when there was no call for a while, for example because the model is thinking."""
-        interval = self.grant.ttl_seconds * self._client.limits.heartbeat_share
+        interval = self.grant.ttl_seconds * HEARTBEAT_SHARE
         while True:
             self._used.clear()
             try:

@@ -45,15 +45,6 @@ class Admission(Settings):
     step: int = Field(default_factory=usable_cores, gt=0)
     """Change of the number of running slots after a measurement."""
 
-    measure_seconds: float = Field(default=0.2, gt=0)
-    """Interval between two measurements, while calls wait. The kernel counts in hundredths of a second."""
-
-    spare_below: float = Field(default=0.9, gt=0, le=1)
-    """Busy share of the processors below which more slots may run."""
-
-    saturated_above: float = Field(default=0.96, gt=0, le=1)
-    """Busy share above which fewer may."""
-
 
 class ServerConfig(Settings):
     """A server: where it listens, its capacity, its deadlines."""
@@ -92,10 +83,6 @@ class ServerConfig(Settings):
     relaunch_seconds: tuple[float, float] = (0.5, 30.0)
     """First and longest pause before a browser that did not start is tried again."""
 
-    sweep_seconds: float = Field(default=30.0, gt=0)
-    """Interval at which the files of dead servers are removed from the temporary folder. Servers also do so
-    when they start; it costs a lock per running server."""
-
     allocate_seconds: float = Field(default=60.0, ge=0)
     """Seconds that a caller waits for a free slot before it is refused with ``no_capacity``. Clients may wait
     for less: ours for 120 s, ``limits.wait_seconds``."""
@@ -107,11 +94,6 @@ class ServerConfig(Settings):
     ttl_seconds: float = Field(default=60.0, gt=0)
     """Seconds after which a session that is not renewed is closed, unless its client requested another
     time."""
-
-    lease_look_seconds: float = Field(default=1.0, gt=0)
-    """Longest interval between two checks of the leases. If the worker itself was stopped for longer, that
-    time does not count against leases, because it could not receive heartbeats. Those that a stopped
-    gateway did not forward are missed."""
 
     longest_ttl_seconds: float = Field(default=600.0, gt=0)
     """Longest time to live that a client may request."""
@@ -150,9 +132,6 @@ class ServerConfig(Settings):
     beat_seconds: float = Field(default=1.0, gt=0)
     """Longest interval between two reports to subscribers of the server's state."""
 
-    shutdown_seconds: int = Field(default=5, gt=0)
-    """Time for calls in flight to end when the server is stopped."""
-
     admission: Admission = Field(default_factory=Admission)
     """How many slots run at once, and in which order calls get to run."""
 
@@ -164,11 +143,8 @@ class GatewayConfig(Settings):
     """A gateway: how many workers it runs, and how it detects that one is gone."""
 
     workers: int | None = Field(default=None, gt=0)
-    """Worker processes that share a machine's slots; by default one for every 4 cores
-    (``cores_per_worker``)."""
-
-    cores_per_worker: int = Field(default=4, gt=0)
-    """Cores whose browsers one worker process can keep busy."""
+    """Worker processes that share a machine's slots; by default one for every 4
+    cores."""
 
     worker_host: str = "127.0.0.1"
     """Address on which workers listen. Clients that can reach it connect directly instead of through the
@@ -180,17 +156,11 @@ class GatewayConfig(Settings):
     The range must be larger than the number of workers of a machine.
     """
 
-    start_seconds: float = Field(default=90.0, gt=0)
-    """From starting a worker until its first browser has started."""
-
     stop_seconds: float = Field(default=15.0, gt=0)
     """From stopping a worker until it is killed. It ends calls and browsers in that time."""
 
     restart_seconds: tuple[float, float] = (0.5, 30.0)
     """First and longest pause before a worker that ended or did not start is started again."""
-
-    settled_seconds: float = Field(default=60.0, gt=0)
-    """After a worker has run for this long, its next restart uses the first pause again."""
 
     silent_seconds: float = Field(default=15.0, gt=0)
     """Time without a report after which a worker is queried; it is killed if it does not answer within
@@ -216,9 +186,6 @@ class RayConfig(Settings):
     """Run the workers on the nodes of the Ray cluster at this address; ``auto`` for the cluster of this
     machine."""
 
-    namespace: str = "webgym"
-    """Ray's namespace for WebGym's actors."""
-
     slots_per_cpu: float = Field(default=4.0, gt=0)
     """Sessions for each CPU that a node has in Ray's resources, where the number of slots is not given."""
 
@@ -237,9 +204,6 @@ class RayConfig(Settings):
     place_seconds: float = Field(default=30.0, gt=0)
     """Starting the actor on a node. If that takes longer, the node's CPUs are in use: an error says so, and
     it is tried again."""
-
-    discover_seconds: float = Field(default=2.0, gt=0)
-    """Interval at which the cluster's nodes are listed: Ray does not notify of changes."""
 
 
 class ClientLimits(Settings):
@@ -278,23 +242,14 @@ class ClientLimits(Settings):
     """Longest wait for a free slot. The server is told, and refuses with ``no_capacity`` then, or earlier if
     its own limit is shorter."""
 
-    release_seconds: float = Field(default=10.0, gt=0)
-    """Releasing a session. Short, because the lease expires by itself."""
-
     keep_alive_seconds: float = Field(default=30.0, gt=0)
     """How long idle connections are kept: shorter than the server keeps them."""
 
     direct: bool = True
     """Connect directly to the worker that holds a session, if it can be reached."""
 
-    direct_seconds: float = Field(default=2.0, gt=0)
-    """Deadline of the check whether a worker can be reached directly; otherwise the gateway is used."""
-
     dead_peer_seconds: float = Field(default=20.0, gt=0)
     """Time after which a server counts as dead that does not even answer TCP keepalive probes."""
-
-    heartbeat_share: float = Field(default=0.3, gt=0, lt=1)
-    """A session without a call for this share of its lease's time to live is renewed."""
 
     pictures: int = Field(default=2, gt=0)
     """Screenshots kept per session, so that an unchanged one is not sent again."""

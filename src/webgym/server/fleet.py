@@ -30,6 +30,15 @@ from webgym.server.relay import Answer, Header, Interrupted, NotSent, Relay
 
 log = logging.getLogger(__name__)
 
+CORES_PER_WORKER = 4
+"""Cores whose browsers one worker process can keep busy."""
+
+SETTLED_SECONDS = 60.0
+"""After a worker has run for this long, its next restart uses the first pause again."""
+
+START_SECONDS = 90.0
+"""From starting a worker until its first browser has started."""
+
 
 class Started(msgspec.Struct, frozen=True):
     """A worker's report that it has started.
@@ -81,7 +90,7 @@ class Hosts(Protocol):
 def split(slots: int, cores: float, config: GatewayConfig) -> list[int]:
     """Divide a machine's slots among its workers: the configured number, or by cores; every worker gets
     one."""
-    workers = min(slots, config.workers or max(1, round(cores / config.cores_per_worker)))
+    workers = min(slots, config.workers or max(1, round(cores / CORES_PER_WORKER)))
     return [slots // workers + (number < slots % workers) for number in range(workers)]
 
 
@@ -350,7 +359,7 @@ class Fleet:
                     self._failing[key] = failure or ServerError(f"a worker did not start: {error!r}")
                     log.error("worker %s on %s did not start: %s", name, host.place, error)
                 self._report_change(())
-                if loop.time() - started_at > self._config.settled_seconds:
+                if loop.time() - started_at > SETTLED_SECONDS:
                     pause = self._config.restart_seconds[0]
                 await asyncio.sleep(pause)
                 pause = min(pause * 2, longest)
@@ -366,10 +375,10 @@ class Fleet:
         is_lost = False
         try:
             try:
-                async with asyncio.timeout(self._config.start_seconds):
+                async with asyncio.timeout(START_SECONDS):
                     started = await host.start(config)
             except TimeoutError:
-                raise ServerError(f"a worker did not start within {self._config.start_seconds:g} s") from None
+                raise ServerError(f"a worker did not start within {START_SECONDS:g} s") from None
             worker = Worker(config.name, started, self._config, self._token)
             self._failing.pop(key, None)
             try:

@@ -29,6 +29,9 @@ _DISCARDED_BODIES = 8
 """After a body that is too large was refused, the rest of it is read and discarded, so that the caller can
 receive the answer, up to this many times the largest body."""
 
+SHUTDOWN_SECONDS = 5
+"""Time for calls in flight to end when the server is stopped."""
+
 
 def keep_alive_options(seconds: float) -> list[tuple[int, int, int]]:
     """Socket options that detect within ``seconds`` a peer that vanished without closing the connection.
@@ -248,7 +251,7 @@ async def serving(app: ASGIApp, listener: socket.socket, config: ServerConfig) -
         "ws": "none",
         "http": _bounded_protocol(config),
         "timeout_keep_alive": config.keep_alive_seconds,
-        "timeout_graceful_shutdown": config.shutdown_seconds,
+        "timeout_graceful_shutdown": SHUTDOWN_SECONDS,
     }
     server = QuietServer(uvicorn.Config(app, **settings))
     task = asyncio.create_task(server.serve(sockets=[listener]))

@@ -21,6 +21,10 @@ from webgym.server.messages import SlotLoad
 
 log = logging.getLogger(__name__)
 
+SWEEP_SECONDS = 30.0
+"""Interval at which the files of dead servers are removed from the temporary folder. Servers also do so when
+they start; it costs a lock per running server."""
+
 
 class Pool:
     """A fixed number of slots, each with a fresh page ready.
@@ -79,7 +83,7 @@ class Pool:
 
     async def _sweep_periodically(self) -> None:
         while True:
-            await asyncio.sleep(self._config.sweep_seconds)
+            await asyncio.sleep(SWEEP_SECONDS)
             try:
                 await self._sweep()
             except OSError as error:

@@ -41,6 +41,12 @@ _VERSIONS_HINT = "every node and the gateway need the same Ray and the same Pyth
 _CALLS_AT_ONCE = 64
 """Concurrent calls of one actor: one start or stop for every worker of its node."""
 
+NAMESPACE = "webgym"
+"""Ray's namespace for WebGym's actors."""
+
+DISCOVER_SECONDS = 2.0
+"""Interval at which the cluster's nodes are listed: Ray does not notify of changes."""
+
 
 def _node_actor() -> type:
     """The class of the actor that runs on a node, in a process of Ray. Its methods are called in threads.
@@ -231,7 +237,7 @@ class RayHosts:
                 }
                 yield tuple(self._known.values())
             is_first = False
-            await asyncio.sleep(self._cluster.discover_seconds)
+            await asyncio.sleep(DISCOVER_SECONDS)
 
     async def _usable_nodes(self) -> list[dict[str, Any]]:
         """The nodes that are alive and may be used."""
@@ -333,7 +339,7 @@ async def ray_hosts(
 
     def connect() -> None:
         # Not in the main thread, so that Ray does not replace signal handlers.
-        ray.init(address=cluster.address, namespace=cluster.namespace, logging_level=logging.ERROR)
+        ray.init(address=cluster.address, namespace=NAMESPACE, logging_level=logging.ERROR)
 
     try:
         async with asyncio.timeout(cluster.connect_seconds):

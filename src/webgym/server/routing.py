@@ -16,6 +16,9 @@ from webgym.server.config import ClientLimits
 from webgym.server.messages import INSTANCE_HEADER, SessionGrant
 from webgym.server.operations import HEALTH
 
+DIRECT_SECONDS = 2.0
+"""Deadline of the check whether a worker can be reached directly; otherwise the gateway is used."""
+
 
 class SessionRoute:
     """Where one session's calls are currently sent.
@@ -60,7 +63,7 @@ class SessionRouter:
     async def _is_reachable(self, endpoint: str, instance: str) -> bool:
         """Whether this worker, and not some other server, answers there. No token is sent."""
         try:
-            async with asyncio.timeout(self._limits.direct_seconds):
+            async with asyncio.timeout(DIRECT_SECONDS):
                 request = self._http.request(HEALTH.method, endpoint + HEALTH.path, allow_redirects=False)
                 async with request as response:
                     return response.headers.get(INSTANCE_HEADER) == instance

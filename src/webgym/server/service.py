@@ -54,6 +54,11 @@ SHORTEST_TTL_SECONDS = 0.1
 _OPEN_ATTEMPTS = 2
 """If a browser has died while it was idle, the second attempt gets a fresh one."""
 
+LEASE_LOOK_SECONDS = 1.0
+"""Longest interval between two checks of the leases. If the worker itself was stopped for longer, that time
+does not count against leases, because it could not receive heartbeats. Those that a stopped gateway did not
+forward are missed."""
+
 
 class Service:
     """One worker: slots, leases and queues. An async context manager; its browsers run while it is entered.
@@ -66,7 +71,7 @@ class Service:
     def __init__(self, config: ServerConfig, executable: Path) -> None:
         self.config = config
         self.pool = Pool(config, executable)
-        self.leases = Leases(self._take_back, config.name, check_seconds=config.lease_look_seconds)
+        self.leases = Leases(self._take_back, config.name, check_seconds=LEASE_LOOK_SECONDS)
         self.feed = Feed(self._watched, config.beat_seconds)
         self.pool.on_change = self.feed.changed
         self.leases.on_end = self._ended

@@ -77,9 +77,6 @@ class Costs(Settings):
     reply_tokens: float = Field(default=350.0, gt=0)
     """Of a reply, on average."""
 
-    reply_sigma: float = Field(default=0.5, ge=0)
-    """Spread of the reply's length (log-normal)."""
-
     prefill_tokens_per_second: float = Field(default=20_000.0, gt=0)
     """That one GPU reads, if it does nothing else."""
 

@@ -19,6 +19,9 @@ _SCALE_SAMPLE: Final = 100_000
 
 Steps: TypeAlias = NDArray[np.int64]
 
+REPLY_SIGMA = 0.5
+"""Spread of the reply's length (log-normal)."""
+
 
 class Demand(NamedTuple):
     """The demand of a trajectory with n steps: n actions (including the first navigation) and n observations.
@@ -98,5 +101,5 @@ def demand(workload: Workload, costs: Costs, number: int, steps: int) -> Demand:
         _lognormal(generator, costs.act_cpu, costs.cpu_sigma, steps),
         _lognormal(generator, costs.look_cpu, costs.cpu_sigma, steps),
         page.tolist(),
-        _lognormal(generator, costs.reply_tokens, costs.reply_sigma, steps),
+        _lognormal(generator, costs.reply_tokens, REPLY_SIGMA, steps),
     )

@@ -33,11 +33,9 @@ from typing import Any, Self, TypeVar
 
 import msgspec
 import yaml
-from pydantic import Field
 
 from webgym.core.errors import RunFolderError, StoreCorrupt, StoreError
 from webgym.core.outcome import Outcome
-from webgym.core.settings import Settings
 from webgym.core.task import Task
 from webgym.core.trajectory import Trajectory
 from webgym.store.files import (
@@ -106,11 +104,8 @@ def refuse_taken(path: Path) -> None:
         raise RunFolderError(f"{path} is not empty ({', '.join(foreign[:3])})", hint="choose another folder")
 
 
-class StoreLimits(Settings):
-    """Limits of a writer."""
-
-    shard_bytes: int = Field(default=64 * 2**20, gt=0)
-    """Size at which the next file of trajectories is started."""
+SHARD_BYTES = 64 * 2**20
+"""Size at which the next file of trajectories is started."""
 
 
 # --- writing ----------------------------------------------------------------------------------------
@@ -136,12 +131,11 @@ class RunWriter:
         on_metric: called with every line of ``metrics.jsonl`` once it is written, in the writing thread.
     """
 
-    def __init__(self, path: Path, limits: StoreLimits, lock: int) -> None:
+    def __init__(self, path: Path, lock: int) -> None:
         self.path = path
         self.torn_bytes = 0
         self.retired: set[str] = set()
         self.on_metric: Callable[[Mapping[str, Any]], object] = lambda _: None
-        self._limits = limits
         self._lock = lock
         self._index = Index(path / TRAJECTORIES)
         self._images: set[str] = set()
@@ -164,9 +158,7 @@ class RunWriter:
         return self._index.corrupt
 
     @classmethod
-    async def create(
-        cls, path: Path, config: Mapping[str, Any], tasks: list[Task], *, limits: StoreLimits | None = None
-    ) -> Self:
+    async def create(cls, path: Path, config: Mapping[str, Any], tasks: list[Task]) -> Self:
         """Create a run folder.
 
         Args:
@@ -179,14 +171,14 @@ class RunWriter:
             StoreLocked: another process is creating it.
             StoreFull: there is no space.
         """
-        return await asyncio.to_thread(cls._create, path, config, tasks, limits or StoreLimits())
+        return await asyncio.to_thread(cls._create, path, config, tasks)
 
     @classmethod
-    def _create(cls, path: Path, config: Mapping[str, Any], tasks: list[Task], limits: StoreLimits) -> Self:
+    def _create(cls, path: Path, config: Mapping[str, Any], tasks: list[Task]) -> Self:
         make_folder(path)
         refuse_taken(path)
         with disk_errors(f"making {path}", then="start the run again"):
-            writer = cls(path, limits, take_lock(path))
+            writer = cls(path, take_lock(path))
             try:
                 refuse_taken(path)  # again, now that the lock is held
                 writer._make_folders()
@@ -204,9 +196,7 @@ class RunWriter:
         return writer
 
     @classmethod
-    async def reopen(
-        cls, path: Path, *, skip_corrupt: bool = False, limits: StoreLimits | None = None
-    ) -> Self:
+    async def reopen(cls, path: Path, *, skip_corrupt: bool = False) -> Self:
         """Continue a run, after a clean end or a crash of its writer.
 
         Every record is verified. An incomplete last line and temporary files are removed.
@@ -220,13 +210,13 @@ class RunWriter:
             StoreLocked: another process writes to it.
             StoreCorrupt: records do not match their checksums; the message names file and line.
         """
-        return await asyncio.to_thread(cls._reopen, path, skip_corrupt, limits or StoreLimits())
+        return await asyncio.to_thread(cls._reopen, path, skip_corrupt)
 
     @classmethod
-    def _reopen(cls, path: Path, skip_corrupt: bool, limits: StoreLimits) -> Self:
+    def _reopen(cls, path: Path, skip_corrupt: bool) -> Self:
         check_run(path)
         with disk_errors(f"opening {path}"):
-            writer = cls(path, limits, take_lock(path))
+            writer = cls(path, take_lock(path))
             try:
                 writer._recover(skip_corrupt)
                 writer._open_logs()
@@ -342,7 +332,7 @@ class RunWriter:
             if not prefixes <= self._folders:
                 sync_folder(self.path / SCREENSHOTS)
                 self._folders |= prefixes
-            if self._shard.size >= self._limits.shard_bytes:
+            if self._shard.size >= SHARD_BYTES:
                 full = self._shard
                 self._shard = Log(self._folder / f"{int(full.path.stem) + 1:05d}.jsonl")
                 full.close()

@@ -35,6 +35,21 @@ CHECKPOINT = "checkpoint.pt"
 LENGTHS = 4
 """Number of groups into which acting sequences are divided by length."""
 
+ADAM_RATE = 2e-3
+"""AdamW's learning rate, for everything else."""
+
+MUON_RATE = 0.01
+"""Muon's learning rate, for matrices."""
+
+WARMUP_STEPS = 100
+"""Updates over which the learning rates rise linearly."""
+
+CHECKPOINT_STEPS = 200
+"""Updates between checkpoints."""
+
+REPORT_STEPS = 50
+"""Updates between printed lines."""
+
 
 class PretrainConfig(Settings):
     """Settings of the tiny policy's pretraining."""
@@ -58,15 +73,6 @@ class PretrainConfig(Settings):
     batch: int = Field(default=48, ge=1)
     """Sequences per update."""
 
-    muon_rate: float = Field(default=0.01, gt=0)
-    """Muon's learning rate, for matrices."""
-
-    adam_rate: float = Field(default=2e-3, gt=0)
-    """AdamW's learning rate, for everything else."""
-
-    warmup: int = Field(default=100, ge=0)
-    """Updates over which the learning rates rise linearly."""
-
     decay_share: float = Field(default=0.3, ge=0, le=1)
     """Share of the updates, at the end, over which the learning rates fall linearly to 0."""
 
@@ -82,12 +88,6 @@ class PretrainConfig(Settings):
     bfloat16: bool | None = None
     """Compute in bfloat16, with weights in float32: about twice as fast with native support, twenty times
     slower without; by default if the processor supports it."""
-
-    checkpoint_steps: int = Field(default=200, ge=1)
-    """Updates between checkpoints."""
-
-    report_steps: int = Field(default=50, ge=1)
-    """Updates between printed lines."""
 
 
 Kind: TypeAlias = Literal["pointing", "acting"]
@@ -171,15 +171,15 @@ def optimizers_of(model: Any, config: PretrainConfig, dtype: torch.dtype) -> lis
         (matrices if is_matrix else rest).append(weight)
     decay = config.weight_decay
     return [
-        Muon(matrices, lr=config.muon_rate, weight_decay=decay, dtype=dtype),
-        torch.optim.AdamW(rest, lr=config.adam_rate, betas=(0.9, 0.95), weight_decay=decay),
+        Muon(matrices, lr=MUON_RATE, weight_decay=decay, dtype=dtype),
+        torch.optim.AdamW(rest, lr=ADAM_RATE, betas=(0.9, 0.95), weight_decay=decay),
     ]
 
 
 def rate(config: PretrainConfig, step: int) -> float:
     """Factor on the learning rates at an update: it rises, is constant, and falls to 0."""
     falling = max(1.0, config.decay_share * config.steps)
-    return min(1.0, (step + 1) / max(1, config.warmup), max(0.0, (config.steps - step) / falling))
+    return min(1.0, (step + 1) / max(1, WARMUP_STEPS), max(0.0, (config.steps - step) / falling))
 
 
 def pretrain(sequences: TrainingSet, loaded: Loaded, out: Path, config: PretrainConfig, tell: Tell) -> None:
@@ -190,7 +190,7 @@ def pretrain(sequences: TrainingSet, loaded: Loaded, out: Path, config: Pretrain
         loaded: the model, with random weights; trained in place.
         out: output folder; training continues from a checkpoint in it.
         config: of the pretraining.
-        tell: called with figures every ``report_steps`` updates.
+        tell: called with figures every ``REPORT_STEPS`` updates.
     """
     out.mkdir(parents=True, exist_ok=True)
     if config.threads is not None:
@@ -202,7 +202,7 @@ def pretrain(sequences: TrainingSet, loaded: Loaded, out: Path, config: Pretrain
     first = _restore(out, model, optimizers, config)
     started, smooth = time.monotonic(), dict[Kind, float](pointing=math.nan, acting=math.nan)
     for step in range(first, config.steps):
-        for optimizer, peak in zip(optimizers, (config.muon_rate, config.adam_rate), strict=True):
+        for optimizer, peak in zip(optimizers, (MUON_RATE, ADAM_RATE), strict=True):
             for group in optimizer.param_groups:
                 group["lr"] = peak * rate(config, step)
         kind, chosen = sequences.batch(config, step)
@@ -219,10 +219,10 @@ def pretrain(sequences: TrainingSet, loaded: Loaded, out: Path, config: Pretrain
             optimizer.zero_grad(set_to_none=True)
         value = float(loss.detach())
         smooth[kind] = value if math.isnan(smooth[kind]) else 0.95 * smooth[kind] + 0.05 * value
-        if (step + 1) % config.report_steps == 0:
+        if (step + 1) % REPORT_STEPS == 0:
             done = (step + 1 - first) * config.batch
             tell({"step": step + 1, "sequences_per_second": done / (time.monotonic() - started), **smooth})
-        if (step + 1) % config.checkpoint_steps == 0 or step + 1 == config.steps:
+        if (step + 1) % CHECKPOINT_STEPS == 0 or step + 1 == config.steps:
             _save_checkpoint(out, model, optimizers, config, step + 1)
     model.eval().to(torch.bfloat16)  # half the size; it is read as float32 again
     new = out / "model.new"

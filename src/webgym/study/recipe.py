@@ -51,6 +51,12 @@ PROFILE: Final = "tiny"
 
 Advance: TypeAlias = Callable[[str, int, int], None]
 
+WITHOUT_MEMORY = 0.2
+"""Share of attempts with the prompt without a memory, for comparison in the study."""
+
+EXAMINED = 300
+"""Number of tasks of each split in the examination."""
+
 
 class RecipeConfig(Settings):
     """Settings of the recipe."""
@@ -64,17 +70,11 @@ class RecipeConfig(Settings):
     attempts: int = Field(default=9300, ge=1)
     """Attempts of the demonstrators, at training tasks in random order."""
 
-    without_memory: float = Field(default=0.2, ge=0, le=1)
-    """Share of attempts with the prompt without a memory, for comparison in the study."""
-
     budget: tuple[int, int, int] = (10, 20, 30)
     """Step budgets of easy, medium and hard tasks."""
 
     pretrain: PretrainConfig = PretrainConfig()
     """The pretraining."""
-
-    examined: int = Field(default=300, ge=0)
-    """Number of tasks of each split in the examination."""
 
     @property
     def attempt(self) -> AttemptConfig:
@@ -121,7 +121,7 @@ async def follow(config: RecipeConfig, out: Path, *, tell: Tell, advance: Advanc
             split: await examine(
                 browsers,
                 out / "model",
-                _tasks(web, split, config.seed)[: config.examined],
+                _tasks(web, split, config.seed)[:EXAMINED],
                 config.attempt,
                 advance,
             )
@@ -138,7 +138,7 @@ def _keep_settings(config: PretrainConfig, out: Path) -> None:
         ConfigError: there are a checkpoint or a model of other settings.
     """
     path = out / "pretraining.json"
-    free = {"threads", "device", "checkpoint_steps", "report_steps"}
+    free = {"threads", "device"}
     settings = config.model_dump(mode="json", exclude=free)
     if not any((out / made).exists() for made in (CHECKPOINT, "model")):
         write_whole(path, msgspec.json.format(msgspec.json.encode(settings)))
@@ -161,7 +161,7 @@ async def _demonstrate(
         ConfigError: those in the folder were made with other settings.
     """
     path = out / "demonstrations.msgpack"
-    settings = config.model_dump(mode="json", exclude={"pretrain", "examined"})
+    settings = config.model_dump(mode="json", exclude={"pretrain"})
     if path.exists():
         stored = msgspec.msgpack.decode(path.read_bytes())
         if stored.get("settings") != settings:
@@ -175,7 +175,7 @@ async def _demonstrate(
     }
     demonstrations = _Demonstrations(settings, [], [])
     for number in range(config.attempts):
-        kind = kinds[rng.random() < config.without_memory]
+        kind = kinds[rng.random() < WITHOUT_MEMORY]
         sample, index = divmod(number, len(tasks))
         episode = await collectors[kind].make(Planned(tasks[index], sample))
         demonstrations.acting += acting(episode, loaded.renderer)

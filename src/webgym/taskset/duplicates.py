@@ -5,7 +5,7 @@ website is not known yet count as on one website. Two tasks are
 
 * **the same** if their texts differ only in case, punctuation, white space and Unicode forms;
 * **near** if, without function words and the website's own name, their words and pairs of adjacent words have
-  a Jaccard similarity of at least :attr:`DuplicateLimits.similarity`, and both have the same numbers and the
+  a Jaccard similarity of at least :attr:`SIMILARITY`, and both have the same numbers and the
   same names in the same order. A different number or name makes a different task, however long the rest of
   the text: a template filled twice gives two tasks, and "Paris to Rome" is not "Rome to Paris".
 
@@ -27,8 +27,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Generic, Literal, TypeAlias, TypeVar
 
-from pydantic import Field
-
 from webgym.core.settings import Settings
 from webgym.core.task import Task
 from webgym.core.websites import site_or_text
@@ -41,16 +39,23 @@ AnyTask = TypeVar("AnyTask", Task, SourceTask)
 Why: TypeAlias = Literal["same", "near", "parent", "template", "website"]
 _Finding: TypeAlias = tuple[str, Why]
 
+SIMILARITY = 0.85
+"""Jaccard similarity of words and pairs of words from which two tasks are near. At the default, texts that
+differ by one added word are near from about a dozen words on, by one replaced word from about twenty."""
+
+PER_TEMPLATE = 20
+"""Most tasks of a website whose texts differ only in numbers."""
+
+PER_WEBSITE = 12_000
+"""Most tasks of a website. PAE-WebVoyager has 128,499 on 13 websites, about 9,900 each (paper Table 1)."""
+
+COMPARED = 100
+"""Most texts that a text is compared with; those that share its rarest words come first."""
+
 
 class DuplicateLimits(Settings):
     """What counts as a duplicate, which task is kept, and limits on synthetic sources."""
 
-    similarity: float = Field(default=0.85, ge=0.5, le=1.0)
-    """Jaccard similarity of words and pairs of words from which two tasks are near. At the default, texts
-    that differ by one added word are near from about a dozen words on, by one replaced word from about
-    twenty."""
-    compared: int = Field(default=100, ge=1)
-    """Most texts that a text is compared with; those that share its rarest words come first."""
     sources: tuple[str, ...] = (
         "online-mind2web",
         "mind2web-2",
@@ -70,11 +75,6 @@ class DuplicateLimits(Settings):
     synthetic: tuple[str, ...] = SYNTHETIC
     """Sources that the following limits apply to; derived tasks do not count. Their tasks are considered in a
     random order."""
-    per_template: int = Field(default=20, ge=1)
-    """Most tasks of a website whose texts differ only in numbers."""
-    per_website: int = Field(default=12_000, ge=1)
-    """Most tasks of a website. PAE-WebVoyager has 128,499 on 13 websites, about 9,900 each (paper Table
-    1)."""
     seed: int = 0
     """Seed of that random order."""
 
@@ -297,13 +297,13 @@ class _KeptTexts:
         text.shingles = array("Q", sorted(shingles))
 
     def _prefix(self, text: _Text) -> array[int]:
-        shared = math.ceil(self._limits.similarity * len(text.shingles) - 1e-9)
+        shared = math.ceil(SIMILARITY * len(text.shingles) - 1e-9)
         return text.shingles[: len(text.shingles) - shared + 1] if text.shingles else _NO_SHINGLES
 
     def _candidates(self, text: _Text) -> Iterator[_Text]:
         seen: set[str] = set()
-        least = self._limits.similarity * len(text.shingles)
-        most = len(text.shingles) / self._limits.similarity
+        least = SIMILARITY * len(text.shingles)
+        most = len(text.shingles) / SIMILARITY
         for shingle in self._prefix(text):
             for other in self._near.get((text.block, shingle), ()):
                 if (
@@ -313,12 +313,12 @@ class _KeptTexts:
                 ):
                     yield other
                     seen.add(other.id)
-                    if len(seen) == self._limits.compared:
+                    if len(seen) == COMPARED:
                         return
 
     def _is_similar(self, shingles: frozenset[int], other: _Text) -> bool:
         shared = len(shingles.intersection(other.shingles))
-        return shared >= self._limits.similarity * (len(shingles) + len(other.shingles) - shared)
+        return shared >= SIMILARITY * (len(shingles) + len(other.shingles) - shared)
 
 
 def _log_frequency(count: int) -> int:
@@ -338,9 +338,9 @@ class _SyntheticLimits:
         """The limit that a task would exceed; if it exceeds none, it is counted and ``None`` is returned."""
         key = (text.site, template(text.folded))
         first, count = self._templates.get(key, (text.id, 0))
-        if count >= self._limits.per_template:
+        if count >= PER_TEMPLATE:
             return first, "template"
-        if self._websites[text.site] >= self._limits.per_website:
+        if self._websites[text.site] >= PER_WEBSITE:
             return "", "website"
         self._templates[key] = (first, count + 1)
         self._websites[text.site] += 1

@@ -31,10 +31,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import torch
-from pydantic import Field
 
 from webgym.core.errors import ConfigError
-from webgym.core.settings import Settings
 from webgym.inference.local import LocalConfig
 from webgym.inference.model import loading
 from webgym.train.config import LearnConfig
@@ -66,23 +64,25 @@ QWEN3_VL_8B: Final[dict[str, Any]] = {
 """Configuration of the paper's model, so that its estimate needs no download."""
 
 
-class Gpus(Settings):
-    """The GPUs to train on."""
+UTILISATION: Final = 0.4
+"""Assumed share of a GPU's peak that training reaches."""
 
-    count: int = Field(default=1, ge=1)
-    """Number of GPUs."""
 
-    memory_gib: float = Field(default=80.0, gt=0)
-    """Memory of each GPU."""
+@dataclass(frozen=True, slots=True)
+class Gpus:
+    """The GPUs to train on.
 
-    peak_tflops: float = Field(default=989.0, gt=0)
-    """Peak of each GPU, bf16 without sparsity."""
+    Attributes:
+        count: number of GPUs.
+        memory_gib: memory of each GPU.
+        peak_tflops: peak of each GPU, bf16 without sparsity.
+        sharded: whether weights, gradients and optimizer state are sharded over the GPUs.
+    """
 
-    utilisation: float = Field(default=0.4, gt=0, le=1)
-    """Assumed share of the peak that training reaches."""
-
+    count: int = 1
+    memory_gib: float = 80.0
+    peak_tflops: float = 989.0
     sharded: bool = True
-    """Whether weights, gradients and optimizer state are sharded over the GPUs."""
 
 
 KNOWN_GPUS: Final = {
@@ -106,20 +106,21 @@ def present_gpus() -> Gpus | None:
     )
 
 
-class Workload(Settings):
-    """Size of a trajectory's step as model input."""
+@dataclass(frozen=True, slots=True)
+class Workload:
+    """Size of a trajectory's step as model input.
 
-    pictures: int = Field(default=4, ge=0)
-    """Pictures in a request: those of the history and the current one."""
+    Attributes:
+        pictures: in a request: those of the history and the current one.
+        picture_patches: of the vision tower per picture: 1280 x 768 pixels in squares of 16.
+        text_tokens: in a request besides pictures.
+        reply_tokens: in a reply.
+    """
 
-    picture_patches: int = Field(default=3840, ge=0)
-    """Vision tower patches per picture: 1280 x 768 pixels in squares of 16."""
-
-    text_tokens: int = Field(default=2500, ge=0)
-    """Tokens in a request besides pictures."""
-
-    reply_tokens: int = Field(default=300, ge=1)
-    """Tokens in a reply."""
+    pictures: int = 4
+    picture_patches: int = 3840
+    text_tokens: int = 2500
+    reply_tokens: int = 300
 
 
 @dataclass(frozen=True, slots=True)
@@ -327,5 +328,5 @@ def estimate(
         reply_tokens=samples * work.reply_tokens,
         optimizer_steps=replay.passes * max(1, round(replay.steps / update.batch)),
         flops=flops,
-        seconds=flops / (gpus.count * gpus.peak_tflops * 1e12 * gpus.utilisation),
+        seconds=flops / (gpus.count * gpus.peak_tflops * 1e12 * UTILISATION),
     )

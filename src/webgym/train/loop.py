@@ -59,8 +59,7 @@ Track: TypeAlias = Callable[[Mapping[str, Any]], None]
 
 _OF_THE_MACHINE: Final = {
     *("executable", "sandbox", "temporary_root", "freeze", "cgroup", "slot_bytes", "slot_tasks"),
-    *("launch_seconds", "open_seconds", "close_seconds", "kill_seconds"),
-    *("recycle_episodes", "recycle_seconds", "recycle_bytes", "reserve_bytes", "memory_look_seconds"),
+    *("launch_seconds", "open_seconds", "recycle_episodes", "reserve_bytes"),
 }
 """Settings of browsers that do not change what an agent sees and does."""
 _OF_THE_PAGES: Final = {"latency", "latency_sigma", "latency_longest", "slow_seconds"}

@@ -165,7 +165,7 @@ class VllmServing:
         model = (config.model or self._first) if weights is None or method == "lora" else str(weights)
         command = config.command(model, name, port, method, self._lora.rank if self._lora else 0)
         self._server = await ManagedServer.start(command, config.environment(key, method), self._log)
-        self._api = VllmApi(f"http://127.0.0.1:{port}/v1", key, config.update_seconds)
+        self._api = VllmApi(f"http://127.0.0.1:{port}/v1", key)
         await self._until_up(self._server, self._api)
         self._weights = weights
         if weights is not None and method == "lora":
@@ -209,7 +209,7 @@ class VllmServing:
         config = self._config
         assert config.base_url is not None
         key = SecretStr(os.environ.get(config.api_key_env, "").strip())
-        self._api = api = VllmApi(config.base_url, key, config.update_seconds)
+        self._api = api = VllmApi(config.base_url, key)
         try:
             names = await api.models()
             missing = [path for path in _NEEDED[self._method] if not await api.offers(path)]

@@ -46,16 +46,13 @@ class SoakPlan(msgspec.Struct, frozen=True, kw_only=True):
             navigate_seconds=6,
             settle_seconds=3,
             screenshot_seconds=6,
-            close_seconds=3,
             slot_bytes=500 * _MIB,
-            memory_look_seconds=0.1,
             recycle_episodes=self.episodes,
         )
         return ServerConfig(
             slots=self.slots,
             allocate_seconds=20,
             relaunch_seconds=(0.2, 2.0),
-            sweep_seconds=2,
             receive_seconds=2,
             dead_peer_seconds=5,
             keep_alive_seconds=5,

@@ -26,32 +26,13 @@ class EgressConfig(Settings):
 
     # --- deadlines, seconds -----------------------------------------------------------------------
 
-    handshake_seconds: float = Field(default=3600.0, gt=0)
-    """SOCKS handshake of a browser. Long, because the browser may be frozen in the middle of it."""
-
-    resolve_seconds: float = Field(default=5.0, gt=0)
-    """Resolving a name to its addresses."""
-
     connect_seconds: float = Field(default=8.0, gt=0)
     """Connecting to one of the addresses, all attempts together. Less than ``browser.navigate_seconds``
-    together with ``resolve_seconds``, so that the reason is known before the navigation times out."""
-
-    attempt_seconds: float = Field(default=2.5, gt=0)
-    """Connecting to one address out of several; the last one has the remaining time."""
-
-    keepalive_seconds: int = Field(default=60, gt=0)
-    """Idle time after which a TCP keepalive probe is sent to a server."""
+    together with the time for resolving the name, so that the reason is known before the navigation times
+    out."""
 
     dead_seconds: int = Field(default=120, gt=0)
     """Time without any acknowledgement after which a server counts as gone."""
-
-    # --- names ------------------------------------------------------------------------------------
-
-    cache_seconds: float = Field(default=30.0, ge=0)
-    """How long the result of a lookup is cached. Addresses are checked again at every connection."""
-
-    cache_names: int = Field(default=4096, gt=0)
-    """Largest number of cached names, and of stored failures."""
 
     # --- one session ------------------------------------------------------------------------------
 
@@ -79,12 +60,6 @@ class EgressConfig(Settings):
 
     wait_seconds: float = Field(default=4.0, ge=0)
     """Longest delay of a connection by the rate limit; one that would wait longer is refused."""
-
-    # --- bytes ------------------------------------------------------------------------------------
-
-    buffer_bytes: int = Field(default=256 * 1024, gt=0)
-    """Unsent bytes per direction above which reading from the sender is paused: a frozen browser reads
-    nothing for minutes."""
 
     @field_validator("allow")
     @classmethod

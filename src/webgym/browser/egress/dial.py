@@ -16,7 +16,7 @@ from webgym.browser.egress.budget import Budget, BudgetExceeded
 from webgym.browser.egress.config import EgressConfig
 from webgym.browser.egress.hosts import Address, Host, read_host
 from webgym.browser.egress.policy import Admitted, Forbidden, Nowhere, Policy, Route
-from webgym.browser.egress.resolver import Machine, Resolver
+from webgym.browser.egress.resolver import CACHE_SECONDS, Machine, Resolver
 from webgym.core.errors import EgressRefused, NavigationFailed
 
 P = TypeVar("P", bound=asyncio.BaseProtocol)
@@ -60,6 +60,9 @@ _REASON_BY_ERRNO: dict[int, Reason] = {
 }
 _NO_ROUTE = frozenset({errno.ENETUNREACH, errno.ENETDOWN, errno.EADDRNOTAVAIL})
 
+ATTEMPT_SECONDS = 2.5
+"""Connecting to one address out of several; the last one has the remaining time."""
+
 
 class NotConnected(NavigationFailed):
     """No connection could be opened.
@@ -87,7 +90,7 @@ class Dialer:
         self._config = config
         self._machine = machine
         self._policy = Policy(config)
-        self._resolver = Resolver(config, machine)
+        self._resolver = Resolver(machine)
         self._politeness = Politeness(config.rate, config.burst, config.wait_seconds)
         self._own_addresses_cache: frozenset[Address] = frozenset()
         self._own_until = 0.0
@@ -146,7 +149,7 @@ class Dialer:
         now = asyncio.get_running_loop().time()
         if now >= self._own_until:
             self._own_addresses_cache = self._machine.own_addresses()
-            self._own_until = now + self._config.cache_seconds
+            self._own_until = now + CACHE_SECONDS
         return self._own_addresses_cache
 
     def _refuse_own_ports(self, admitted: Admitted, route: Route) -> None:
@@ -175,7 +178,7 @@ class Dialer:
         for nth, address in enumerate(addresses, 1):
             until = deadline
             if nth < len(addresses):
-                until = min(deadline, asyncio.get_running_loop().time() + self._config.attempt_seconds)
+                until = min(deadline, asyncio.get_running_loop().time() + ATTEMPT_SECONDS)
             try:
                 return await self._attempt(address, port, protocol, until)
             except NotConnected as failure:

@@ -21,7 +21,7 @@ from webgym.browser.egress.budget import Budget, BudgetExceeded
 from webgym.browser.egress.config import EgressConfig
 from webgym.browser.egress.dial import Dialer, NotConnected, Reason
 from webgym.browser.egress.hosts import read_host
-from webgym.browser.egress.resolver import Machine
+from webgym.browser.egress.resolver import CACHE_NAMES, Machine
 from webgym.browser.egress.socks import (
     CONNECT,
     FAILED,
@@ -50,6 +50,9 @@ _REPEATED_SECONDS = 0.5
 """After a cut, until the browser has opened the connection of a repeated request."""
 _DEFAULT_PORTS = {"http": 80, "https": 443, "ws": 80, "wss": 443}
 _REPLIES: dict[Reason, int] = {"forbidden": FORBIDDEN, "too_many": FORBIDDEN, "no_such_name": NO_HOST}
+
+HANDSHAKE_SECONDS = 3600.0
+"""SOCKS handshake of a browser. Long, because the browser may be frozen in the middle of it."""
 
 
 class EgressLoad(msgspec.Struct, frozen=True):
@@ -183,7 +186,7 @@ class Egress:
             key = (_normalised(host), port)
             self._failures[key] = failure
             self._failures.move_to_end(key)
-            if len(self._failures) > self.config.cache_names:
+            if len(self._failures) > CACHE_NAMES:
                 self._failures.popitem(last=False)
             raise
         finally:
@@ -306,7 +309,7 @@ class _Handshake(asyncio.Protocol):
         """A browser has connected."""
         self._transport = cast(asyncio.Transport, transport)  # uvloop's is not a subclass
         self._connections.enter(self._transport)
-        seconds = self._egress.config.handshake_seconds
+        seconds = HANDSHAKE_SECONDS
         self._deadline = asyncio.get_running_loop().call_later(seconds, self._transport.abort)
 
     def connection_lost(self, _: Exception | None) -> None:

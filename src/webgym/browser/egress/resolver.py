@@ -17,7 +17,6 @@ import psutil
 from aiodns import DNSResolver
 from aiodns.error import ARES_ENODATA, ARES_ENOTFOUND, ARES_ETIMEOUT, DNSError
 
-from webgym.browser.egress.config import EgressConfig
 from webgym.browser.egress.hosts import Address
 
 _REMOTE_ADDRESSES = ((socket.AF_INET, "198.51.100.1"), (socket.AF_INET6, "2001:db8::1"))
@@ -30,6 +29,15 @@ _DNS_SECONDS = 1.5
 """Deadline of a name server's answer, before it or the next one is queried again."""
 
 _DNS_TRIES = 3
+
+CACHE_NAMES = 4096
+"""Largest number of cached names, and of stored failures."""
+
+CACHE_SECONDS = 30.0
+"""How long the result of a lookup is cached. Addresses are checked again at every connection."""
+
+RESOLVE_SECONDS = 5.0
+"""Resolving a name to its addresses."""
 
 
 class Machine:
@@ -92,8 +100,7 @@ _LOOPBACK = "localhost"
 class Resolver:
     """Queries the machine's name servers. Concurrent requests for the same name share one lookup."""
 
-    def __init__(self, config: EgressConfig, machine: Machine) -> None:
-        self._config = config
+    def __init__(self, machine: Machine) -> None:
         self._machine = machine
         self._lookups: dict[str, asyncio.Task[Answer]] = {}
         self._waiting: dict[str, int] = {}
@@ -125,7 +132,7 @@ class Resolver:
         lookup = self._shared_lookup(target)
         self._waiting[target] = self._waiting.get(target, 0) + 1
         try:
-            async with asyncio.timeout(self._config.resolve_seconds):
+            async with asyncio.timeout(RESOLVE_SECONDS):
                 return await asyncio.shield(lookup)
         except TimeoutError:
             return "dns_timed_out"
@@ -166,8 +173,8 @@ class Resolver:
         return tuple(addresses) or "no_such_name"
 
     def _store(self, name: str, answer: Answer) -> None:
-        until = asyncio.get_running_loop().time() + self._config.cache_seconds
+        until = asyncio.get_running_loop().time() + CACHE_SECONDS
         self._cache[name] = (until, answer)
         self._cache.move_to_end(name)
-        if len(self._cache) > self._config.cache_names:
+        if len(self._cache) > CACHE_NAMES:
             self._cache.popitem(last=False)

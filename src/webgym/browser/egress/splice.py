@@ -18,6 +18,13 @@ from webgym.browser.egress.config import EgressConfig
 _KEEPALIVE_PROBES = 4
 _RESET_ON_CLOSE = struct.pack("ii", 1, 0)
 
+KEEPALIVE_SECONDS = 60
+"""Idle time after which a TCP keepalive probe is sent to a server."""
+
+BUFFER_BYTES = 256 * 1024
+"""Unsent bytes per direction above which reading from the sender is paused: a frozen browser reads nothing
+for minutes."""
+
 
 class Connections:
     """The open connections of one proxy, and totals over all of them."""
@@ -62,7 +69,7 @@ class _End(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """The connection is open."""
         self.transport = cast(asyncio.Transport, transport)  # uvloop's is not a subclass
-        self.transport.set_write_buffer_limits(high=self._connections.config.buffer_bytes)
+        self.transport.set_write_buffer_limits(high=BUFFER_BYTES)
         self._connections.enter(self.transport)
 
     def connection_lost(self, _: Exception | None) -> None:
@@ -130,9 +137,9 @@ class ServerEnd(_End):
         """The connection is open: enable keepalive, so that a server that disappears is noticed."""
         super().connection_made(transport)
         config, raw = self._connections.config, transport.get_extra_info("socket")
-        interval = max(1, (config.dead_seconds - config.keepalive_seconds) // _KEEPALIVE_PROBES)
+        interval = max(1, (config.dead_seconds - KEEPALIVE_SECONDS) // _KEEPALIVE_PROBES)
         raw.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        raw.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, config.keepalive_seconds)
+        raw.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, KEEPALIVE_SECONDS)
         raw.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, interval)
         raw.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, _KEEPALIVE_PROBES)
         raw.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, config.dead_seconds * 1000)

@@ -68,18 +68,9 @@ class Writing(Settings):
 class Assumptions(Section):
     """Assumptions of a cost estimate, used until the cache has enough replies to measure the values."""
 
-    measured_from: int = Field(default=30, ge=1)
-    """Number of finished requests of a purpose from which on measured values replace those below."""
-
-    asked_again: float = Field(default=0.1, ge=0)
-    """Average number of repeated calls per request, because of unusable replies."""
-
     reply_tokens: Mapping[Purpose, int] = {"website": 40, "rubric": 250, "rewriting": 80, "critic": 40}
     """Average tokens of a reply, by purpose. A thinking model writes many more: measure it with a small
     run."""
-
-    derived_per_task: float = Field(default=0.1, ge=0)
-    """Average number of tasks derived from a task whose rubric is not written yet."""
 
 
 class BuildConfig(Settings):

@@ -18,7 +18,7 @@ from webgym.llm.prices import Prices
 from webgym.llm.request import Request
 from webgym.llm.tokens import count_messages, count_text
 from webgym.taskset import prompts
-from webgym.taskset.construction.config import Assumptions, Purpose
+from webgym.taskset.construction.config import Purpose
 from webgym.taskset.construction.pipeline import Build, Tally
 
 _FACTS_TOKENS: Final = 120
@@ -29,6 +29,15 @@ _LATER_PROMPTS: Final[Mapping[Purpose, str]] = {
     "critic": prompts.RUBRIC_CRITIC,
 }
 """The system messages of the purposes whose requests depend on other replies."""
+
+ASKED_AGAIN = 0.1
+"""Average number of repeated calls per request, because of unusable replies."""
+
+DERIVED_PER_TASK = 0.1
+"""Average number of tasks derived from a task whose rubric is not written yet."""
+
+MEASURED_FROM = 30
+"""Number of finished requests of a purpose from which on measured values replace assumed ones."""
 
 
 class Estimator:
@@ -162,19 +171,19 @@ def estimate(
 
 def _line(build: Build, purpose: Purpose, estimator: Estimator, model: str, prices: Prices) -> Line:
     assumed, tally = build.config.assumptions, _tally(build, purpose)
-    measured = tally.done >= assumed.measured_from
+    measured = tally.done >= MEASURED_FROM
     calls, prompt_tokens = float(estimator.calls), float(estimator.prompt_tokens)
     basis: list[str] = []
     things = tally.things
     if purpose in _LATER_PROMPTS:
-        expected = derived = _expected_derived(build, assumed, basis)
+        expected = derived = _expected_derived(build, basis)
         if purpose == "critic":  # what waits for the writer's reply is not among the calls counted so far
             expected += tally.pending - estimator.calls
         things += round(derived)
         calls += expected
         prompt_tokens += expected * _later_prompt(build, purpose)
     per_reply = assumed.reply_tokens[purpose]
-    again = assumed.asked_again
+    again = ASKED_AGAIN
     if measured:
         per_reply = round(estimator.reply_tokens / estimator.replies)
         again = max(0.0, estimator.replies / (tally.done + tally.failed) - 1)
@@ -198,7 +207,7 @@ def _line(build: Build, purpose: Purpose, estimator: Estimator, model: str, pric
     )
 
 
-def _expected_derived(build: Build, assumed: Assumptions, basis: list[str]) -> float:
+def _expected_derived(build: Build, basis: list[str]) -> float:
     """Estimated number of tasks that will be derived from tasks whose rubric is not written yet."""
     waiting = build.tallies["rubric"].pending + build.tallies["website"].pending
     missing = min(waiting, build.tallies["rubric"].things)
@@ -206,8 +215,8 @@ def _expected_derived(build: Build, assumed: Assumptions, basis: list[str]) -> f
         return 0.0
     parents = [row.came for row in build.accounting.rows if row.stage == "decomposition"]
     made = [row.made for row in build.accounting.rows if row.stage == "decomposition"]
-    measured = sum(parents) >= assumed.measured_from
-    rate = sum(made) / sum(parents) if measured else assumed.derived_per_task
+    measured = sum(parents) >= MEASURED_FROM
+    rate = sum(made) / sum(parents) if measured else DERIVED_PER_TASK
     basis.append(
         f"{rate:.2f} tasks derived from each of {missing:,}: {'measured' if measured else 'assumed'}"
     )

@@ -13,10 +13,11 @@ import struct
 from collections.abc import Awaitable, Callable
 from random import Random
 
-from webgym.bench.soak.counts import Counts
-from webgym.bench.soak.disk import Disk
-from webgym.bench.soak.leaks import Process, processes_of
-from webgym.bench.soak.target import Target
+from tests.soak.counts import Counts
+from tests.soak.disk import Disk
+from tests.soak.leaks import Process, processes_of
+from tests.soak.target import Target
+
 from webgym.core.background import BackgroundTasks
 from webgym.core.errors import ProtocolError
 from webgym.server.messages import GENERATION_HEADER, SECRET_HEADER, error_of
@@ -103,7 +104,7 @@ class Faults:
         """Send a signal to a random process of a kind.
 
         Args:
-            kind: see :class:`webgym.bench.soak.leaks.Process`.
+            kind: see :class:`tests.soak.leaks.Process`.
             number: the signal.
             group: whether to signal the process group.
             while_it_runs: whether to leave out stopped processes.

@@ -73,6 +73,7 @@ def server(
     """Benchmark the browser server: against Chromium alone, with freezing on and off, with many sessions.
 
     Starts its own servers and pages; needs nothing else. All parts take about ten minutes on two cores.
+    Ctrl-C prints the tables of what is finished, which --json has, too.
     """
     import logging
 
@@ -82,7 +83,6 @@ def server(
 
     from webgym.bench.server import PARTS, ServerFigures, measure
     from webgym.bench.stepping import BenchPlan
-    from webgym.bench.tables import server_tables
     from webgym.core.tables import markdown, show
 
     check_writable(json)
@@ -100,6 +100,7 @@ def server(
         burst=burst,
     )
     progress = Console(stderr=True)
+    finished: ServerFigures | None = None
 
     def report(line: str) -> None:
         progress.print(line, style="dim", highlight=False)
@@ -109,19 +110,19 @@ def server(
             json.write_bytes(msgspec.json.format(msgspec.json.encode(figures)))
 
     async def run() -> None:
-        printed = 0
-        async for figures in measure(plan, only or PARTS, browser, report):
-            write(figures)  # after every part, so that a failure of a later one loses nothing
-            tables = list(server_tables(figures))
-            if not printed:
-                print(f"Chromium {figures.browser}, {figures.processors} processors\n", flush=True)
-            if as_markdown:
-                print(markdown(tables[printed:]), flush=True)
-            else:
-                show(tables[printed:], Console())
-            printed = len(tables)
+        nonlocal finished
+        async for finished in measure(plan, only or PARTS, browser, report):
+            write(finished)
 
-    uvloop.run(run())
+    try:
+        uvloop.run(run())
+    finally:  # Ctrl-C, or a part that fails, loses nothing of what is finished
+        if finished is not None:
+            print(f"Chromium {finished.browser}, {finished.processors} processors\n", flush=True)
+            if as_markdown:
+                print(markdown(finished.tables()), flush=True)
+            else:
+                show(finished.tables(), Console())
 
 
 @app.command()

@@ -12,8 +12,8 @@ from webgym.cli._outputs import check_figure, check_writable
 from webgym.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from webgym.bench.rollout.measure import Measured
     from webgym.bench.rollout.plan import Cell, PageLatency, RolloutPlan
+    from webgym.bench.rollout.results import Measured
 
 HELP = """Benchmark this machine. Results of one run are compared as ratios.
 
@@ -203,7 +203,7 @@ def rollout(
     from rich.console import Console
 
     from webgym.bench.rollout.plan import MODE_NAMES, PAGE_LATENCIES, PARTS, RolloutPlan
-    from webgym.bench.rollout.tables import draw_rollout, rollout_tables
+    from webgym.bench.rollout.results import draw_rollout, rollout_tables
     from webgym.core.tables import markdown, show
 
     _check_known("part", only, PARTS)
@@ -246,7 +246,8 @@ def _results(plan: RolloutPlan, cells: Sequence[Cell], folder: Path, *, measures
     from rich.console import Console
     from rich.progress import track
 
-    from webgym.bench.rollout.measure import begin, check_machine, measure_into
+    from webgym.bench.rollout.measure import check_machine, measure_into
+    from webgym.bench.rollout.results import begin
 
     if measures:
         check_machine(cells)

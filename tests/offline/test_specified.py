@@ -21,18 +21,21 @@ from webgym.core.text import fold, says
 from webgym.core.truth import Click, Evidence, Give
 from webgym.judge.offline import compare
 from webgym.offline.data import load_beside
-from webgym.offline.engine.navigation import field_fact, row_view
+from webgym.offline.engine.item_tasks import field_fact, row_view
+from webgym.offline.engine.records import Record
 from webgym.offline.engine.spec import Spec, spec_of
 from webgym.offline.engine.specified import SpecifiedWebsite
-from webgym.offline.engine.table import Record
 from webgym.offline.engine.tasks import _having, extreme
-from webgym.offline.families import FAMILIES, Bank, Clinic, Lettings, Shop
+from webgym.offline.families import FAMILIES, Lettings
 from webgym.offline.look import look
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Visit, slug
 from webgym.testing import check_family
 from webgym.testing.solutions import typed
 
+Bank, Clinic, Shop = (
+    next(family for family in FAMILIES if family.family == name) for name in ("bank", "clinic", "shop")
+)
 EXAMPLE = Path(__file__).parents[2] / "examples" / "own_website"
 SEEDS = range(3)
 

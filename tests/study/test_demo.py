@@ -12,7 +12,7 @@ from tests.conftest import Calls
 from tests.documented import documented
 
 from webgym.inference.model import load_model
-from webgym.offline.small.wording import small_vocabulary
+from webgym.offline.small import small_vocabulary
 from webgym.store.runs import RunReader
 from webgym.study.demo import WEIGHTS
 from webgym.study.tokenizer import vocabulary

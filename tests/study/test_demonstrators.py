@@ -16,7 +16,7 @@ from webgym.core.task import Task
 from webgym.core.trajectory import Episode
 from webgym.judge.base import no_picture
 from webgym.judge.offline import OfflineJudge
-from webgym.offline.small.wording import small_vocabulary
+from webgym.offline.small import small_vocabulary
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.config import AttemptConfig
 from webgym.rollout.plan import Planned

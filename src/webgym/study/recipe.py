@@ -33,7 +33,7 @@ from webgym.inference.local import LocalConfig, LocalPolicy
 from webgym.inference.model import Loaded
 from webgym.judge.base import no_picture
 from webgym.judge.offline import OfflineJudge
-from webgym.offline.small.wording import small_vocabulary
+from webgym.offline.small import small_vocabulary
 from webgym.offline.web import OfflineWeb
 from webgym.results.summary import Tally, digest_of
 from webgym.rollout.config import AttemptConfig, CollectorConfig

@@ -448,11 +448,11 @@ def loaded_service_times(plan: RolloutPlan, measured: Sequence[Measured]) -> Cos
         ConfigError: the results contain no calibration.
     """
     costs = service_times(plan, measured)
-    loaded = _loaded_cpu_seconds(_schedules(measured))
+    loaded = _loaded_cpu_seconds(_comparable(measured))
     return costs.model_copy(update=_cpu_costs(mean(loaded.values()))) if loaded else costs
 
 
-def _schedules(measured: Sequence[Measured]) -> list[CellResult]:
+def _comparable(measured: Sequence[Measured]) -> list[CellResult]:
     """The cells of the part ``schedules``, without rounds in which no attempt made a step."""
     return by_cell([one for one in measured if one.cell.part == "schedules" and one.steps])
 
@@ -476,7 +476,7 @@ def beside_simulation(plan: RolloutPlan, measured: Sequence[Measured]) -> Iterat
         ConfigError: the results contain no calibration.
     """
     costs = service_times(plan, measured)
-    schedules = _schedules(measured)
+    schedules = _comparable(measured)
     cpu_seconds = _loaded_cpu_seconds(schedules)
     simulated = {
         result.cell: _simulated(

@@ -12,9 +12,8 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from webgym.offline import names
-from webgym.offline.engine.records import Sheet, draw_names, draw_sheet, numeric_value
+from webgym.offline.engine.records import Record, Sheet, Value, draw_names, draw_sheet, numeric_value
 from webgym.offline.engine.spec import Spec
-from webgym.offline.engine.table import Record, Value
 from webgym.offline.seeds import number, pick, stream
 from webgym.offline.website import Response, State, Visit, Website, page, redirect, slug
 

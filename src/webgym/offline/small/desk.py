@@ -8,19 +8,17 @@ from __future__ import annotations
 import random
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import pairwise
 from typing import Any, ClassVar
 from urllib.parse import quote
 
 from webgym.core.truth import Click, Evidence, Home, Move, Remember, StateCheck
-from webgym.offline.data import load
-from webgym.offline.engine.table import ListPage, Location, Record, Value
+from webgym.offline.engine.records import Record, Value
 from webgym.offline.parts import Fact, Part
 from webgym.offline.seeds import number, pick, stream
-from webgym.offline.small.questions import NAME, Phrases, Questions, answer_is
+from webgym.offline.small.design import Sign, control, numbers
+from webgym.offline.small.questions import NAME, ListPage, Location, Questions, answer_is, phrases
 from webgym.offline.small.screen import Block, Tile, capacity, singles
-from webgym.offline.small.signs import Sign, control, numbers
 from webgym.offline.small.site import SmallWebsite
 from webgym.offline.website import Response, State, Visit, page, redirect
 
@@ -160,25 +158,6 @@ def sent_facts(form: Form, selections: Sequence[Selection], path: str) -> list[F
 
 KINDS = ("color", "icon", "number", "word")
 INFO_PAGES = 3
-
-
-class DeskPhrases(Phrases, frozen=True, forbid_unknown_fields=True):
-    """The phrases of a desk's tasks."""
-
-    fill: tuple[str, ...] = ()
-    fill_and_say: tuple[str, ...] = ()
-
-    placeholders: ClassVar[dict[str, str]] = {
-        **Phrases.placeholders,
-        "fill": "form choices",
-        "fill_and_say": "form choices",
-    }
-
-
-@lru_cache(maxsize=1)
-def phrases() -> DeskPhrases:
-    """The phrases of a desk's tasks."""
-    return load("webgym.offline.small", "desk.toml", DeskPhrases)
 
 
 class Desk(SmallWebsite):
@@ -350,7 +329,7 @@ class Desk(SmallWebsite):
     def parts(self) -> Iterator[Part]:
         """Parts that submit forms, and parts that read information pages."""
         rng = stream(self.seed, "parts")
-        questions, infos = Questions(self, phrases(), rng), list(self.infos.values())
+        questions, infos = Questions(self, phrases(self.family), rng), list(self.infos.values())
         used_keys = set[tuple[object, ...]]()
         for nth in range(30):
             form = list(self.forms.values())[nth % len(self.forms)]

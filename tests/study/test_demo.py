@@ -15,7 +15,7 @@ from webgym.inference.model import load_model
 from webgym.offline.small import small_vocabulary
 from webgym.store.runs import RunReader
 from webgym.study.demo import WEIGHTS
-from webgym.study.tokenizer import vocabulary
+from webgym.study.model import vocabulary
 from webgym.train.folder import TrainingFolder
 
 

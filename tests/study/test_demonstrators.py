@@ -21,9 +21,9 @@ from webgym.offline.web import OfflineWeb
 from webgym.rollout.config import AttemptConfig
 from webgym.rollout.plan import Planned
 from webgym.study.demonstrators import DEMONSTRATORS, Demonstrators, Habits
+from webgym.study.model import cell_centres, make_tokenizer
 from webgym.study.recipe import agent_of
 from webgym.study.static_browsers import StaticBrowsers, StaticCollector
-from webgym.study.tokenizer import cell_centres, make_tokenizer
 
 WEB = OfflineWeb(7, per_family=6, collection="small")
 VIEWPORT = WEB.collection.viewport

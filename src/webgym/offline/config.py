@@ -76,6 +76,3 @@ class SitesConfig(Settings):
     keep_alive_seconds: int = Field(default=75, gt=0)
     """How long idle connections are kept; longer than clients keep them, so that none closes when it is
     used."""
-
-    start_seconds: float = Field(default=30.0, gt=0)
-    """Longest time for the start of the server."""

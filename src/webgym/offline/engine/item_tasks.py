@@ -42,7 +42,7 @@ def read_bar(site: Site, record: Record, month: str) -> tuple[Move, ...]:
     """Moves that show the value of a month's bar on an item's page."""
     is_first = not site.sections() and not site.spec.rows
     return (
-        *unfold(site, site.chart_label(), is_first=is_first),
+        *unfold(site, site.title_of("chart"), is_first=is_first),
         Click(name=month, role="button"),
         See((f"{month}: {site.chart(record)[month].text}",)),
     )

@@ -221,28 +221,21 @@ def draw_value(spec: FieldSpec, options: Sequence[str], currency: str, rng: rand
 
 def numeric_value(spec: FieldSpec, number: int, currency: str) -> Value:
     """The value of a numeric field: the text on pages, other spellings in answers, and the number as rank."""
-    spellings: tuple[str, ...]
     match spec.kind:
         case "money":
-            text, *rest = money(number, currency)
-            spellings = tuple(rest)
+            text, *spellings = money(number, currency)
         case "year":
-            text, spellings = str(number), ()
+            text, *spellings = (str(number),)
         case "day":
-            text, *rest = days(TODAY + timedelta(days=number))
-            spellings = tuple(rest)
+            text, *spellings = days(TODAY + timedelta(days=number))
         case "time":
-            text, *rest = times(number)
-            spellings = tuple(rest)
+            text, *spellings = times(number)
         case "minutes":
-            text, *rest = minutes(number)
-            spellings = tuple(rest)
+            text, *spellings = minutes(number)
         case _ if spec.units:
-            text, *rest = quantity(number, *spec.units)
-            spellings = tuple(rest)
+            text, *spellings = quantity(number, *spec.units)
         case _:
-            text, *rest = (f"{number:,}", str(number), *count(number))
-            spellings = tuple(rest)
+            text, *spellings = (f"{number:,}", str(number), *count(number))
     different = dict.fromkeys(spellings)
     different.pop(text, None)
     return Value(text, tuple(different), number)

@@ -316,8 +316,8 @@ class SpecifiedWebsite(Extras):
             for name, form in self.spec.forms.items()
             if not form.is_about_item
         ]
-        features = [(self.map_label(), self.path("/~map"))] if self.spec.map else []
-        features += [(self.files_label(), self.path("/~files"))] if self.spec.files else []
+        features = [(self.title_of("map"), self.path("/~map"))] if self.spec.map else []
+        features += [(self.title_of("files"), self.path("/~files"))] if self.spec.files else []
         return [(self.says["all"], self.finder.path), *filters, *groups, *features, *forms]
 
     # --- forms -----------------------------------------------------------------------------------
@@ -455,36 +455,6 @@ class SpecifiedWebsite(Extras):
             saved.append(key)
         return redirect(self.path("/~saved"))
 
-    @page("/~one/{key}/{form}")
-    def item_form(self, visit: Visit, key: str, form: str) -> Response:
-        """An empty form about an item."""
-        return self._form(visit, form, key)
-
-    @page("/~one/{key}/{form}", method="POST")
-    def send_item_form(self, visit: Visit, key: str, form: str) -> Response:
-        """Store a submitted form about an item, or show its errors."""
-        return self._send(visit, form, key)
-
-    @page("/~one/{key}/{form}/done")
-    def item_form_done(self, visit: Visit, key: str, form: str) -> Response:
-        """Confirmation page of a form about an item."""
-        return self._done(visit, form, key)
-
-    @page("/~forms/{form}")
-    def form(self, visit: Visit, form: str) -> Response:
-        """An empty form that is not about an item."""
-        return self._form(visit, form, "")
-
-    @page("/~forms/{form}", method="POST")
-    def send_form(self, visit: Visit, form: str) -> Response:
-        """Store such a form, or show its errors."""
-        return self._send(visit, form, "")
-
-    @page("/~forms/{form}/done")
-    def form_done(self, visit: Visit, form: str) -> Response:
-        """Confirmation page of such a form."""
-        return self._done(visit, form, "")
-
     def address(self, form: str, key: str) -> str:
         """The address of a form; ``key`` is the item's key, ``""`` for a form that is not about an item."""
         return (
@@ -496,7 +466,10 @@ class SpecifiedWebsite(Extras):
         is_known = spec is not None and spec.is_about_item == bool(key) and (not key or key in self.by_key)
         return spec if is_known else None
 
-    def _form(self, visit: Visit, form: str, key: str, **submitted: dict[str, str]) -> Response:
+    @page("/~one/{key}/{form}")
+    @page("/~forms/{form}")
+    def form(self, visit: Visit, form: str, key: str = "", **submitted: dict[str, str]) -> Response:
+        """A form about an item, or about none: empty, or with submitted values and their errors."""
         spec = self._form_spec(form, key)
         if spec is None:
             return self.missing(visit)
@@ -512,18 +485,24 @@ class SpecifiedWebsite(Extras):
             **shown,
         )
 
-    def _send(self, visit: Visit, form: str, key: str) -> Response:
+    @page("/~one/{key}/{form}", method="POST")
+    @page("/~forms/{form}", method="POST")
+    def send_form(self, visit: Visit, form: str, key: str = "") -> Response:
+        """Store a submitted form, or show its errors."""
         spec = self._form_spec(form, key)
         if spec is None:
             return self.missing(visit)
         values, errors = self._validated(spec, visit)
         if errors:
-            return self._form(visit, form, key, values=values, errors=errors)
+            return self.form(visit, form, key, values=values, errors=errors)
         about = self.by_key[key].name if key else ""
         visit.state.setdefault("sent", {}).setdefault(form, {})[about] = values
         return redirect(f"{self.address(form, key)}/done")
 
-    def _done(self, visit: Visit, form: str, key: str) -> Response:
+    @page("/~one/{key}/{form}/done")
+    @page("/~forms/{form}/done")
+    def form_done(self, visit: Visit, form: str, key: str = "") -> Response:
+        """The confirmation page of a form."""
         record = self.by_key.get(key)
         about = record.name if record else ""
         values = visit.state.get("sent", {}).get(form, {}).get(about)

@@ -461,7 +461,7 @@ def account(site: Site, rng: random.Random, size: int) -> Part | None:
         (
             Fact(
                 f"The user {site.user} is signed in",
-                (shown(place, site.account_label(), f"Hello, {site.user}"),),
+                (shown(place, site.title_of("account"), f"Hello, {site.user}"),),
                 (StateCheck(("signed in",), site.user),),
             ),
             *(sheet.fact(record, field, place, about="the account") for field in fields),

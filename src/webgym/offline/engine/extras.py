@@ -73,7 +73,8 @@ class Extras(Website):
     def title_of(self, feature: Literal["account", "files", "chart", "map"]) -> str:
         """The title of an optional feature."""
         seeds = (feature,) if feature == "account" else (f"{feature} label",)
-        return pick(getattr(self.spec, feature).labels, self.seed, *seeds)
+        labels: tuple[str, ...] = getattr(self.spec, feature).labels
+        return pick(labels, self.seed, *seeds)
 
     # --- groups ----------------------------------------------------------------------------------
 

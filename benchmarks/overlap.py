@@ -22,7 +22,7 @@ import torch
 from webgym.agent.policy import BasePolicy, Policy, PolicyInput, PolicySession
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply
-from webgym.offline.small.wording import small_vocabulary
+from webgym.offline.small import small_vocabulary
 from webgym.run.choice import all_tasks
 from webgym.run.config import Secrets
 from webgym.run.services import services

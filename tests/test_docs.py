@@ -151,7 +151,7 @@ def wrong(call: list[str]) -> str:
     if name == "make":
         unknown = {word for word in words if "=" not in word} - targets()
         return f"make {min(unknown)}" if unknown else ""
-    if name == "python" and words[0] == "-m" and words[1].startswith("benchmarks."):
+    if name == "python" and words[0] == "-m" and words[1].startswith(("benchmarks.", "tests.")):
         there = (ROOT / words[1].replace(".", "/") / "__main__.py").is_file()
         return "" if there else f"python -m {words[1]}"
     if name.rpartition("/")[2] != "webgym" or not words or words[0].startswith("-"):

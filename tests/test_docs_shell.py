@@ -37,8 +37,8 @@ from tests.serving import beside
 from tests.test_docs import wrong
 
 import webgym
-from webgym.bench.rollout.measure import begin, file_of
 from webgym.bench.rollout.plan import PARTS, RolloutPlan
+from webgym.bench.rollout.results import begin, file_of
 from webgym.cli import main
 from webgym.core.action import Answer
 from webgym.judge.labels import HumanLabel

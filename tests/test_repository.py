@@ -148,7 +148,7 @@ def test_the_wheel_holds_the_package_and_of_benchmarks_what_the_commands_use() -
     assert "webgym/py.typed" in held
     assert [name for name in held if not name.startswith("webgym/")] == []
     benchmarks = {name for name in held if re.fullmatch(r"webgym/bench/.+\.py", name)}
-    assert len(benchmarks) > 20
+    assert benchmarks
     used, unread = set[str](), ["webgym/cli/bench.py", "webgym/cli/simulate.py"]
     while unread:
         source = (SOURCE / unread.pop()).read_text()

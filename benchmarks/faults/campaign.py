@@ -19,9 +19,9 @@ from typing import Final
 import httpx
 import msgspec
 from benchmarks.faults.collector import FOLDER
+from tests.soak.leaks import processes_of
 
 from webgym.bench.server_process import start_server, stop_server
-from webgym.bench.soak.leaks import processes_of
 from webgym.browser.config import BrowserConfig
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task

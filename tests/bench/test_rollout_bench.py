@@ -16,9 +16,8 @@ from tests.conftest import Calls
 from tests.documented import documented
 
 from webgym.agent.parser import ParsedReply, parse_reply
-from webgym.bench.rollout.compare import compare, comparison_table, loaded_service_times, service_times
 from webgym.bench.rollout.endpoint import Engine, PrefixCache, Script, serving_endpoint
-from webgym.bench.rollout.measure import Load, Measured, begin, file_of, measure_into, read_bench
+from webgym.bench.rollout.measure import measure_into
 from webgym.bench.rollout.plan import (
     MODES,
     PAGE_LATENCIES,
@@ -28,7 +27,19 @@ from webgym.bench.rollout.plan import (
     RolloutPlan,
     scripts_of,
 )
-from webgym.bench.rollout.tables import draw_rollout, rollout_tables
+from webgym.bench.rollout.results import (
+    Load,
+    Measured,
+    begin,
+    beside_simulation,
+    comparison_table,
+    draw_rollout,
+    file_of,
+    loaded_service_times,
+    read_bench,
+    rollout_tables,
+    service_times,
+)
 from webgym.cli import main
 from webgym.core.errors import ConfigError, RunFolderError
 from webgym.offline import latency
@@ -318,7 +329,7 @@ def test_cells_in_which_no_attempt_made_a_step_are_told_and_measured_again(
     empty = [
         msgspec.structs.replace(one, outcomes={"environment_error": 8}, steps=0, between=[]) for one in whole
     ]
-    assert list(compare(plan, [whole[0], *empty[1:]])) == []
+    assert list(beside_simulation(plan, [whole[0], *empty[1:]])) == []
     assert loaded_service_times(plan, [whole[0], *empty[1:]]) == service_times(plan, whole[:1])
     begin(plan, tmp_path)
     file_of(tmp_path, cells[0]).write_bytes(msgspec.json.encode(empty[0]))
@@ -345,7 +356,7 @@ def test_the_simulation_is_held_against_the_measurement() -> None:
     costs = service_times(PLAN, found)
     assert costs.act_cpu + costs.look_cpu == pytest.approx(0.5)
     assert costs.prompt_tokens == 50
-    compared = list(compare(PLAN, found))
+    compared = list(beside_simulation(PLAN, found))
     assert [one.error for one in compared if one.mode == "async"] == [0.0, 0.0]
     assert next(one for one in compared if one.mode == "step barrier").simulated_ratio > 1
     assert len(comparison_table(compared).rows) == 2 * len(MODES)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,6 @@ from tests.documented import documented
 from webgym.bench.ceiling import APART, SERVER, SHARED, Ceiling
 from webgym.bench.server import ServerFigures
 from webgym.bench.stepping import BenchPlan, StepTimes
-from webgym.bench.tables import server_tables
 
 SMALL = (
     "--sessions 1 --rounds 1 --seconds 0.2 --thinkers 2 --think 0.2 --thinking 0.5 "
@@ -47,6 +48,22 @@ def test_the_server_beside_the_bare_loop_and_in_numbers(tmp_path: Path) -> None:
 
 
 @pytest.mark.browser
+def test_one_that_is_stopped_prints_and_holds_the_rounds_that_are_finished(tmp_path: Path) -> None:
+    file, words = tmp_path / "figures.json", [*SMALL, "--only", "ceiling", "--rounds", "100000"]
+    with subprocess.Popen(
+        webgym("bench", "server", *words, "--json", file), stdout=subprocess.PIPE, text=True
+    ) as process:
+        while not file.exists() and process.poll() is None:
+            time.sleep(0.1)
+        process.send_signal(signal.SIGINT)
+        printed, _ = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Against the ceiling" in printed
+    (page,) = json.loads(file.read_text())["ceiling"]
+    assert len({len(runs) for runs in page["rounds"].values()}) == 1
+
+
+@pytest.mark.browser
 @pytest.mark.slow
 def test_every_part_runs(tmp_path: Path) -> None:
     said, figures = figures_of(tmp_path, ("bench", "server"))
@@ -60,7 +77,7 @@ def test_every_part_runs(tmp_path: Path) -> None:
 def test_rounds_in_which_no_step_ends_have_no_times_and_no_ratio() -> None:
     none, some = StepTimes(0.1, [], 2), StepTimes(0.1, [0.05], 2)
     ceiling = Ceiling("static", {SHARED: [some], APART: [none], SERVER: [none]})
-    table = next(server_tables(ServerFigures(BenchPlan(), "1.0", 2, ceiling=[ceiling])))
+    table = next(ServerFigures(BenchPlan(), "1.0", 2, ceiling=[ceiling]).tables())
     assert [row[2:] for row in table.rows] == [("–", "50 / 50"), ("–", "– / –"), ("", "– / –")]
 
 

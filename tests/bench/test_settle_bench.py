@@ -3,30 +3,12 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 
 import pytest
 from benchmarks.settle.__main__ import command
-from benchmarks.settle.trials import Trial, misses, settle_tables, summarize
 from tests.bench.conftest import Benchmark
 from tests.documented import documented
-
-
-def trial(way: str, seconds: float, ideal: float | None) -> Trial:
-    return Trial("plain", "plain", way, 0, seconds, ideal is not None, ideal, "")
-
-
-def test_a_row_says_how_often_how_late_and_by_how_much() -> None:
-    trials = [trial("ours", 1.0, 0.5), trial("ours", 3.0, 2.0), trial("load", 0.1, None)]
-    ours, load = summarize(trials)
-    assert (ours.way, ours.trials, ours.final) == ("ours", 2, 1.0)
-    assert ours.p50 == pytest.approx(2.0)
-    assert ours.over_p50 == pytest.approx(0.75)
-    assert (load.way, load.final) == ("load", 0.0)
-    assert math.isnan(load.over_p50)
-    assert misses(trials, "load") == ["plain"]
-    assert [len(table.rows) for table in settle_tables(trials)] == [2, 1]
 
 
 @pytest.mark.browser

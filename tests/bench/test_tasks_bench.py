@@ -8,16 +8,7 @@ from pathlib import Path
 
 import pytest
 from benchmarks.task_set.__main__ import command
-from benchmarks.task_set.stages import (
-    STAGES,
-    Run,
-    Stage,
-    TasksBench,
-    TasksFigures,
-    dominating,
-    missed,
-    tasks_tables,
-)
+from benchmarks.task_set.stages import STAGES
 from benchmarks.task_set.synthetic import Shape, make_tasks
 from tests.bench.conftest import Benchmark
 from tests.documented import documented
@@ -43,26 +34,6 @@ def test_the_set_has_the_paper_s_shape() -> None:
     assert len({task.instruction for task in tasks}) > 5_950
     assert tasks == list(make_tasks(SMALL))
     assert tasks[:5] != list(make_tasks(Shape(tasks=6_000, websites=2_500, seed=1)))[:5]
-
-
-def figures(*stages: Stage) -> TasksFigures:
-    return TasksFigures(TasksBench(shape=SMALL, rounds=3), 2, list(stages))
-
-
-def test_what_is_missed_and_what_dominates() -> None:
-    quick = Stage(name="quick", goal=1.0, runs=[Run({"a": wall}, {"a": 0.1}, 10) for wall in (0.2, 9.0, 0.3)])
-    slow = Stage(
-        name="slow",
-        goal=1.0,
-        runs=[Run({"a": 0.5, "b": 1.5, "c": 1.6}, dict.fromkeys("abc", 0.4), 3 * 10**9)],
-    )
-    found = figures(quick, slow)
-    assert missed(found) == ["slow: 3.60 s, goal 1 s", "slow: 3.00 GB, goal 2 GB"]
-    assert dominating(slow) == ["c", "b"]
-    stages, parts = tasks_tables(found)
-    assert stages.rows[0] == ("quick", "0.3 (0.2-9.0)", "0.100 (0.100-0.100)", "1", "0")
-    assert parts.title == "Parts of slow; most time: c, b"
-    assert parts.rows[2] == ("c", "1.60", "0.40", "44")
 
 
 @pytest.mark.slow  # seven processes, one after the other

@@ -167,8 +167,6 @@ def test_a_latency_that_websites_do_not_take(calls: Calls, verb: str, factor: st
         "server --seconds",
         "server --think",
         "server --thinking",
-        "soak --minutes",
-        "soak --faults",
         "rollout --mean-steps",
         "rollout --reply-tokens",
     ],

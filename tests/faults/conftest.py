@@ -14,8 +14,8 @@ from typing import Any
 import psutil
 import pytest
 import pytest_asyncio
+from tests.hostile import serving_hostile_pages
 
-from webgym.bench.hostile import serving_hostile_pages
 from webgym.browser.config import BrowserConfig
 from webgym.browser.process import BrowserProcess
 from webgym.browser.slot import Slot

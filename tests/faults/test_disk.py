@@ -7,8 +7,8 @@ import signal
 
 import psutil
 import pytest
+from tests.soak.disk import small_disk
 
-from webgym.bench.soak.disk import small_disk
 from webgym.core.action import Navigate
 from webgym.core.errors import BrowserCrashed, LeaseLost
 from webgym.server.client import BrowserClient

@@ -6,11 +6,10 @@ import asyncio
 from asyncio.subprocess import DEVNULL
 
 import pytest
+from tests.soak.disk import small_disk
+from tests.soak.leaks import Census
+from tests.soak.target import SoakPlan, Target, running_target
 
-from webgym.bench.soak import SoakPlan
-from webgym.bench.soak.disk import small_disk
-from webgym.bench.soak.leaks import Census
-from webgym.bench.soak.target import Target, running_target
 from webgym.core.action import Navigate
 from webgym.server.client import BrowserClient
 from webgym.server.config import ClientLimits
@@ -49,7 +48,7 @@ async def serve(target: Target, pages: str, sessions: int) -> None:
 async def test_sessions_opened_and_closed(pages: str) -> None:
     plan = SoakPlan(slots=SLOTS, workers=2, episodes=100)
     with small_disk(plan.disk_bytes) as disk:
-        async with running_target(plan, disk.path, None, DEVNULL) as target:
+        async with running_target(plan, disk.path, DEVNULL) as target:
             before, unready = await target.settled(None, 120)
             assert before is not None, unready
             await serve(target, pages, WARM)

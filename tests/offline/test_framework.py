@@ -22,7 +22,7 @@ from webgym.core.truth import Click, Evidence, Give, Home, See, StateCheck
 from webgym.offline import app, latency
 from webgym.offline.app import Visitors
 from webgym.offline.config import CollectionName
-from webgym.offline.engine.finder import paged
+from webgym.offline.engine.specified import paged
 from webgym.offline.families import FAMILIES
 from webgym.offline.look import FONTS, PALETTES, draw, look
 from webgym.offline.parts import Assignment, Fact, Part, Place, write

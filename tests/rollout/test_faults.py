@@ -22,8 +22,8 @@ from aiohttp import web
 from benchmarks.stand_ins import TOKEN, StandInBrowsers, refusal, serving_app
 from tests.rollout.running import HALF, SECONDS, Run, World, a_world, books, outcomes, until, until_half
 from tests.rollout.stand_in_judge import ADDRESS
+from tests.soak.disk import small_disk
 
-from webgym.bench.soak.disk import small_disk
 from webgym.core.errors import (
     BrowserCrashed,
     BrowserLaunchFailed,

@@ -13,13 +13,12 @@ from tests.documented import documented
 from typer.testing import CliRunner
 
 from webgym.cli import build
-from webgym.cli._simulation_tables import sizes_table
 from webgym.core.errors import ConfigError, UsageError
 from webgym.core.tables import Table, show
 from webgym.simulate import paper
 from webgym.simulate.config import Costs, System, Workload
 from webgym.simulate.paper import Point, reproduce
-from webgym.simulate.sizing import read_questions
+from webgym.simulate.sizing import read_questions, sizes_table
 
 SMALL = """
 workload: {mean_steps: 3.0, budgets: [3, 3, 3]}

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import simpy
 
-from webgym.simulate.config import Costs, Queues, System, Workload
-from webgym.simulate.demand import demand, draw_steps
+from webgym.simulate.config import Costs, Queues, System, Workload, demand, draw_steps
 from webgym.simulate.model import Inference, Process, Processors, simulate
 from webgym.simulate.sizing import Prices, scaled, size
 

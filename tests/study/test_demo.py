@@ -12,10 +12,10 @@ from tests.conftest import Calls
 from tests.documented import documented
 
 from webgym.inference.model import load_model
-from webgym.offline.small.wording import small_vocabulary
+from webgym.offline.small import small_vocabulary
 from webgym.store.runs import RunReader
 from webgym.study.demo import WEIGHTS
-from webgym.study.tokenizer import vocabulary
+from webgym.study.model import vocabulary
 from webgym.train.folder import TrainingFolder
 
 

@@ -16,14 +16,14 @@ from webgym.core.task import Task
 from webgym.core.trajectory import Episode
 from webgym.judge.base import no_picture
 from webgym.judge.offline import OfflineJudge
-from webgym.offline.small.wording import small_vocabulary
+from webgym.offline.small import small_vocabulary
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.config import AttemptConfig
 from webgym.rollout.plan import Planned
 from webgym.study.demonstrators import DEMONSTRATORS, Demonstrators, Habits
+from webgym.study.model import cell_centres, make_tokenizer
 from webgym.study.recipe import agent_of
 from webgym.study.static_browsers import StaticBrowsers, StaticCollector
-from webgym.study.tokenizer import cell_centres, make_tokenizer
 
 WEB = OfflineWeb(7, per_family=6, collection="small")
 VIEWPORT = WEB.collection.viewport

@@ -20,7 +20,7 @@ from tests.train.forking import process
 from tests.train.trains_until_killed import main
 
 from webgym.cli import main as webgym
-from webgym.offline.small.wording import small_vocabulary
+from webgym.offline.small import small_vocabulary
 from webgym.run.config import read_config
 from webgym.store.runs import RunReader
 from webgym.study.model import TinyConfig, make_model, save_model

@@ -19,7 +19,7 @@ from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode, Reply
 from webgym.judge.offline import OfflineJudge
-from webgym.offline.small.wording import small_vocabulary
+from webgym.offline.small import small_vocabulary
 from webgym.rollout.attempt import Attempt
 from webgym.rollout.trackers import numbers_in
 from webgym.run.choice import all_tasks

@@ -1,4 +1,4 @@
 """Benchmarks of this machine: ``webgym bench``. Results are compared as ratios within one run.
 
-``server.py``, ``soak/`` and ``rollout/`` are the sub-verbs. Only :mod:`webgym.cli` imports this package.
+``server.py`` and ``rollout/`` are the sub-verbs. Only :mod:`webgym.cli` imports this package.
 """

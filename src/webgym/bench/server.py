@@ -8,31 +8,35 @@ from __future__ import annotations
 import asyncio
 import os
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
 from pathlib import Path
 from typing import get_args
 
 import msgspec
 
-from webgym.bench.ceiling import Ceiling, against_ceiling
+from webgym.bench.ceiling import Ceiling, against_ceiling, ceiling_tables
 from webgym.bench.pages import PageServer, serving_pages
 from webgym.bench.stepping import (
+    KINDS,
     BenchPlan,
     Report,
     StepTimes,
     Visitor,
+    by_kind,
     click_or_scroll,
     config_for,
     measured_server,
+    milliseconds,
     quantile,
     run_steps,
     sessions_on,
     step_function,
     wait_until,
 )
-from webgym.bench.usage import CpuTimes, browser_bytes
+from webgym.bench.usage import MEGABYTE, CpuTimes, browser_bytes
 from webgym.browser.find import find_browser
 from webgym.core.action import Navigate
+from webgym.core.tables import Table
 from webgym.server.client import BrowserClient, Session
 from webgym.server.config import Admission, Queues
 from webgym.server.messages import Pressure, SessionOptions
@@ -65,6 +69,33 @@ class Thinking(msgspec.Struct, frozen=True):
     def allowed(self) -> float:
         """Steps per second if steps took no time."""
         return self.sessions / self.think_seconds
+
+    def table(self) -> Table:
+        """Both kinds of slots, and the ratio between them."""
+        rows = []
+        slots = (("frozen between steps", self.frozen), ("not frozen", self.unfrozen))
+        for (name, run), idle in zip(slots, self.idle, strict=True):
+            times = [milliseconds(run.latencies, share) for share in (0.5, 0.95)]
+            rates = (f"{run.rate:.1f}", f"{run.rate / self.allowed:.2f}")
+            rows.append((name, f"{idle:.2f}", *times, *rates, str(run.failures)))
+        if self.frozen.latencies and self.unfrozen.latencies:
+            slower = quantile(self.unfrozen.latencies, 0.5) / quantile(self.frozen.latencies, 0.5)
+            faster = self.frozen.rate / self.unfrozen.rate
+            rows.append(("ratio", "", f"{slower:.1f}x", "", f"{faster:.1f}x", "", ""))
+        return Table(
+            f"{self.sessions} sessions on busy pages, {self.think_seconds:g} s of thinking per step "
+            f"(at most {self.allowed:.1f} steps/s)",
+            (
+                "slots",
+                "idle CPU use, cores",
+                "step p50, ms",
+                "p95, ms",
+                "steps/s",
+                "of the maximum",
+                "failed",
+            ),
+            rows,
+        )
 
 
 async def thinking(plan: BenchPlan, pages: PageServer, report: Report) -> Thinking:
@@ -160,6 +191,18 @@ def _cost(name: str, seconds: dict[str, float], walls: list[float]) -> Cost:
     return Cost(name, cpu, quantile(walls, 0.5) * 1000)
 
 
+def _cost_table(costs: Sequence[Cost]) -> Table:
+    rows = [
+        (cost.operation, *(by_kind(cost.cpu) if cost.cpu else [""] * (len(KINDS) + 1)), f"{cost.wall:.1f}")
+        for cost in costs
+    ]
+    return Table(
+        "CPU milliseconds per call, one at a time, by kind of process; median wall milliseconds",
+        ("operation", *KINDS.values(), "all", "wall"),
+        rows,
+    )
+
+
 # --- a burst of navigations -----------------------------------------------------------------------------
 
 
@@ -173,6 +216,18 @@ class Burst(msgspec.Struct, frozen=True):
 
     navigations: int
     seconds: dict[str, list[float]]
+
+    def table(self) -> Table:
+        """The times by kind of queue."""
+        rows = [
+            (name.replace("_", " "), milliseconds(waits, 0.5), milliseconds(waits, 1.0))
+            for name, waits in self.seconds.items()
+        ]
+        return Table(
+            f"Screenshots that are requested during a burst of {self.navigations} navigations",
+            ("queue", "p50, ms", "max, ms"),
+            rows,
+        )
 
 
 async def burst(plan: BenchPlan, pages: PageServer, report: Report) -> Burst:
@@ -238,6 +293,20 @@ class Density(msgspec.Struct, frozen=True):
         (few, at_few), (many, at_many) = min(self.bytes.items()), max(self.bytes.items())
         return (at_many - at_few) / (many - few)
 
+    def table(self) -> Table:
+        """What many sessions need, and how they step."""
+        run = self.steps
+        rows = [
+            ("live sessions", str(self.sessions)),
+            ("failed steps", f"{run.failures} of {run.steps}"),
+            ("time until all were ready, s", f"{self.ready_seconds:.0f}"),
+            ("memory per additional session (PSS), MB", f"{self.marginal / MEGABYTE:.0f}"),
+            ("memory of all browsers, GB", f"{max(self.bytes.values()) / MEGABYTE / 1024:.1f}"),
+            ("steps per second, half of the sessions on busy pages", f"{run.rate:.1f}"),
+            ("step p50 / p95, ms", milliseconds(run.latencies, 0.5, 0.95)),
+        ]
+        return Table("Density", ("", "measured"), rows)
+
 
 async def density(plan: BenchPlan, pages: PageServer, report: Report) -> Density:
     """Measure many sessions at the same time, half of them on static and half on busy pages."""
@@ -284,6 +353,16 @@ class ServerFigures(msgspec.Struct, frozen=True, omit_defaults=True):
     burst: Burst | None = None
     density: Density | None = None
 
+    def tables(self) -> Iterator[Table]:
+        """The tables of every part that was run."""
+        if self.ceiling:
+            yield from ceiling_tables(self.ceiling, self.plan.sessions)
+        if self.costs:
+            yield _cost_table(self.costs)
+        for part in (self.thinking, self.burst, self.density):
+            if part is not None:
+                yield part.table()
+
 
 PARTS = ("ceiling", "costs", "thinking", "burst", "density")
 
@@ -300,19 +379,22 @@ async def measure(
         report: called with a line about the progress.
 
     Yields:
-        All results so far, after every part.
+        All results so far, after every part, and after every round of the part ``ceiling``.
     """
     chromium = await asyncio.to_thread(find_browser, browser)
     figures = ServerFigures(plan, chromium.version, len(os.sched_getaffinity(0)))
     async with serving_pages() as pages:
         runs: dict[str, Callable[[], Awaitable[object]]] = {
-            "ceiling": lambda: against_ceiling(plan, chromium.path, pages, report),
             "costs": lambda: costs(plan, pages, report),
             "thinking": lambda: thinking(plan, pages, report),
             "burst": lambda: burst(plan, pages, report),
             "density": lambda: density(plan, pages, report),
         }
-        for part in PARTS:
+        if "ceiling" in parts:
+            async for rounds in against_ceiling(plan, chromium.path, pages, report):
+                figures = msgspec.structs.replace(figures, ceiling=rounds)
+                yield figures
+        for part, run in runs.items():
             if part in parts:
-                figures = msgspec.structs.replace(figures, **{part: await runs[part]()})
+                figures = msgspec.structs.replace(figures, **{part: await run()})
                 yield figures

@@ -1,11 +1,11 @@
-"""Shared by the parts of ``webgym bench server``: timed steps, and servers with sessions."""
+"""Shared by the parts of ``webgym bench server``: timed steps, texts in tables, servers with sessions."""
 
 from __future__ import annotations
 
 import asyncio
 import math
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
 
 import msgspec
@@ -15,6 +15,7 @@ from webgym.bench.server_process import ServerAddress, server_process
 from webgym.browser.config import BrowserConfig
 from webgym.core.action import BrowserAction, LeftClick, Navigate, Scroll, Target
 from webgym.core.errors import WebGymError
+from webgym.core.tables import DASH
 from webgym.server.client import BrowserClient, Session
 from webgym.server.config import ClientLimits, ServerConfig
 from webgym.server.messages import Pressure, SessionOptions
@@ -83,6 +84,34 @@ def quantile(values: Sequence[float], share: float) -> float:
     return ordered[min(len(ordered) - 1, int(share * len(ordered)))] if ordered else math.nan
 
 
+# --- texts in tables --------------------------------------------------------------------------------------
+
+KINDS = {name: name for name in ("client", "server", "browser", "renderer")} | {"gpu-process": "gpu"}
+"""Kinds of processes with a column; the others use little, and are included in the sum only."""
+
+
+def spread(values: Sequence[float], digits: int = 1) -> str:
+    """The median and the range."""
+    if not values:  # rounds so short that not a step ended
+        return DASH
+    middle = quantile(values, 0.5)
+    return f"{middle:.{digits}f} ({min(values):.{digits}f}-{max(values):.{digits}f})"
+
+
+def milliseconds(seconds: Sequence[float], *shares: float) -> str:
+    """Quantiles in whole milliseconds."""
+    found = (quantile(seconds, share) for share in shares)
+    return " / ".join(DASH if math.isnan(value) else f"{value * 1000:.0f}" for value in found)
+
+
+def by_kind(cpu: Mapping[str, float]) -> list[str]:
+    """Milliseconds of every kind of :data:`KINDS`, and of all processes."""
+    return [f"{cpu.get(kind, 0.0):.1f}" for kind in KINDS] + [f"{sum(cpu.values()):.1f}"]
+
+
+# --- steps ------------------------------------------------------------------------------------------------
+
+
 async def run_steps(step_functions: Sequence[StepFunction], seconds: float, think: float = 0.0) -> StepTimes:
     """Run several loops of steps in parallel, and time the steps.
 
@@ -124,7 +153,7 @@ async def run_steps(step_functions: Sequence[StepFunction], seconds: float, thin
 
 
 def click_or_scroll(number: int) -> BrowserAction:
-    """Click or scroll in turn, as :meth:`webgym.bench.bare_browsers.BareTab.step` does."""
+    """Click or scroll in turn, as :meth:`webgym.bench.ceiling.BareTab.step` does."""
     return _CLICK if number % 2 else Scroll("down" if number % 4 else "up")
 
 

@@ -12,8 +12,8 @@ from webgym.cli._outputs import check_figure, check_writable
 from webgym.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from webgym.bench.rollout.measure import Measured
     from webgym.bench.rollout.plan import Cell, PageLatency, RolloutPlan
+    from webgym.bench.rollout.results import Measured
 
 HELP = """Benchmark this machine. Results of one run are compared as ratios.
 
@@ -73,6 +73,7 @@ def server(
     """Benchmark the browser server: against Chromium alone, with freezing on and off, with many sessions.
 
     Starts its own servers and pages; needs nothing else. All parts take about ten minutes on two cores.
+    Ctrl-C prints the tables of what is finished, which --json has, too.
     """
     import logging
 
@@ -82,7 +83,6 @@ def server(
 
     from webgym.bench.server import PARTS, ServerFigures, measure
     from webgym.bench.stepping import BenchPlan
-    from webgym.bench.tables import server_tables
     from webgym.core.tables import markdown, show
 
     check_writable(json)
@@ -100,6 +100,7 @@ def server(
         burst=burst,
     )
     progress = Console(stderr=True)
+    finished: ServerFigures | None = None
 
     def report(line: str) -> None:
         progress.print(line, style="dim", highlight=False)
@@ -109,91 +110,19 @@ def server(
             json.write_bytes(msgspec.json.format(msgspec.json.encode(figures)))
 
     async def run() -> None:
-        printed = 0
-        async for figures in measure(plan, only or PARTS, browser, report):
-            write(figures)  # after every part, so that a failure of a later one loses nothing
-            tables = list(server_tables(figures))
-            if not printed:
-                print(f"Chromium {figures.browser}, {figures.processors} processors\n", flush=True)
+        nonlocal finished
+        async for finished in measure(plan, only or PARTS, browser, report):
+            write(finished)
+
+    try:
+        uvloop.run(run())
+    finally:  # Ctrl-C, or a part that fails, loses nothing of what is finished
+        if finished is not None:
+            print(f"Chromium {finished.browser}, {finished.processors} processors\n", flush=True)
             if as_markdown:
-                print(markdown(tables[printed:]), flush=True)
+                print(markdown(finished.tables()), flush=True)
             else:
-                show(tables[printed:], Console())
-            printed = len(tables)
-
-    uvloop.run(run())
-
-
-@app.command()
-def soak(
-    minutes: float = typer.Option(
-        5.0, "--minutes", min=0.05, max=100_000, help="Duration of clients and faults, minutes."
-    ),
-    seed: int = typer.Option(0, "--seed", help="Seed of all random choices; their effects depend on timing."),
-    clients: int = typer.Option(10, "--clients", min=1, help="Number of parallel clients."),
-    slots: int = typer.Option(
-        6, "--slots", min=1, help="Number of parallel sessions of all workers together."
-    ),
-    workers: int = typer.Option(2, "--workers", min=1, help="Number of worker processes of the gateway."),
-    faults: float = typer.Option(
-        20.0, "--faults", min=0.1, max=10_000, help="Mean number of faults per minute."
-    ),
-    hostile: float = typer.Option(
-        0.25, "--hostile", min=0.0, max=1.0, help="Share of the pages that are hostile."
-    ),
-    browser: Path | None = typer.Option(
-        None, "--browser", help="Chromium executable.", show_default="search for one"
-    ),
-    log: Path = typer.Option(
-        Path("/dev/null"), "--log", help="Append the server's log to this file.", show_default="discarded"
-    ),
-    json: Path | None = typer.Option(None, "--json", help="Write the results to this JSON file."),
-    as_markdown: bool = typer.Option(False, "--markdown", help="Print the tables as Markdown."),
-) -> None:
-    """Run a server under random faults, with clients on calm and hostile pages, and check that nothing leaks.
-
-    Kills and stops browsers, renderers, GPU processes, workers and the gateway, fills the disk (as root), and
-    drops clients. Afterwards every session must be accounted for, every error must have a type, every slot
-    must serve again, and no process, lease, file, profile or descriptor may be left. Exits with 1 if not.
-
-    Starts its own server and pages; needs nothing else, and touches no processes but its own.
-    """
-    import logging
-
-    import msgspec
-    import uvloop
-    from rich.console import Console
-
-    from webgym.bench.soak import Soak, SoakPlan, soak_tables
-    from webgym.bench.soak import soak as run
-    from webgym.bench.soak.report import progress
-    from webgym.core.tables import markdown, show
-
-    check_writable(json)
-    check_writable(log)
-    logging.basicConfig(level=logging.CRITICAL, format="%(levelname)s %(message)s")
-    plan = SoakPlan(
-        seconds=minutes * 60,
-        seed=seed,
-        clients=clients,
-        slots=slots,
-        workers=workers,
-        faults=faults,
-        hostile=hostile,
-    )
-    with progress(Console(stderr=True), plan.seconds) as watch:
-        result: Soak = uvloop.run(run(plan, browser, watch, log))
-    if json is not None:
-        json.write_bytes(msgspec.json.format(msgspec.json.encode(result)))
-    if as_markdown:
-        print(markdown(soak_tables(result)))
-    else:
-        show(soak_tables(result), Console())
-    for problem in result.problems:
-        print(f"problem: {problem}")
-    if result.problems:
-        raise typer.Exit(1)
-    print("No problems: every session is accounted for, and nothing is left.")
+                show(finished.tables(), Console())
 
 
 @app.command()
@@ -274,7 +203,7 @@ def rollout(
     from rich.console import Console
 
     from webgym.bench.rollout.plan import MODE_NAMES, PAGE_LATENCIES, PARTS, RolloutPlan
-    from webgym.bench.rollout.tables import draw_rollout, rollout_tables
+    from webgym.bench.rollout.results import draw_rollout, rollout_tables
     from webgym.core.tables import markdown, show
 
     _check_known("part", only, PARTS)
@@ -317,7 +246,8 @@ def _results(plan: RolloutPlan, cells: Sequence[Cell], folder: Path, *, measures
     from rich.console import Console
     from rich.progress import track
 
-    from webgym.bench.rollout.measure import begin, check_machine, measure_into
+    from webgym.bench.rollout.measure import check_machine, measure_into
+    from webgym.bench.rollout.results import begin
 
     if measures:
         check_machine(cells)

@@ -63,11 +63,9 @@ def command(
     from rich.console import Console
     from rich.progress import track
 
-    from webgym.cli._simulation_tables import paper_table, sizes_table
     from webgym.core.tables import markdown, show
-    from webgym.simulate.figures import draw_paper, draw_sizes
-    from webgym.simulate.paper import reproduce
-    from webgym.simulate.sizing import read_questions
+    from webgym.simulate.paper import draw_paper, paper_table, reproduce
+    from webgym.simulate.sizing import draw_sizes, read_questions, sizes_table
 
     if figure is not None and compare is not None:
         raise UsageError("there is no figure of a comparison", hint="webgym bench rollout --figure draws one")
@@ -75,19 +73,16 @@ def command(
     check_figure(figure)
     questions = read_questions(config)
     if bench is not None:
-        from webgym.bench.rollout.compare import loaded_service_times
-        from webgym.bench.rollout.measure import read_bench
+        from webgym.bench.rollout.results import loaded_service_times, read_bench
 
         plan, measured = read_bench(bench)
         questions = questions.over(loaded_service_times(plan, measured), plan.workload)
     progress = Console(stderr=True)
     results: object
     if compare is not None:
-        from webgym.bench.rollout.compare import compare as compared_with
-        from webgym.bench.rollout.compare import comparison_table
-        from webgym.bench.rollout.measure import read_bench
+        from webgym.bench.rollout.results import beside_simulation, comparison_table, read_bench
 
-        results = compared = list(compared_with(*read_bench(compare)))
+        results = compared = list(beside_simulation(*read_bench(compare)))
         table = comparison_table(compared)
     elif paper:
         with progress.status("simulating the paper's measurements"):

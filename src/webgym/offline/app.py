@@ -1,4 +1,4 @@
-"""The ASGI application that serves the offline web, and a context manager that runs it.
+"""The ASGI application that serves the offline web, a context manager that runs it, and a client of it.
 
 Requests are routed by their ``Host`` header: a website's hostname is answered by the website, any other by a
 small administration API with a token, which returns a website's state for a visitor. Browsers are directed
@@ -9,26 +9,29 @@ from __future__ import annotations
 
 import asyncio
 import hmac
+import os
 import secrets
 import socket
 from collections import Counter, OrderedDict
-from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, contextmanager, suppress
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Self
 
+import httpx
 import uvicorn
 from starlette.formparsers import MultiPartException
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.types import Message, Receive, Scope, Send
 
-from webgym.core.errors import ConfigError
+from webgym.core.errors import ConfigError, SitesError
 from webgym.offline import latency
 from webgym.offline.config import SitesConfig
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import TOP_LEVEL_DOMAIN, Visit, Website
+from webgym.server.listening import QuietServer
 
 VISITOR_COOKIE = "webgym_visitor"
 _SERVED_COOKIE: Final = "webgym_served"
@@ -39,9 +42,6 @@ ASSET_TYPES = {".css": "text/css; charset=utf-8", ".js": "text/javascript; chars
 
 _LARGEST_FORM: Final = 2**20
 """Most bytes of the body of a form."""
-
-START_SECONDS = 30.0
-"""Longest time for the start of the server."""
 
 
 class SitesApp:
@@ -243,18 +243,15 @@ async def serving(config: SitesConfig, web: OfflineWeb | None = None) -> AsyncIt
     """
     web = web or OfflineWeb(config.seed, per_family=config.per_family, collection=config.collection)
     token = config.token.get_secret_value() if config.token else secrets.token_urlsafe(24)
-    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        listener.bind((config.host, config.port))
+        listener = socket.create_server((config.host, config.port))  # from now on, clients wait
     except OSError as error:
-        listener.close()
         raise ConfigError(
-            f"cannot listen on {config.host}:{config.port}: {error.strerror}",
+            f"cannot listen on {config.host}:{config.port}: {os.strerror(error.errno or 0)}",
             hint="choose another port, or 0 for a free one",
         ) from error
     app = SitesApp(web, config, token)
-    server = _Server(
+    server = QuietServer(
         uvicorn.Config(
             app,
             log_level="error",
@@ -268,8 +265,6 @@ async def serving(config: SitesConfig, web: OfflineWeb | None = None) -> AsyncIt
     )
     running = asyncio.create_task(server.serve(sockets=[listener]))
     try:
-        async with asyncio.timeout(START_SECONDS):
-            await server.ready.wait()
         host, port = listener.getsockname()[:2]
         yield RunningSites(web, f"{host}:{port}", token)
     finally:
@@ -277,24 +272,6 @@ async def serving(config: SitesConfig, web: OfflineWeb | None = None) -> AsyncIt
         server.should_exit = True
         await running
         listener.close()
-
-
-class _Server(uvicorn.Server):
-    """A uvicorn server with an event for its start, which does not handle signals."""
-
-    def __init__(self, config: uvicorn.Config) -> None:
-        super().__init__(config)
-        self.ready = asyncio.Event()
-
-    @contextmanager
-    def capture_signals(self) -> Iterator[None]:
-        """Do not capture signals; the command that runs the server handles them."""
-        yield
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Start, and set :attr:`ready`."""
-        await super().startup(sockets)
-        self.ready.set()
 
 
 REMEMBERED = 50_000
@@ -334,3 +311,70 @@ class Visitors:
         """The state of a visitor, or ``None`` if there is none, or a part of it was lost."""
         key = (visitor, host)
         return None if key in self._incomplete else self._states.get(key)
+
+
+ANSWER_SECONDS = 30.0
+"""Longest time for a response of the administration API."""
+
+
+class SitesClient:
+    """A client of the administration API of a running offline web.
+
+    Args:
+        url: base URL of the administration API.
+        token: its token.
+    """
+
+    def __init__(self, url: str, token: str) -> None:
+        self.url = url
+        headers = {"authorization": f"Bearer {token}"}
+        self._http = httpx.AsyncClient(base_url=url, headers=headers, timeout=ANSWER_SECONDS, trust_env=False)
+
+    def visitor_cookie(self, visitor: str) -> tuple[str, str, str]:
+        """Name, value and domain of the cookie that identifies a browser as this visitor."""
+        return VISITOR_COOKIE, visitor, f".{TOP_LEVEL_DOMAIN}"
+
+    async def state(self, visitor: str, host: str) -> dict[str, Any] | None:
+        """The state of a website for a visitor; ``None`` if it has no such visitor.
+
+        Raises:
+            SitesError: the offline web does not respond, or responds with an error.
+        """
+        response = await self._get(f"/visitors/{visitor}/{host}")
+        if response.status_code == httpx.codes.NOT_FOUND:
+            return None
+        state: dict[str, Any] = self._json(response)
+        return state
+
+    async def websites(self) -> list[dict[str, str]]:
+        """The websites: ``host``, ``brand``, ``family``, ``split`` and ``digest`` of each.
+
+        Raises:
+            SitesError: the offline web does not respond, or responds with an error.
+        """
+        websites: list[dict[str, str]] = self._json(await self._get("/websites"))
+        return websites
+
+    async def _get(self, path: str) -> httpx.Response:
+        try:
+            return await self._http.get(path)
+        except httpx.HTTPError as error:
+            raise SitesError(
+                f"the offline web at {self.url} does not respond: {type(error).__name__}",
+                hint="start it with webgym sites serve",
+            ) from error
+
+    def _json(self, response: httpx.Response) -> Any:
+        if response.status_code == httpx.codes.UNAUTHORIZED:
+            raise SitesError(
+                "the offline web refused the token", hint="give the token that it was started with"
+            )
+        if response.status_code != httpx.codes.OK:
+            raise SitesError(f"the offline web at {self.url} responded with status {response.status_code}")
+        return response.json()
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *exc: object) -> None:
+        await self._http.aclose()

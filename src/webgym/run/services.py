@@ -21,8 +21,7 @@ from webgym.core.calls import CallQueue
 from webgym.core.errors import ConfigError, Unauthorized
 from webgym.core.task import Task
 from webgym.core.websites import host_or_text
-from webgym.offline.app import serving
-from webgym.offline.client import SitesClient
+from webgym.offline.app import SitesClient, serving
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.driver import Browsers, SiteState
 from webgym.run.config import RunConfig, Secrets, ServerChoice, Tell, say

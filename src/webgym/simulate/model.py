@@ -13,8 +13,7 @@ from typing import Any, TypeAlias
 import msgspec
 import simpy
 
-from webgym.simulate.config import Costs, Queues, System, Workload
-from webgym.simulate.demand import Demand, demand, draw_steps
+from webgym.simulate.config import Costs, Demand, Queues, System, Workload, demand, draw_steps
 
 
 class Trace(msgspec.Struct, frozen=True):

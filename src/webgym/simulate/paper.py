@@ -15,13 +15,17 @@ operations that time out in the burst after each barrier.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Final
 
 import msgspec
 
-from webgym.simulate.config import Costs, Schedule, System, Workload
+from webgym.core.plotting import MUTED, PAGE, new_figure, save, styled
+from webgym.core.tables import Table
+from webgym.simulate.config import SCHEDULES, Costs, Schedule, System, Workload
 from webgym.simulate.model import SimulationResult, simulate
+from webgym.simulate.sizing import COLOURS, label, line
 
 STRAGGLERS: Final = 0.95
 """Share of ended trajectories after which the asynchronous collector stops the rest in two minutes (paper
@@ -99,10 +103,9 @@ def reproduce(costs: Costs, workload: Workload) -> Reproduced:
     """Simulate the paper's measurements: 1,800 trajectories, 256 environments, 24 GPUs."""
     minutes: dict[int, dict[Schedule, float]] = {}
     traces: dict[Schedule, SimulationResult] = {}
-    schedules: tuple[Schedule, ...] = ("async", "step_barrier", "episode_barrier")
     for count in CPUS:
         minutes[count] = {}
-        for schedule in schedules:
+        for schedule in SCHEDULES:
             system = System(cpus=count, schedule=schedule, straggler_share=STRAGGLERS)
             result = simulate(system, costs, workload, trace_seconds=10.0)
             minutes[count][schedule] = result.seconds / 60
@@ -115,3 +118,61 @@ def reproduce(costs: Costs, workload: Workload) -> Reproduced:
         result = simulate(system, costs, many)
         steps[nodes * GPUS_PER_NODE] = (result.steady or result).rate
     return Reproduced(minutes, traces, steps)
+
+
+def paper_table(points: Iterable[Point]) -> Table:
+    """The paper's figures beside those of the model, with relative errors."""
+    rows = []
+    for point in points:
+        paper = "–"
+        if point.reported is not None:
+            low, high = point.reported
+            paper = f"{low:g}" if low == high else f"{low:g}–{high:g}"
+        error = "–" if point.error is None else f"{point.error:+.1%}"
+        kind = "fitted" if point.is_fitted else "predicted"
+        rows.append((point.what, paper, f"{point.simulated:.1f}", point.unit, error, kind))
+    return Table("The paper's rollout system, simulated", ("", "paper", "model", "", "error", ""), rows)
+
+
+_SHOWN_SECONDS: Final = 600.0
+"""Length of the drawn part of a utilisation trace."""
+
+
+def draw_paper(reproduced: Reproduced, path: Path) -> None:
+    """Draw the time over CPUs, the utilisation at 64 CPUs, and the throughput over GPUs.
+
+    Raises:
+        UsageError: the file cannot be written, or has no known suffix.
+    """
+    with styled():
+        figure = new_figure(PAGE, 2.1)
+        times, traces, gpus = figure.subplots(1, 3)
+        for schedule in SCHEDULES:
+            minutes = [at[schedule] for at in reproduced.minutes.values()]
+            line(times, list(reproduced.minutes), minutes, schedule)
+        paper_points = [(64, 48.6), (128, 30.0), (64, 264.0)]
+        times.plot(*zip(*paper_points, strict=True), "x", color="black", label="paper")
+        label(times, "Wall time of 1,800 trajectories", "CPUs", "minutes")
+        times.set_xticks(list(reproduced.minutes))
+        times.set_ylim(0)
+        for schedule in ("async", "step_barrier"):
+            trace = reproduced.traces[schedule].trace
+            if trace is not None:
+                shown = [at for at in trace.seconds if at <= _SHOWN_SECONDS]
+                traces.plot(shown, trace.cpu[: len(shown)], color=COLOURS[schedule], linewidth=0.8)
+        label(traces, "Processors at work, 64 CPUs", "seconds", "share")
+        gpus.plot(
+            list(reproduced.steps),
+            list(reproduced.steps.values()),
+            "o-",
+            color=COLOURS["async"],
+            markersize=3,
+        )
+        first = min(reproduced.steps)
+        linear = [reproduced.steps[first] * count / first for count in reproduced.steps]
+        gpus.plot(list(reproduced.steps), linear, ":", color=MUTED, label="linear")
+        label(gpus, "Throughput, 768 CPUs", "GPUs", "steps per second")
+        gpus.set_ylim(0)
+        times.legend(frameon=False, loc="center right")
+        gpus.legend(frameon=False)
+        save(figure, path)

@@ -8,9 +8,12 @@ from pathlib import Path
 from typing import Final, Literal, TypeAlias
 
 import msgspec
+from matplotlib.axes import Axes
 from pydantic import Field
 
+from webgym.core.plotting import CATEGORIES, PAGE, new_figure, save, styled
 from webgym.core.settings import Section, Settings, load_settings, validated
+from webgym.core.tables import Table
 from webgym.simulate.config import SCHEDULES, Costs, Schedule, System, Workload
 from webgym.simulate.model import SimulationResult, simulate
 
@@ -189,3 +192,77 @@ def read_questions(files: Sequence[Path]) -> Questions:
         ConfigError: a file cannot be read, or a setting is unknown or out of range.
     """
     return load_settings(Questions, files, hint="see docs/simulate.md for an example")
+
+
+# --- the table and the figure ---------------------------------------------------------------------------
+
+
+def sizes_table(results: Sequence[Sized]) -> Table:
+    """Throughput, bottleneck, gain by one more of each resource, and price, for every size of a system."""
+    rows = []
+    for size in results:
+        ratios = (size.rates["async"] / size.rates[name] for name in ("step_barrier", "episode_barrier"))
+        rows.append(
+            (
+                f"{size.cpus:,} / {size.gpus:g} / {size.environments:,}",
+                f"{size.rates[size.schedule]:,.0f}",
+                " / ".join(f"{ratio:.1f}" for ratio in ratios),
+                f"{size.cpu:.0%} / {size.gpu:.0%}",
+                size.bottleneck,
+                f"{size.buys['cpus']:.1f}",
+                f"{size.buys['gpus']:.1f}",
+                f"{size.buys['environments']:.1f}",
+                f"{size.per_thousand:.2f}",
+            )
+        )
+    columns = (
+        "CPUs / GPUs / environments",
+        "per hour",
+        "async over step / episode barrier",
+        "CPU / GPU use",
+        "bottleneck",
+        "one more CPU",
+        "one more GPU",
+        "one more environment",
+        "price of 1,000",
+    )
+    return Table("Trajectories per hour in steady state, and how many one more of each adds", columns, rows)
+
+
+COLOURS: Final = dict(zip(SCHEDULES, CATEGORIES, strict=False))
+
+
+def draw_sizes(sizes: Sequence[Sized], path: Path) -> None:
+    """Draw the throughput and the price of 1,000 trajectories for every size, in the given order.
+
+    Raises:
+        UsageError: the file cannot be written, or has no known suffix.
+    """
+    with styled():
+        figure = new_figure(PAGE, 2.3)
+        rates, prices = figure.subplots(1, 2)
+        names = [f"{size.cpus:,} CPUs\n{size.gpus:g} GPUs" for size in sizes]
+        positions = range(len(sizes))
+        for schedule in SCHEDULES:
+            line(rates, positions, [size.rates[schedule] for size in sizes], schedule)
+        rates.set_yscale("log")
+        label(rates, "Throughput", "", "trajectories per hour")
+        prices.bar(positions, [size.per_thousand for size in sizes], color=COLOURS["async"], width=0.6)
+        label(prices, "Price of 1,000 trajectories", "", "")
+        for axes in (rates, prices):
+            axes.set_xticks(positions, names)
+        rates.legend(frameon=False)
+        save(figure, path)
+
+
+def line(axes: Axes, x: Sequence[float], y: Sequence[float], schedule: Schedule) -> None:
+    """Draw a schedule's values in its colour."""
+    axes.plot(x, y, "o-", color=COLOURS[schedule], label=schedule.replace("_", " "), markersize=3)
+
+
+def label(axes: Axes, title: str, x: str, y: str) -> None:
+    """Write a title and the names of the axes."""
+    axes.set_title(title)
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    axes.grid(axis="y")

@@ -30,7 +30,7 @@ from webgym.core.observation import Element, Observation
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply
 from webgym.core.truth import Done, Give, Move, Remember
-from webgym.study.tokenizer import CELL, cell_centres
+from webgym.study.model import CELL, cell_centres
 
 
 class Habits(msgspec.Struct, frozen=True):

@@ -33,7 +33,7 @@ from webgym.inference.local import LocalConfig, LocalPolicy
 from webgym.inference.model import Loaded
 from webgym.judge.base import no_picture
 from webgym.judge.offline import OfflineJudge
-from webgym.offline.small.wording import small_vocabulary
+from webgym.offline.small import small_vocabulary
 from webgym.offline.web import OfflineWeb
 from webgym.results.summary import Tally, digest_of
 from webgym.rollout.config import AttemptConfig, CollectorConfig
@@ -42,9 +42,18 @@ from webgym.rollout.plan import Planned
 from webgym.store.files import make_folder, write_whole
 from webgym.study.demonstrators import Demonstrators
 from webgym.study.model import make_model
-from webgym.study.pretrain import CHECKPOINT, PretrainConfig, Tell, TrainingSet, pretrain
+from webgym.study.pretrain import (
+    CHECKPOINT,
+    PretrainConfig,
+    Signs,
+    Tell,
+    TrainingSequence,
+    TrainingSet,
+    acting,
+    pretrain,
+    signs_of,
+)
 from webgym.study.static_browsers import StaticBrowsers, StaticCollector
-from webgym.study.training_sequences import Signs, TrainingSequence, acting, signs_of
 
 PROFILE: Final = "tiny"
 """Name of the tiny policy's profile, which sets pictures and sampling."""

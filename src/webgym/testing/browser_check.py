@@ -38,8 +38,7 @@ from webgym.core.task import Task
 from webgym.core.task_group import task_group
 from webgym.core.trajectory import Episode, Reply, Step, Trajectory
 from webgym.judge.offline import OfflineJudge
-from webgym.offline.app import serving
-from webgym.offline.client import SitesClient
+from webgym.offline.app import SitesClient, serving
 from webgym.offline.config import SitesConfig
 from webgym.offline.proofs import repeating_pages, typed_proofs
 from webgym.offline.web import OfflineWeb

@@ -10,21 +10,20 @@ from collections import Counter
 from collections.abc import AsyncIterator, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
-from typing import Final
 
 import msgspec
 import uvloop
 from pydantic import SecretStr
 
 from webgym.bench.rollout.endpoint import Endpoint, serving_endpoint
-from webgym.bench.rollout.plan import PARTS, Cell, RolloutPlan, scripts_of
+from webgym.bench.rollout.plan import Cell, RolloutPlan, scripts_of
+from webgym.bench.rollout.results import Load, Measured, file_of
 from webgym.bench.server_process import ServerAddress, start_server, stop_server
 from webgym.bench.stepping import wait_until
 from webgym.bench.usage import CpuTimes
 from webgym.browser.config import BrowserConfig
 from webgym.browser.find import find_browser
 from webgym.core.errors import ConfigError, RunFolderError
-from webgym.core.outcome import Outcome
 from webgym.offline.app import RunningSites, serving
 from webgym.offline.web import OfflineWeb
 from webgym.results.summary import environment_milliseconds
@@ -34,129 +33,8 @@ from webgym.server.client import BrowserClient
 from webgym.server.config import Admission, ServerConfig
 from webgym.store.runs import RunReader
 
-PLAN: Final = "plan.json"
-"""File of the plan in the folder of the results."""
 _SAMPLE_SECONDS = 1.0
 _READY_SECONDS = 300.0
-
-
-class Load(msgspec.Struct, frozen=True):
-    """The load in an interval of about a second.
-
-    Attributes:
-        seconds: time from the start to the end of the interval.
-        cpu: share of the browsers' processors that they and their server used.
-        policy: share of the time in which GPUs were busy.
-        requests: number of requests at the policy at the end.
-        cpu_seconds: CPU time of the browsers and their server.
-    """
-
-    seconds: float
-    cpu: float
-    policy: float
-    requests: int
-    cpu_seconds: float = 0.0
-
-
-class Measured(msgspec.Struct, frozen=True):
-    """The result of a cell.
-
-    Attributes:
-        cell: the measurement.
-        seconds: wall time.
-        outcomes: number of attempts by outcome.
-        steps: number of steps of all attempts.
-        cpu_seconds: CPU time of the browsers and their server.
-        policy_seconds: busy time of all GPUs.
-        prompt_tokens: number of tokens of all requests.
-        read_tokens: number of these that were not in the prefix cache.
-        between: seconds from every reply to the next screenshot: the action and the loading of the page.
-        loads: loads over time.
-        machine_load: the machine's load average over a minute when the cell started.
-    """
-
-    cell: Cell
-    seconds: float
-    outcomes: dict[str, int]
-    steps: int
-    cpu_seconds: float
-    policy_seconds: float
-    prompt_tokens: int
-    read_tokens: int
-    between: list[float]
-    loads: list[Load]
-    machine_load: float
-
-    @property
-    def ended(self) -> int:
-        """The number of attempts with a reward."""
-        return sum(count for name, count in self.outcomes.items() if Outcome(name).is_rewarded)
-
-    @property
-    def lost(self) -> int:
-        """The number of attempts that ended without a reward, before the time limit."""
-        return sum(self.outcomes.values()) - self.ended - self.outcomes.get(Outcome.CANCELLED, 0)
-
-    @property
-    def lost_share(self) -> float:
-        """The share of attempts that ended without a reward."""
-        return self.lost / max(1, sum(self.outcomes.values()))
-
-    @property
-    def per_minute(self) -> float:
-        """The number of attempts with a reward per minute."""
-        return 60 * self.ended / self.seconds
-
-    @property
-    def cpu(self) -> float:
-        """The mean use of the browsers' processors, between 0 and 1."""
-        return self.cpu_seconds / (self.seconds * self.cell.cpus)
-
-    @property
-    def policy(self) -> float:
-        """The mean use of the GPUs, between 0 and 1."""
-        return self.policy_seconds / (self.seconds * self.cell.gpus)
-
-
-class CellResult(msgspec.Struct, frozen=True):
-    """The results of all rounds of a cell, in order."""
-
-    rounds: list[Measured]
-
-    @property
-    def cell(self) -> Cell:
-        """The cell of the first round."""
-        return self.rounds[0].cell
-
-    def of(self, name: str) -> list[float]:
-        """An attribute of :class:`Measured` in every round."""
-        return [float(getattr(result, name)) for result in self.rounds]
-
-
-def by_cell(measured: Sequence[Measured]) -> list[CellResult]:
-    """Group results by cell."""
-    cells: dict[Cell, list[Measured]] = {}
-    for result in measured:
-        cells.setdefault(msgspec.structs.replace(result.cell, round=0), []).append(result)
-    return [CellResult(sorted(rounds, key=lambda measured: measured.cell.round)) for rounds in cells.values()]
-
-
-def over_async(result: CellResult, results: Sequence[CellResult]) -> list[float]:
-    """Wall time of a cell over that of async with a queue per operation and as many processors, by round.
-
-    Rounds with another number of steps than that of async, which are other work, have no ratio.
-    """
-    bases = {
-        (measured.cell.round, measured.cell.cpus, measured.steps): measured.seconds
-        for other in results
-        if other.cell.mode == "async"
-        for measured in other.rounds
-    }
-    pairs = (
-        (measured.seconds, bases.get((measured.cell.round, measured.cell.cpus, measured.steps)))
-        for measured in result.rounds
-    )
-    return [seconds / base for seconds, base in pairs if base]
 
 
 @contextmanager
@@ -310,27 +188,6 @@ async def _watch(cell: Cell, meter: CpuTimes, endpoint: Endpoint, began: float, 
         worked, last = busy, now
 
 
-def file_of(folder: Path, cell: Cell) -> Path:
-    """The file of a cell's result."""
-    return folder / f"{cell.name}.json"
-
-
-def read_bench(folder: Path) -> tuple[RolloutPlan, list[Measured]]:
-    """Read a plan and its results so far.
-
-    Raises:
-        RunFolderError: the folder contains no benchmark.
-    """
-    try:
-        plan = msgspec.json.decode((folder / PLAN).read_bytes(), type=RolloutPlan)
-        files = (file_of(folder, cell) for cell in plan.cells(PARTS))
-        return plan, [msgspec.json.decode(f.read_bytes(), type=Measured) for f in files if f.exists()]
-    except (OSError, ValueError) as error:
-        raise RunFolderError(
-            f"{folder} contains no results of webgym bench rollout: {error}", hint="give its --out folder"
-        ) from error
-
-
 def check_machine(cells: Sequence[Cell]) -> None:
     """Refuse what cannot be measured here.
 
@@ -344,32 +201,6 @@ def check_machine(cells: Sequence[Cell]) -> None:
             f"{most} processors are requested, but only {available} available", hint="give --cpus"
         )
     find_browser()
-
-
-def begin(plan: RolloutPlan, folder: Path, *, new: bool = True) -> list[Measured]:
-    """Make the folder of the benchmark, or read the results that it contains.
-
-    Args:
-        plan: of the benchmark.
-        folder: of the results.
-        new: whether the folder may be made.
-
-    Raises:
-        RunFolderError: the folder contains another plan, or something else, or cannot be written.
-    """
-    if new and not (folder / PLAN).exists():
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            (folder / PLAN).write_bytes(msgspec.json.format(msgspec.json.encode(plan)))
-        except OSError as error:
-            reason = f"{folder} cannot be written: {error.strerror}"
-            raise RunFolderError(reason, hint="give another --out") from error
-    stored, results = read_bench(folder)
-    if stored != plan:
-        raise RunFolderError(
-            f"{folder} contains another plan", hint="give the same options, or another --out"
-        )
-    return results
 
 
 def measure_into(folder: Path, plan: RolloutPlan, cell: Cell) -> Measured:

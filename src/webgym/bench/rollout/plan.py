@@ -14,8 +14,7 @@ from webgym.core.task import LEVELS, Task
 from webgym.offline.config import SitesConfig
 from webgym.offline.latency import MEDIAN_SECONDS
 from webgym.offline.web import OfflineWeb
-from webgym.simulate.config import Costs, Queues, Schedule, Workload
-from webgym.simulate.demand import demand, draw_levels, draw_steps
+from webgym.simulate.config import Costs, Queues, Schedule, Workload, demand, draw_levels, draw_steps
 
 PARTS: Final = ("calibration", "schedules", "capacity", "overload")
 PageLatency: TypeAlias = Literal["offline", "paper_cut", "paper"]

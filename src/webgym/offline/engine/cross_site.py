@@ -11,11 +11,18 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from webgym.core.truth import Evidence, Home, Move, See
-from webgym.offline.engine.composer import DRAWS
-from webgym.offline.engine.form_tasks import draw_value, fill_form
-from webgym.offline.engine.lookup_tasks import Subject, comparison, numeric_difference, ranked
-from webgym.offline.engine.navigation import Site, go_to_item
+from webgym.offline.engine.item_tasks import (
+    Site,
+    Subject,
+    comparison,
+    draw_value,
+    fill_form,
+    go_to_item,
+    numeric_difference,
+    ranked,
+)
 from webgym.offline.engine.spelling import first_up
+from webgym.offline.engine.tasks import DRAWS
 from webgym.offline.parts import Assignment, Fact, Part, exactly
 from webgym.offline.seeds import stream
 

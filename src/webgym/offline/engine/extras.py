@@ -9,12 +9,11 @@ import random
 from dataclasses import dataclass, field
 from datetime import date
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from webgym.offline import names
-from webgym.offline.engine.records import Sheet, draw_names, draw_sheet, numeric_value
+from webgym.offline.engine.records import Record, Sheet, Value, draw_names, draw_sheet, numeric_value
 from webgym.offline.engine.spec import Spec
-from webgym.offline.engine.table import Record, Value
 from webgym.offline.seeds import number, pick, stream
 from webgym.offline.website import Response, State, Visit, Website, page, redirect, slug
 
@@ -70,6 +69,12 @@ class Extras(Website):
     def by_key(self) -> dict[str, Record]:
         """Items, by the part of their address that names them."""
         return {slug(record.name): record for record in self.items.records}
+
+    def title_of(self, feature: Literal["account", "files", "chart", "map"]) -> str:
+        """The title of an optional feature."""
+        seeds = (feature,) if feature == "account" else (f"{feature} label",)
+        labels: tuple[str, ...] = getattr(self.spec, feature).labels
+        return pick(labels, self.seed, *seeds)
 
     # --- groups ----------------------------------------------------------------------------------
 
@@ -180,11 +185,6 @@ class Extras(Website):
         assert self.spec.account is not None
         return draw_sheet(self.spec.account.fields, [self.user], self.currency, self.seed, "account")
 
-    def account_label(self) -> str:
-        """Title of the account page."""
-        assert self.spec.account is not None
-        return pick(self.spec.account.labels, self.seed, "account")
-
     @page("/~account")
     def account(self, visit: Visit) -> Response:
         """The account page, or the sign-in form for a visitor who is not signed in."""
@@ -216,11 +216,6 @@ class Extras(Website):
             name: rng.choice(spec.folders) for name in draw_names(spec.naming, rng, rng.randint(*spec.count))
         }
 
-    def files_label(self) -> str:
-        """Title of the list of files."""
-        assert self.spec.files is not None
-        return pick(self.spec.files.labels, self.seed, "files label")
-
     @page("/~files")
     def file_list(self, visit: Visit) -> Response:
         """The list of files, with a checkbox each."""
@@ -249,11 +244,6 @@ class Extras(Website):
         values = [numeric_value(spec, number, self.currency) for number in numbers]
         return dict(zip(MONTHS, values, strict=True))
 
-    def chart_label(self) -> str:
-        """Heading of the section with the chart."""
-        assert self.spec.chart is not None
-        return pick(self.spec.chart.labels, self.seed, "chart label")
-
     @cached_property
     def pins(self) -> list[Pin]:
         """The items on the map."""
@@ -266,11 +256,6 @@ class Extras(Website):
                 rng.sample(self.items.records, PINS), cells, jitter, strict=True
             )
         ]
-
-    def map_label(self) -> str:
-        """Title of the map page."""
-        assert self.spec.map is not None
-        return pick(self.spec.map.labels, self.seed, "map label")
 
     @page("/~map")
     def map(self, visit: Visit) -> Response:

@@ -1,4 +1,4 @@
-"""Records of a specified website: draw values, and write them for pages and answers."""
+"""Records with values: of small websites, and drawn and spelled for pages and answers of specified ones."""
 
 from __future__ import annotations
 
@@ -11,10 +11,65 @@ from itertools import product
 from webgym.offline import names
 from webgym.offline.engine.spec import FieldSpec, NamingSpec
 from webgym.offline.engine.spelling import count, days, minutes, money, quantity, the, times
-from webgym.offline.engine.table import Record, Value
 from webgym.offline.parts import Fact, shown
 from webgym.offline.seeds import pick, stream
 from webgym.offline.website import TODAY
+
+
+@dataclass(frozen=True)
+class Value:
+    """The value of a field.
+
+    Attributes:
+        text: its text on the page.
+        spellings: other texts that an answer may use for it.
+        rank: number by which values of the field are ordered; ``None`` if they have no order.
+        is_text: whether the page shows it as text; if not, it is a picture, and evidence is the page's
+            address alone.
+    """
+
+    text: str
+    spellings: tuple[str, ...] = ()
+    rank: float | None = None
+    is_text: bool = True
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """All accepted spellings."""
+        return (self.text, *self.spellings)
+
+
+@dataclass(frozen=True)
+class Record:
+    """A record.
+
+    Attributes:
+        name: its name on pages and in instructions.
+        fields: its values, by field.
+        traits: words by which instructions can select it for counting.
+        place: name of the list that has it, where instructions must give it; empty if the name is enough.
+    """
+
+    name: str
+    fields: Mapping[str, Value]
+    traits: frozenset[str] = frozenset()
+    place: str = ""
+
+    @property
+    def full_name(self) -> str:
+        """The name in instructions, with the place if there is one."""
+        return f"{self.name} from {self.place}" if self.place else self.name
+
+    def rank(self, field_name: str) -> float:
+        """The rank of a field's value.
+
+        Raises:
+            ValueError: the field has no order.
+        """
+        rank = self.fields[field_name].rank
+        if rank is None:
+            raise ValueError(f"the {field_name} of {self.name} has no rank")
+        return rank
 
 
 @dataclass(frozen=True)
@@ -166,28 +221,21 @@ def draw_value(spec: FieldSpec, options: Sequence[str], currency: str, rng: rand
 
 def numeric_value(spec: FieldSpec, number: int, currency: str) -> Value:
     """The value of a numeric field: the text on pages, other spellings in answers, and the number as rank."""
-    spellings: tuple[str, ...]
     match spec.kind:
         case "money":
-            text, *rest = money(number, currency)
-            spellings = tuple(rest)
+            text, *spellings = money(number, currency)
         case "year":
-            text, spellings = str(number), ()
+            text, *spellings = (str(number),)
         case "day":
-            text, *rest = days(TODAY + timedelta(days=number))
-            spellings = tuple(rest)
+            text, *spellings = days(TODAY + timedelta(days=number))
         case "time":
-            text, *rest = times(number)
-            spellings = tuple(rest)
+            text, *spellings = times(number)
         case "minutes":
-            text, *rest = minutes(number)
-            spellings = tuple(rest)
+            text, *spellings = minutes(number)
         case _ if spec.units:
-            text, *rest = quantity(number, *spec.units)
-            spellings = tuple(rest)
+            text, *spellings = quantity(number, *spec.units)
         case _:
-            text, *rest = (f"{number:,}", str(number), *count(number))
-            spellings = tuple(rest)
+            text, *spellings = (f"{number:,}", str(number), *count(number))
     different = dict.fromkeys(spellings)
     different.pop(text, None)
     return Value(text, tuple(different), number)

@@ -8,17 +8,17 @@ from __future__ import annotations
 
 import random
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date, timedelta
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Generic, Literal, TypeAlias, TypeVar
+from urllib.parse import urlencode
 
+from webgym.core.truth import Choose, Click, Move
 from webgym.offline.engine.extras import Extras
-from webgym.offline.engine.finder import STYLES, Facet, Finder, paged
-from webgym.offline.engine.records import draw_names, draw_sheet, with_implied_values
+from webgym.offline.engine.records import Record, draw_names, draw_sheet, with_implied_values
 from webgym.offline.engine.spec import FormSpec, InputSpec, Spec, spec_of
 from webgym.offline.engine.spelling import days, times
-from webgym.offline.engine.table import Record
 from webgym.offline.parts import Assignment
 from webgym.offline.seeds import number, pick, stream
 from webgym.offline.website import TODAY, Response, State, Visit, json_response, page, redirect, slug
@@ -27,6 +27,130 @@ CURRENCIES = ("€", "$", "£")
 _SUGGESTIONS = 6
 _LONGEST_TEXT = 200
 _EMAIL = re.compile(r"[^@\s]+@[^@\s]+\.[a-z]{2,}")
+
+
+# --- the list: filters, sort order and pages ------------------------------------------------------------
+# Pages, moves of solutions and evidence of facts all use the same finder, so that they agree on the address
+# of a filtered list. Its markup is in finder.html.
+
+Style: TypeAlias = Literal["auto", "button", "links"]
+STYLES: tuple[Style, ...] = ("auto", "button", "links")
+
+
+@dataclass(frozen=True)
+class Facet:
+    """One filter of a list, or its sort order.
+
+    Attributes:
+        name: name of the query parameter.
+        label: its label on the page.
+        options: pairs of value and text on the page; values need no quoting in an address.
+        default: text of the option that does not filter.
+    """
+
+    name: str
+    label: str
+    options: tuple[tuple[str, str], ...]
+    default: str = "Any"
+
+    def text(self, value: str) -> str:
+        """The text of a value on the page."""
+        return dict(self.options)[value]
+
+
+@dataclass(frozen=True)
+class Finder:
+    """The filters and the sort order of one list.
+
+    Attributes:
+        path: path of the list.
+        facets: the filters, in page order.
+        sort: the sort order; its first option is the default, without a parameter.
+        style: ``auto``: dropdowns that apply at once; ``button``: dropdowns with a button; ``links``: lists
+            of links.
+        apply: label of the button.
+    """
+
+    path: str
+    facets: tuple[Facet, ...]
+    sort: Facet
+    style: Style
+    apply: str
+
+    def query(self, visit: Visit) -> dict[str, str]:
+        """The valid query parameters of a request, in page order; ``q`` is the search text."""
+        words = visit.query.get("q", "").strip()
+        query = {"q": words} if words else {}
+        for facet in (*self.facets, self.sort):
+            value = visit.query.get(facet.name, "")
+            if value in dict(facet.options):
+                query[facet.name] = value
+        return query
+
+    def link(self, query: Mapping[str, str], name: str, value: str) -> str:
+        """Address of the list with one parameter changed; an empty value removes it."""
+        changed = {**query, name: value}
+        order = ["q", *(facet.name for facet in self.facets), self.sort.name]
+        parameters = {key: changed[key] for key in order if changed.get(key)}
+        return f"{self.path}?{urlencode(parameters)}" if parameters else self.path
+
+    def moves(self, **chosen: str) -> tuple[Move, ...]:
+        """Moves from the unfiltered list to the list with these filters and this order."""
+        moves: list[Move] = []
+        query: dict[str, str] = {}
+        for facet in self.facets:
+            value = chosen.get(facet.name)
+            if value is None:
+                continue
+            if self.style == "links":
+                moves.append(Click(path=self.link(query, facet.name, value)))
+            else:
+                moves.append(Choose(facet.label, facet.text(value)))
+            query[facet.name] = value
+        if self.style == "button" and query:
+            moves.append(Click(name=self.apply, role="button"))
+        order = chosen.get(self.sort.name)
+        if order is not None and order != self.sort.options[0][0]:
+            moves.append(Choose(self.sort.label, self.sort.text(order)))
+        return tuple(moves)
+
+    def regex(self, **chosen: str) -> str:
+        """Regular expression for addresses of the list with at least these parameters."""
+        lookaheads = "".join(
+            f"(?=(?:.*&)?{name}={re.escape(value)}(?:&|$))" for name, value in chosen.items()
+        )
+        return re.escape(self.path) + (rf"\?{lookaheads}" if lookaheads else r"(?:\?|$)")
+
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Paged(Generic[T]):
+    """One page of a list.
+
+    Attributes:
+        items: on this page.
+        total: number of items in the whole list.
+        number: of this page, from 1.
+        count: number of pages.
+    """
+
+    items: Sequence[T]
+    total: int
+    number: int
+    count: int
+
+
+def paged(items: Sequence[T], visit: Visit, size: int) -> Paged[T]:
+    """The page of the visit's ``page`` parameter, limited to the existing pages."""
+    count = max(1, -(-len(items) // size))
+    requested = visit.query.get("page", "1")
+    number = min(max(int(requested), 1), count) if requested.isdecimal() and len(requested) < 6 else 1
+    return Paged(items[(number - 1) * size : number * size], len(items), number, count)
+
+
+# --- the website ------------------------------------------------------------------------------------------
 
 
 @dataclass
@@ -192,8 +316,8 @@ class SpecifiedWebsite(Extras):
             for name, form in self.spec.forms.items()
             if not form.is_about_item
         ]
-        features = [(self.map_label(), self.path("/~map"))] if self.spec.map else []
-        features += [(self.files_label(), self.path("/~files"))] if self.spec.files else []
+        features = [(self.title_of("map"), self.path("/~map"))] if self.spec.map else []
+        features += [(self.title_of("files"), self.path("/~files"))] if self.spec.files else []
         return [(self.says["all"], self.finder.path), *filters, *groups, *features, *forms]
 
     # --- forms -----------------------------------------------------------------------------------
@@ -331,36 +455,6 @@ class SpecifiedWebsite(Extras):
             saved.append(key)
         return redirect(self.path("/~saved"))
 
-    @page("/~one/{key}/{form}")
-    def item_form(self, visit: Visit, key: str, form: str) -> Response:
-        """An empty form about an item."""
-        return self._form(visit, form, key)
-
-    @page("/~one/{key}/{form}", method="POST")
-    def send_item_form(self, visit: Visit, key: str, form: str) -> Response:
-        """Store a submitted form about an item, or show its errors."""
-        return self._send(visit, form, key)
-
-    @page("/~one/{key}/{form}/done")
-    def item_form_done(self, visit: Visit, key: str, form: str) -> Response:
-        """Confirmation page of a form about an item."""
-        return self._done(visit, form, key)
-
-    @page("/~forms/{form}")
-    def form(self, visit: Visit, form: str) -> Response:
-        """An empty form that is not about an item."""
-        return self._form(visit, form, "")
-
-    @page("/~forms/{form}", method="POST")
-    def send_form(self, visit: Visit, form: str) -> Response:
-        """Store such a form, or show its errors."""
-        return self._send(visit, form, "")
-
-    @page("/~forms/{form}/done")
-    def form_done(self, visit: Visit, form: str) -> Response:
-        """Confirmation page of such a form."""
-        return self._done(visit, form, "")
-
     def address(self, form: str, key: str) -> str:
         """The address of a form; ``key`` is the item's key, ``""`` for a form that is not about an item."""
         return (
@@ -372,7 +466,10 @@ class SpecifiedWebsite(Extras):
         is_known = spec is not None and spec.is_about_item == bool(key) and (not key or key in self.by_key)
         return spec if is_known else None
 
-    def _form(self, visit: Visit, form: str, key: str, **submitted: dict[str, str]) -> Response:
+    @page("/~one/{key}/{form}")
+    @page("/~forms/{form}")
+    def form(self, visit: Visit, form: str, key: str = "", **submitted: dict[str, str]) -> Response:
+        """A form about an item, or about none: empty, or with submitted values and their errors."""
         spec = self._form_spec(form, key)
         if spec is None:
             return self.missing(visit)
@@ -388,18 +485,24 @@ class SpecifiedWebsite(Extras):
             **shown,
         )
 
-    def _send(self, visit: Visit, form: str, key: str) -> Response:
+    @page("/~one/{key}/{form}", method="POST")
+    @page("/~forms/{form}", method="POST")
+    def send_form(self, visit: Visit, form: str, key: str = "") -> Response:
+        """Store a submitted form, or show its errors."""
         spec = self._form_spec(form, key)
         if spec is None:
             return self.missing(visit)
         values, errors = self._validated(spec, visit)
         if errors:
-            return self._form(visit, form, key, values=values, errors=errors)
+            return self.form(visit, form, key, values=values, errors=errors)
         about = self.by_key[key].name if key else ""
         visit.state.setdefault("sent", {}).setdefault(form, {})[about] = values
         return redirect(f"{self.address(form, key)}/done")
 
-    def _done(self, visit: Visit, form: str, key: str) -> Response:
+    @page("/~one/{key}/{form}/done")
+    @page("/~forms/{form}/done")
+    def form_done(self, visit: Visit, form: str, key: str = "") -> Response:
+        """The confirmation page of a form."""
         record = self.by_key.get(key)
         about = record.name if record else ""
         values = visit.state.get("sent", {}).get(form, {}).get(about)

@@ -1,12 +1,16 @@
 """The design of a small website: its theme, its layout and its signs, drawn from its seed.
 
+A sign is a colour, an icon, a number or a short word, and fills a cell. It has a name of one or two words of
+a small vocabulary, and looks similar on all websites; only shade, font and drawing style differ.
+
 Every single choice occurs in both splits. Combinations do not: a test website has a pair of layout and theme,
 and a pair of theme and signs, that no training website has, whatever the seeds. See :func:`side`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import colorsys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
@@ -15,8 +19,108 @@ import msgspec
 
 from webgym.offline.data import load
 from webgym.offline.seeds import stream
-from webgym.offline.small.signs import Ink, shaded, sign_data
 from webgym.offline.website import Split
+
+# --- signs ------------------------------------------------------------------------------------------------
+
+CELL = 32
+"""Side of a cell in CSS pixels; one image token of Qwen3-VL covers as much."""
+
+Ink = Literal["filled", "outlined", "reversed"]
+"""How a coloured icon is drawn: in its colour, as an outline in its colour, or white on its colour."""
+
+
+class SignData(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The content of ``signs.toml``; ``most`` is the largest number."""
+
+    words: tuple[str, ...]
+    most: int
+    colors: dict[str, str]
+    icons: dict[str, str]
+    controls: dict[str, str]
+
+
+@lru_cache(maxsize=1)
+def sign_data() -> SignData:
+    """The content of ``signs.toml``."""
+    return load("webgym.offline.small", "signs.toml", SignData)
+
+
+@dataclass(frozen=True)
+class Sign:
+    """A sign. Attributes that it does not have are empty.
+
+    Attributes:
+        color: name of its colour.
+        icon: name of its icon.
+        text: its number or word.
+        control: name of a control of the website: ``home``, ``next``, ...
+    """
+
+    color: str = ""
+    icon: str = ""
+    text: str = ""
+    control: str = ""
+
+    @property
+    def name(self) -> str:
+        """Its accessible name, ``"red star"``; instructions and answers use it as well."""
+        return self.control or self.text or f"{self.color} {self.icon}".strip()
+
+
+def number_sign(value: int) -> Sign:
+    """The sign of a number."""
+    return Sign(text=str(value))
+
+
+def control(name: str) -> Sign:
+    """The sign of a control."""
+    return Sign(control=name)
+
+
+def numbers() -> tuple[str, ...]:
+    """All numbers that small pages use."""
+    return tuple(str(value) for value in range(sign_data().most + 1))
+
+
+def shaded(color: str, turn: float, lighten: float) -> str:
+    """A shade of a CSS colour.
+
+    Args:
+        color: ``#rrggbb``.
+        turn: change of the hue, as a share of the colour circle.
+        lighten: change of the lightness, as a share of itself.
+    """
+    red, green, blue = (int(color[at : at + 2], 16) / 255 for at in (1, 3, 5))
+    hue, lightness, saturation = colorsys.rgb_to_hls(red, green, blue)
+    lightness = min(1.0, max(0.0, lightness * (1 + lighten)))
+    channels = colorsys.hls_to_rgb((hue + turn) % 1, lightness, saturation)
+    return "#" + "".join(f"{round(channel * 255):02x}" for channel in channels)
+
+
+@lru_cache(maxsize=4096)
+def drawn(path: str, color: str, edge: str, ink: Ink, scale: float) -> str:
+    """The SVG of a path in a cell.
+
+    Args:
+        path: SVG path in a box of 32 by 32.
+        color: colour of the shape.
+        edge: colour of the line around the shape, which separates it from the background.
+        ink: drawing style; ``outlined`` leaves the inside empty.
+        scale: size of the shape, as a share of the cell.
+    """
+    shift = CELL / 2 * (1 - scale)
+    place = f"translate({shift:g} {shift:g}) scale({scale:g})"
+    opening = f'<svg viewBox="0 0 32 32" aria-hidden="true"><g transform="{place}" stroke-linejoin="round"'
+    shape = f'<path d="{path}"'
+    if ink == "outlined":
+        lines = f'{shape} stroke="{edge}" stroke-width="4.5"/>{shape} stroke="{color}" stroke-width="2.8"/>'
+        return f'{opening} fill="none">{lines}</g></svg>'
+    fill = f'fill="{color}" fill-rule="evenodd" stroke="{edge}" stroke-width="1.5"'
+    return f"{opening} {fill}>{shape}/></g></svg>"
+
+
+# --- designs ----------------------------------------------------------------------------------------------
 
 Choice = tuple[int, ...]
 
@@ -33,32 +137,11 @@ lightness, as a share of itself.
 """
 
 
-class ThemeChoices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The possible values of a theme's properties."""
-
-    ground: tuple[tuple[str, str, str, str], ...]
-    shape: tuple[Literal["square", "rounded", "disc"], ...]
-    frame: tuple[int, ...]
-    ink: tuple[Ink, ...]
-    font: tuple[str, ...]
-    controls: tuple[Literal["symbol", "word"], ...]
-
-
-class LayoutChoices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The possible values of a layout's properties."""
-
-    bar: tuple[Literal["top", "bottom", "left", "right"], ...]
-    flow: tuple[Literal["rows", "columns"], ...]
-    spread: tuple[Literal["packed", "apart"], ...]
-    anchor: tuple[Literal["start", "end"], ...]
-    order: tuple[Literal["forward", "backward"], ...]
-
-
 class DesignData(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The content of ``design.toml``."""
+    """The content of ``design.toml``: the possible values of each property of a theme and of a layout."""
 
-    theme: ThemeChoices
-    layout: LayoutChoices
+    theme: dict[str, tuple[Any, ...]]
+    layout: dict[str, tuple[str, ...]]
 
 
 @lru_cache(maxsize=1)
@@ -158,9 +241,8 @@ def design(seed: int, split: Split) -> Design:
     data, signs = design_data(), sign_data()
     rng = stream(seed, "design")
 
-    def draw(choices: object) -> Choice:
-        sizes = [len(getattr(choices, name)) for name in choices.__struct_fields__]  # type: ignore[attr-defined]
-        return tuple(rng.randrange(size) for size in sizes)
+    def draw(choices: Mapping[str, Sequence[object]]) -> Choice:
+        return tuple(rng.randrange(len(values)) for values in choices.values())
 
     while True:
         theme, layout = draw(data.theme), draw(data.layout)
@@ -187,9 +269,8 @@ def _theme(chosen: list[Any], colors: dict[str, str]) -> Theme:
     return Theme(page, bar, tile, ink, shape, frame, drawing, font, controls, colors)
 
 
-def _chosen(choices: msgspec.Struct, indices: Choice) -> list[Any]:
-    fields = type(choices).__struct_fields__
-    return [getattr(choices, name)[index] for name, index in zip(fields, indices, strict=True)]
+def _chosen(choices: Mapping[str, Sequence[Any]], indices: Choice) -> list[Any]:
+    return [values[index] for values, index in zip(choices.values(), indices, strict=True)]
 
 
 def _without(items: Sequence[str], first: int) -> list[str]:

@@ -6,38 +6,31 @@ A task gives the option of an input itself, or names another page on which to re
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import pairwise
 from typing import Any, ClassVar
 from urllib.parse import quote
 
 from webgym.core.truth import Click, Evidence, Home, Move, Remember, StateCheck
-from webgym.offline.data import load
-from webgym.offline.engine.table import ListPage, Location, Record, Value
+from webgym.offline.engine.records import Record, Value
 from webgym.offline.parts import Fact, Part
 from webgym.offline.seeds import number, pick, stream
-from webgym.offline.small.questions import NAME, Phrases, Questions, answer_is
+from webgym.offline.small.design import Sign, control, numbers
+from webgym.offline.small.questions import (
+    NAME,
+    ListPage,
+    Location,
+    Questions,
+    answer_is,
+    field_evidence,
+    phrases,
+)
 from webgym.offline.small.screen import Block, Tile, capacity, singles
-from webgym.offline.small.signs import Sign, control, numbers
 from webgym.offline.small.site import SmallWebsite
 from webgym.offline.website import Response, State, Visit, page, redirect
 
 SEND = Click("send")
-
-
-@dataclass(frozen=True)
-class Input:
-    """An input of a form.
-
-    Attributes:
-        name: its name; a record may say the option in the field of this name.
-        options: its options.
-    """
-
-    name: str
-    options: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -46,52 +39,21 @@ class Form:
 
     Attributes:
         name: its name on pages and in instructions.
-        inputs: its inputs, in page order.
+        inputs: the options of its inputs, by name, in page order; a record may say the option in the field
+            of this name.
     """
 
     name: str
-    inputs: tuple[Input, ...]
-
-    def input(self, name: str) -> Input | None:
-        """The input of this name, or ``None``."""
-        return next((item for item in self.inputs if item.name == name), None)
-
-    # --- a visitor's state ------------------------------------------------------------------------
+    inputs: Mapping[str, tuple[str, ...]]
 
     def draft(self, state: State) -> dict[str, str]:
-        """The selected options, by input."""
+        """The options that a visitor has selected, by input."""
         draft: dict[str, str] = state.setdefault("draft", {}).setdefault(self.name, {})
         return draft
-
-    def choose(self, state: State, name: str, option: str) -> bool:
-        """Select an option; return whether the input has it."""
-        item = self.input(name)
-        if item is None or option not in item.options:
-            return False
-        self.draft(state)[name] = option
-        return True
 
     def is_complete(self, state: State) -> bool:
         """Whether every input has a selected option."""
         return len(self.draft(state)) == len(self.inputs)
-
-    def send(self, state: State) -> bool:
-        """Submit the form if it is complete, and clear its draft; return whether it was submitted."""
-        if not self.is_complete(state):
-            return False
-        state.setdefault("sent", {})[self.name] = self.draft(state)
-        state["draft"][self.name] = {}
-        return True
-
-    def sent(self, state: State) -> dict[str, str] | None:
-        """The values submitted last, by input; ``None`` if there are none."""
-        values: dict[str, str] | None = state.get("sent", {}).get(self.name)
-        return values
-
-
-def report(state: State) -> dict[str, Any]:
-    """The server state of all forms: submitted values by form and input."""
-    return {"sent": state.get("sent", {})}
 
 
 @dataclass(frozen=True)
@@ -99,42 +61,20 @@ class Selection:
     """The option that a task requests for an input.
 
     Attributes:
-        input: the input.
+        input: name of the input.
         option: the option.
         source: the record that says the option in the field of the input's name; ``None`` if the task gives
             it.
-        location: where that record can be seen.
     """
 
-    input: Input
+    input: str
     option: str
     source: Record | None = None
-    location: Location | None = None
 
     @property
     def phrase(self) -> str:
         """What the instruction says: the option, or the record on which to read it."""
-        return self.option if self.source is None else f"the {self.input.name} of {self.source.name}"
-
-
-def look_up_facts(selections: Sequence[Selection]) -> tuple[list[Fact], list[Move]]:
-    """Facts and moves for reading the options that the task does not give; the moves end on the front
-    page."""
-    facts, moves = list[Fact](), list[Move]()
-    for selection in selections:
-        if selection.source is None or selection.location is None:
-            continue
-        value = selection.source.fields[selection.input.name]
-        texts = (value.text,) if value.is_text else ()
-        facts.append(
-            Fact(
-                f"the {selection.input.name} of {selection.source.name} is seen",
-                (Evidence(texts, selection.location.path),),
-            )
-        )
-        key = f"{selection.source.name} {selection.input.name}"
-        moves += [*selection.location.moves, Remember(key, selection.option), Home()]
-    return facts, moves
+        return self.option if self.source is None else f"the {self.input} of {self.source.name}"
 
 
 def sent_facts(form: Form, selections: Sequence[Selection], path: str) -> list[Fact]:
@@ -145,40 +85,19 @@ def sent_facts(form: Form, selections: Sequence[Selection], path: str) -> list[F
         selections: the options of its inputs.
         path: regular expression for the address of the confirmation page.
     """
-    whole_form = StateCheck(
-        ("sent",), {form.name: {selection.input.name: selection.option for selection in selections}}
-    )
+    whole_form = StateCheck(("sent",), {form.name: {each.input: each.option for each in selections}})
     facts = []
     for nth, selection in enumerate(selections):
-        input_check = StateCheck(("sent", form.name, selection.input.name), selection.option)
+        input_check = StateCheck(("sent", form.name, selection.input), selection.option)
         # Once per form: nothing else was submitted, except the forms of other parts.
         state = (input_check, whole_form) if nth == 0 else (input_check,)
-        text = f"the {selection.input.name} in {form.name} is sent as wanted"
+        text = f"the {selection.input} in {form.name} is sent as wanted"
         facts.append(Fact(text, (Evidence((), path),), state))
     return facts
 
 
 KINDS = ("color", "icon", "number", "word")
 INFO_PAGES = 3
-
-
-class DeskPhrases(Phrases, frozen=True, forbid_unknown_fields=True):
-    """The phrases of a desk's tasks."""
-
-    fill: tuple[str, ...] = ()
-    fill_and_say: tuple[str, ...] = ()
-
-    placeholders: ClassVar[dict[str, str]] = {
-        **Phrases.placeholders,
-        "fill": "form choices",
-        "fill_and_say": "form choices",
-    }
-
-
-@lru_cache(maxsize=1)
-def phrases() -> DeskPhrases:
-    """The phrases of a desk's tasks."""
-    return load("webgym.offline.small", "desk.toml", DeskPhrases)
 
 
 class Desk(SmallWebsite):
@@ -213,8 +132,7 @@ class Desk(SmallWebsite):
         for size in rng.sample((1, 2, 2, 3, 3, 4), 3):
             kinds = rng.sample(KINDS, size)
             limit = room if self.in_steps else room // size
-            inputs = tuple(Input(kind, options[kind][:limit]) for kind in kinds)
-            form = Form(words.pop(), inputs)
+            form = Form(words.pop(), {kind: options[kind][:limit] for kind in kinds})
             self.forms[form.name] = form
         # Every page has a different option of each kind, as far as there are enough.
         self.infos = {}
@@ -263,8 +181,8 @@ class Desk(SmallWebsite):
     # --- pages ------------------------------------------------------------------------------------
 
     def report(self, state: State) -> dict[str, Any]:
-        """The server state: submitted forms."""
-        return report(state)
+        """The server state: submitted values by form and input."""
+        return {"sent": state.get("sent", {})}
 
     @page("/")
     def front(self, visit: Visit) -> Response:
@@ -296,17 +214,18 @@ class Desk(SmallWebsite):
         if form is None or not step.isdecimal() or int(step) > len(form.inputs):
             return self.missing(visit)
         index, draft = int(step), form.draft(visit.state)
-        inputs = form.inputs[index : index + 1] if self.in_steps else form.inputs
+        inputs = list(form.inputs.items())
+        inputs = inputs[index : index + 1] if self.in_steps else inputs
         blocks: list[Block] = [
             (
                 Tile(
-                    self.sign(form_input.name, option),
-                    post=f"/choose/{token}/{index}/{form_input.name}/{quote(option)}",
-                    chosen=draft.get(form_input.name) == option,
+                    self.sign(name, option),
+                    post=f"/choose/{token}/{index}/{name}/{quote(option)}",
+                    chosen=draft.get(name) == option,
                 ),
             )
-            for form_input in inputs
-            for option in form_input.options
+            for name, options in inputs
+            for option in options
         ]
         if not inputs:  # after the last step: the selected options
             blocks += singles([Tile(self.sign(name, option)) for name, option in draft.items()])
@@ -320,8 +239,9 @@ class Desk(SmallWebsite):
     def choose(self, visit: Visit, token: str, step: str, name: str, option: str) -> Response:
         """Select an option, and go to the next input if each has a page of its own."""
         form = self._form_of(token)
-        if form is None or not step.isdecimal() or not form.choose(visit.state, name, option):
+        if form is None or not step.isdecimal() or option not in form.inputs.get(name, ()):
             return self.missing(visit)
+        form.draft(visit.state)[name] = option
         return redirect(self._form_path(form.name, int(step) + 1 if self.in_steps else 0))
 
     @page("/send/{token}", method="POST")
@@ -330,15 +250,17 @@ class Desk(SmallWebsite):
         form = self._form_of(token)
         if form is None:
             return self.missing(visit)
-        if not form.send(visit.state):
+        if not form.is_complete(visit.state):
             return redirect(self._form_path(form.name, 0))
+        visit.state.setdefault("sent", {})[form.name] = form.draft(visit.state)
+        visit.state["draft"][form.name] = {}
         return redirect(f"/sent/{token}")
 
     @page("/sent/{token}")
     def sent_page(self, visit: Visit, token: str) -> Response:
         """The confirmation page, with the number of the submitted form."""
         form = self._form_of(token)
-        sent = form.sent(visit.state) if form is not None else None
+        sent = visit.state.get("sent", {}).get(form.name) if form is not None else None
         if form is None or sent is None:
             return self.missing(visit)
         return self.show(
@@ -350,7 +272,7 @@ class Desk(SmallWebsite):
     def parts(self) -> Iterator[Part]:
         """Parts that submit forms, and parts that read information pages."""
         rng = stream(self.seed, "parts")
-        questions, infos = Questions(self, phrases(), rng), list(self.infos.values())
+        questions, infos = Questions(self, phrases(self.family), rng), list(self.infos.values())
         used_keys = set[tuple[object, ...]]()
         for nth in range(30):
             form = list(self.forms.values())[nth % len(self.forms)]
@@ -377,24 +299,35 @@ class Desk(SmallWebsite):
     def _selections(self, rng: random.Random, form: Form, *, reads: bool) -> list[Selection]:
         """Draw an option for every input; if ``reads``, one of them must be read on an information page if
         possible."""
-        selections = [Selection(form_input, rng.choice(form_input.options)) for form_input in form.inputs]
+        selections = [Selection(name, rng.choice(options)) for name, options in form.inputs.items()]
         readable = [
-            (nth, record)
-            for nth, form_input in enumerate(form.inputs)
+            (nth, Selection(name, record.fields[name].text, record))
+            for nth, (name, options) in enumerate(form.inputs.items())
             for record in self.infos.values()
-            if form_input.name in record.fields and record.fields[form_input.name].text in form_input.options
+            if name in record.fields and record.fields[name].text in options
         ]
         if reads and readable:
-            nth, record = rng.choice(readable)
-            chosen_input = form.inputs[nth]
-            selections[nth] = Selection(
-                chosen_input, record.fields[chosen_input.name].text, record, self.locate(record)
-            )
+            nth, selection = rng.choice(readable)
+            selections[nth] = selection
         return selections
+
+    def _look_up(self, selections: Sequence[Selection]) -> tuple[list[Fact], list[Move]]:
+        """Facts and moves for reading the options that the task does not give; the moves end on the front
+        page."""
+        facts, moves = list[Fact](), list[Move]()
+        for selection in selections:
+            if selection.source is None:
+                continue
+            source, location = selection.source, self.locate(selection.source)
+            view = field_evidence(location, source.fields[selection.input])
+            facts.append(Fact(f"the {selection.input} of {source.name} is seen", (view,)))
+            key = f"{source.name} {selection.input}"
+            moves += [*location.moves, Remember(key, selection.option), Home()]
+        return facts, moves
 
     def _part(self, questions: Questions, form: Form, selections: Sequence[Selection], *, says: bool) -> Part:
         """Submit a form; if ``says``, also say its number."""
-        facts_read, moves_read = look_up_facts(selections)
+        facts_read, moves_read = self._look_up(selections)
         path = f"/sent/{self.token(form.name)}$"
         facts = [*facts_read, *sent_facts(form, selections, path)]
         moves: list[Move] = [
@@ -403,7 +336,7 @@ class Desk(SmallWebsite):
             *(Click(selection.option) for selection in selections),
             SEND,
         ]
-        ticket = str(self.ticket(form, {selection.input.name: selection.option for selection in selections}))
+        ticket = str(self.ticket(form, {selection.input: selection.option for selection in selections}))
         if says:
             last = facts[-1]
             facts[-1] = Fact(

@@ -1,76 +1,78 @@
-"""Parts of tasks about the records of a small website: clause, evidence, answer and solution.
+"""Parts of tasks about the records of a small website: clause, evidence, answer and solution; their words.
 
-The clauses are phrases in TOML files: without a full stop, with placeholders in braces. The docstring of a
-function names the placeholders of its phrases; loading the phrases checks them.
+The clauses are phrases in a TOML file per family: without a full stop, with placeholders in braces. The
+docstring of a function names the placeholders of its phrases.
 """
 
 from __future__ import annotations
 
 import random
-import string
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from functools import lru_cache
+from typing import Protocol
 
-import msgspec
-
-from webgym.core.truth import Evidence, Home, Move, Remember
-from webgym.offline.engine.table import Guide, ListPage, Location, Record, Value
-from webgym.offline.parts import Fact, Part
+from webgym.core.truth import DONE, Evidence, Home, Move, Remember
+from webgym.offline.data import load
+from webgym.offline.engine.records import Record, Value
+from webgym.offline.parts import Fact, Part, Wording
+from webgym.offline.small.design import numbers, sign_data
 
 NAME = "name"
 
+Phrases = Mapping[str, tuple[str, ...]]
+"""Alternative phrases, by kind of question."""
 
-class Phrases(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Alternative phrases, by kind of question.
 
-    Raises:
-        ValueError: a phrase has other placeholders than its kind.
+@lru_cache(maxsize=8)
+def phrases(family: str) -> Phrases:
+    """The phrases of a family's tasks."""
+    return load("webgym.offline.small", f"{family}.toml", dict[str, tuple[str, ...]])
+
+
+@dataclass(frozen=True)
+class Location:
+    """Where something can be seen.
+
+    Attributes:
+        moves: moves from the front page that bring it into view.
+        path: regular expression for the path and query of the page that shows it; matches from start to end.
     """
 
-    look_up: tuple[str, ...] = ()
-    smaller: tuple[str, ...] = ()
-    larger: tuple[str, ...] = ()
-    smallest: tuple[str, ...] = ()
-    largest: tuple[str, ...] = ()
-    count_all: tuple[str, ...] = ()
-    count: tuple[str, ...] = ()
-    either: tuple[str, ...] = ()
-    buy: tuple[str, ...] = ()
-    buy_and_say: tuple[str, ...] = ()
-    buy_smaller: tuple[str, ...] = ()
-
-    placeholders: ClassVar[dict[str, str]] = {
-        "look_up": "field item",
-        "smaller": "item other",
-        "larger": "item other",
-        "smallest": "place",
-        "largest": "place",
-        "count_all": "place",
-        "count": "trait place",
-        "either": "item one two",
-        "buy": "item",
-        "buy_and_say": "item",
-        "buy_smaller": "item other",
-    }
-    """Placeholders of the phrases, by kind of question."""
-
-    def __post_init__(self) -> None:
-        for kind in self.__struct_fields__:
-            for phrase in getattr(self, kind):
-                check_placeholders(kind, phrase, frozenset(self.placeholders[kind].split()))
+    moves: tuple[Move, ...]
+    path: str
 
 
-def check_placeholders(kind: str, phrase: str, expected: frozenset[str]) -> None:
-    """Check the placeholders of a phrase.
+@dataclass(frozen=True)
+class ListPage:
+    """One page of a list.
 
-    Raises:
-        ValueError: they are not the expected ones; the message names the kind and the phrase.
+    Attributes:
+        moves: moves from the page before it, or from the front page for the first page.
+        path: as in :class:`Location`.
+        records: the records on it, in order.
     """
-    found = {name for _, name, _, _ in string.Formatter().parse(phrase) if name is not None}
-    if found != expected:
-        names = ", ".join(sorted(expected)) or "none"
-        raise ValueError(f'{kind}: "{phrase}" must have exactly the placeholders {names}')
+
+    moves: tuple[Move, ...]
+    path: str
+    records: Sequence[Record]
+
+
+class Guide(Protocol):
+    """Where the records of a website can be seen."""
+
+    def locate(self, record: Record) -> Location:
+        """The page that shows the fields of a record."""
+        ...
+
+    def pages(self, place: str) -> Sequence[ListPage]:
+        """The pages of a list."""
+        ...
+
+    def candidates(self, field: str) -> Sequence[str]:
+        """All possible values of a field; of ``"name"``, all names of records."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -89,8 +91,7 @@ class Questions:
 
     def ask(self, kind: str, **values: str) -> str:
         """A random clause of this kind."""
-        phrases: tuple[str, ...] = getattr(self.phrases, kind)
-        return self.rng.choice(phrases).format(**values)
+        return self.rng.choice(self.phrases[kind]).format(**values)
 
     # --- kinds of questions -----------------------------------------------------------------------
 
@@ -109,7 +110,7 @@ class Questions:
         """Name the record with the smaller or larger value of two. Placeholders: item, other."""
         facts, moves, winner = self.compared(first, second, field, larger=larger)
         kind = "larger" if larger else "smaller"
-        named = self._named(f"the one with the {kind} {field} is named", winner, facts[winner.name].evidence)
+        named = self.named(f"the one with the {kind} {field} is named", winner, facts[winner.name].evidence)
         return Part(
             ask=self.ask(kind, item=first.full_name, other=second.full_name),
             description=f"Which has the {kind} {field}: {first.name} or {second.name}",
@@ -159,7 +160,7 @@ class Questions:
                 moves.append(Remember(best_on_page.name, best_on_page.fields[field].text))
             best_so_far = best_on_page if is_better else best_so_far
             facts.append(Fact(f"page {number} of {place} is seen", (list_evidence(page),)))
-        last = self._named(f"the one with the {kind} {field} in {place} is named", best, facts[-1].evidence)
+        last = self.named(f"the one with the {kind} {field} in {place} is named", best, facts[-1].evidence)
         return Part(
             ask=self.ask(kind, place=place),
             description=f"Which has the {kind} {field} in {place}",
@@ -180,7 +181,7 @@ class Questions:
                 moves.append(Remember(f" page {number}", str(matching)))
             facts.append(Fact(f"page {number} of {place} is seen", (list_evidence(page),)))
         value = Value(str(total))
-        last = self._answered(
+        last = self.answered(
             f"the {trait or 'things'} in {place} are counted", value, "number", facts[-1].evidence
         )
         ask = self.ask("count", trait=trait, place=place) if trait else self.ask("count_all", place=place)
@@ -199,14 +200,16 @@ class Questions:
         return Part(
             ask=ask,
             description=description,
-            facts=(self._answered(f"the {field} of the {record.name} is given", value, field, evidence),),
+            facts=(self.answered(f"the {field} of the {record.name} is given", value, field, evidence),),
             moves=(*location.moves, answer_is(value.text)),
         )
 
-    def _answered(self, text: str, value: Value, field: str, evidence: tuple[Evidence, ...]) -> Fact:
+    def answered(self, text: str, value: Value, field: str, evidence: tuple[Evidence, ...]) -> Fact:
+        """A fact whose value the answer gives."""
         return Fact(text, evidence, answer=value.options, wrong=self.wrong_answers(field, value.text))
 
-    def _named(self, text: str, record: Record, evidence: tuple[Evidence, ...]) -> Fact:
+    def named(self, text: str, record: Record, evidence: tuple[Evidence, ...]) -> Fact:
+        """A fact whose record the answer names."""
         return Fact(text, evidence, answer=(record.name,), wrong=self.wrong_answers(NAME, record.name))
 
     def wrong_answers(self, field: str, correct: str) -> tuple[str, ...]:
@@ -232,3 +235,41 @@ def list_evidence(page: ListPage) -> Evidence:
 def sample(rng: random.Random, items: Sequence[Record], count: int) -> list[Record]:
     """``count`` random records, or all if there are fewer, in random order."""
     return rng.sample(list(items), min(count, len(items)))
+
+
+# --- words ------------------------------------------------------------------------------------------------
+
+
+FAMILY_NAMES = ("board", "desk", "market", "signpost", "trail")
+
+KEYS = ("sign", "page", "note")
+"""Words of memory keys, in addition to names of things and numbers of parts."""
+
+
+def _instruct(brand: str, asks: Sequence[str]) -> str:
+    del brand
+    first, *others = asks
+    joined = (f", {'and' if nth == len(others) else 'then'} {ask}" for nth, ask in enumerate(others, start=1))
+    return first + "".join(joined)
+
+
+WORDING = Wording("small", _instruct, form="small", separator=", ", keeps_count=True)
+"""Clauses in lower case; the answer is the values of the parts, separated by commas."""
+
+
+@lru_cache(maxsize=1)
+def small_vocabulary() -> tuple[str, ...]:
+    """Every word of the small websites' instructions, answers, memory and page elements, and the comma."""
+    signs = sign_data()
+    words = {",", DONE, "then", "and", "from", *KEYS, *numbers()}
+    words |= {*signs.colors, *signs.icons, *signs.controls, *signs.words}
+    for family in FAMILY_NAMES:
+        for alternatives in phrases(family).values():
+            words.update(word for phrase in alternatives for word in words_of(re.sub(r"\{\w+\}", "", phrase)))
+    words |= {"number", "word", "sign", "signs", "first"}  # names of fields and places
+    return tuple(sorted(words))
+
+
+def words_of(text: str) -> list[str]:
+    """Split a text into words of the vocabulary; a comma is a word."""
+    return re.findall(r"[a-z0-9]+|[^\sa-z0-9]", text)

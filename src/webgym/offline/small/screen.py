@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from html import escape
 
-from webgym.offline.small.design import Design, Layout, Theme
-from webgym.offline.small.signs import CELL, Sign, drawn, sign_data
+from webgym.offline.small.design import CELL, Design, Layout, Sign, Theme, drawn, sign_data
 
 COLUMNS, ROWS = 6, 4
 

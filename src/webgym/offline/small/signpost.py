@@ -3,51 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import lru_cache
 from typing import ClassVar, Literal
 
 from webgym.core.truth import Click, Evidence, Home, Move, Remember
-from webgym.offline.data import load
-from webgym.offline.engine.table import Location, Record
+from webgym.offline.engine.records import Record
 from webgym.offline.parts import Fact, Part
 from webgym.offline.seeds import stream
 from webgym.offline.small.catalog import Catalog, Kind
-from webgym.offline.small.questions import NAME, Phrases, Questions, answer_is, field_evidence, sample
+from webgym.offline.small.design import Sign
+from webgym.offline.small.questions import Questions, answer_is, field_evidence, phrases, sample
 from webgym.offline.small.screen import Block, Tile, singles
-from webgym.offline.small.signs import Sign
 from webgym.offline.website import Response, Visit, page
 
 FRONT = "the first page"
 MOST_HOPS = 5
-
-
-class SignpostPhrases(Phrases, frozen=True, forbid_unknown_fields=True):
-    """The phrases of a signpost's tasks.
-
-    ``thing``, ``color`` and ``icon`` are for signs that show the whole thing, its colour, or its icon. The
-    placeholder ``rest`` is the icon or colour that the sign does not show.
-    """
-
-    thing: tuple[str, ...] = ()
-    color: tuple[str, ...] = ()
-    icon: tuple[str, ...] = ()
-    which: tuple[str, ...] = ()
-    chain: tuple[str, ...] = ()
-
-    placeholders: ClassVar[dict[str, str]] = {
-        **Phrases.placeholders,
-        "thing": "page",
-        "color": "rest page",
-        "icon": "rest page",
-        "which": "page other",
-        "chain": "item times",
-    }
-
-
-@lru_cache(maxsize=1)
-def phrases() -> SignpostPhrases:
-    """The phrases of a signpost's tasks."""
-    return load("webgym.offline.small", "signpost.toml", SignpostPhrases)
 
 
 class Signpost(Catalog):
@@ -124,9 +93,9 @@ class Signpost(Catalog):
     def parts(self) -> Iterator[Part]:
         """Parts that read signs and find their things, follow chains of signs, look up, compare and count."""
         rng = stream(self.seed, "parts")
-        questions, things = Questions(self, phrases(), rng), self.records()
+        questions, things = Questions(self, phrases(self.family), rng), self.records()
         for page_name in self.meanings:
-            for _ in phrases().thing:
+            for _ in phrases(self.family)["thing"]:
                 yield self._meaning_part(questions, page_name)
         words = [page_name for page_name in self.meanings if page_name != FRONT]
         for first_page, second_page in zip(words, [*words[1:], words[0]], strict=True):
@@ -140,7 +109,7 @@ class Signpost(Catalog):
         for first, second in zip(sample(rng, things, 3), sample(rng, things, 3), strict=True):
             if first.rank("number") != second.rank("number"):
                 yield questions.compare(first, second, "number", larger=rng.random() < 0.5)
-        yield questions.count(rng.choice(list(self.sections)))
+        yield questions.count(rng.choice(list(self.lists)))
 
     def _read_sign(self, page_name: str) -> tuple[Fact, tuple[Move, ...]]:
         """The fact that the sign of a page was seen, and the moves that see and note it."""
@@ -158,12 +127,8 @@ class Signpost(Catalog):
         other_trait = {"color": {"rest": thing.icon}, "icon": {"rest": thing.color}}.get(self.sign_kind, {})
         fact, moves = self._read_sign(page_name)
         location, value = self.locate(record), record.fields["number"]
-        value_fact = Fact(
-            "the number of the thing that it shows is given",
-            (field_evidence(location, value),),
-            answer=value.options,
-            wrong=questions.wrong_answers("number", value.text),
-        )
+        text = "the number of the thing that it shows is given"
+        value_fact = questions.answered(text, value, "number", (field_evidence(location, value),))
         return Part(
             ask=questions.ask(self.sign_kind, page=self._page_phrase(page_name), **other_trait),
             description=f"The number of what the sign on {self._page_phrase(page_name)} shows",
@@ -177,12 +142,8 @@ class Signpost(Catalog):
         facts, moves, winner = questions.compared(
             self.meanings[first], self.meanings[second], "number", larger=True
         )
-        winner_fact = Fact(
-            "the one with the larger number is named",
-            facts[winner.name].evidence,
-            answer=(winner.name,),
-            wrong=questions.wrong_answers(NAME, winner.name),
-        )
+        text = "the one with the larger number is named"
+        winner_fact = questions.named(text, winner, facts[winner.name].evidence)
         sign_moves = [move for _, moves in signs for move in (*moves, Home())]
         return Part(
             ask=questions.ask("which", page=self._page_phrase(first), other=self._page_phrase(second)),
@@ -194,19 +155,15 @@ class Signpost(Catalog):
     def _chain_part(self, questions: Questions, record: Record, hops: int) -> Part:
         """Say the number of the last thing of a chain of signs."""
         facts, moves, thing = list[Fact](), list[Move](), record
-        location: Location = self.locate(record)
+        location = self.locate(record)
         for hop in range(1, hops + 1):
             facts.append(Fact(f"sign {hop} on the way is seen", (Evidence((), location.path),)))
             thing = self.successors[thing.name]
             moves += [*location.moves, Remember(f" sign {hop}", thing.name), Home()]
             location = self.locate(thing)
         value = thing.fields["number"]
-        value_fact = Fact(
-            "the number of the last thing is given",
-            (field_evidence(location, value),),
-            answer=value.options,
-            wrong=questions.wrong_answers("number", value.text),
-        )
+        text = "the number of the last thing is given"
+        value_fact = questions.answered(text, value, "number", (field_evidence(location, value),))
         return Part(
             ask=questions.ask("chain", item=record.name, times="1 sign" if hops == 1 else f"{hops} signs"),
             description=f"The number after {hops} signs from the {record.name}",

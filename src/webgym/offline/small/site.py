@@ -14,9 +14,8 @@ from typing import ClassVar
 from webgym.core.task import LARGE_GROUP_AT_LEAST, FactGroup, Level, Rubric, level_of
 from webgym.offline.parts import Assignment, Part
 from webgym.offline.seeds import number, stream
-from webgym.offline.small.design import Design, design
+from webgym.offline.small.design import Design, Sign, control, design
 from webgym.offline.small.screen import Block, Tile, bar_room, page
-from webgym.offline.small.signs import Sign, control
 from webgym.offline.website import Response, Visit, Website, slug
 
 MOST_PARTS = 4

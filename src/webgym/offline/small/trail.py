@@ -4,43 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import ClassVar, Literal
 
-import msgspec
-
 from webgym.core.truth import Click, Evidence, Move, Remember
-from webgym.offline.data import load
 from webgym.offline.parts import Fact, Part
 from webgym.offline.seeds import stream
-from webgym.offline.small.questions import answer_is, check_placeholders
+from webgym.offline.small.design import Sign, number_sign, numbers
+from webgym.offline.small.questions import answer_is, phrases
 from webgym.offline.small.screen import Tile, capacity, singles
-from webgym.offline.small.signs import Sign, number_sign, numbers
 from webgym.offline.small.site import SmallWebsite
 from webgym.offline.website import Response, Visit, page
 
 LENGTHS = (1, 2, 3, 3, 4, 5, 6, 7, 8, 9)
 MOST_COUNTED = 4
 """Largest number of signs that an instruction gives; longer ways go to the end of the trail."""
-
-
-class TrailPhrases(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The phrases of a trail's tasks."""
-
-    to_the_end: tuple[str, ...]
-    steps: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        for phrase in self.to_the_end:
-            check_placeholders("to_the_end", phrase, frozenset({"trail"}))
-        for phrase in self.steps:
-            check_placeholders("steps", phrase, frozenset({"trail", "times"}))
-
-
-@lru_cache(maxsize=1)
-def phrases() -> TrailPhrases:
-    """The phrases of a trail's tasks."""
-    return load("webgym.offline.small", "trail.toml", TrailPhrases)
 
 
 @dataclass(frozen=True)
@@ -153,11 +130,11 @@ class Trail(SmallWebsite):
         rng = stream(self.seed, "parts")
         for word, stops in self.trails.items():
             length = len(stops) - 1
-            for phrase in phrases().to_the_end:
+            for phrase in phrases(self.family)["to_the_end"]:
                 yield self._trail_part(word, length, phrase.format(trail=word), counts=False)
             for times in range(1, min(length - 1, MOST_COUNTED) + 1):
                 times_text = "1 sign" if times == 1 else f"{times} signs"
-                phrase = rng.choice(phrases().steps)
+                phrase = rng.choice(phrases(self.family)["steps"])
                 yield self._trail_part(word, times, phrase.format(trail=word, times=times_text), counts=True)
 
     def _trail_part(self, word: str, steps: int, ask: str, *, counts: bool) -> Part:

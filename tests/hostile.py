@@ -1,6 +1,6 @@
 """Hostile pages, which try to crash or block their browser, its server or the machine.
 
-For ``webgym bench soak`` and for the fault tests. Each page attacks when it is loaded, or when its only
+For the soak and for the fault tests. Each page attacks when it is loaded, or when its only
 button, which covers the page, is clicked.
 """
 

@@ -11,23 +11,100 @@ from pathlib import Path
 import httpx
 import msgspec
 import psutil
+from tests.soak.leaks import Census, leaked, take
 
 from webgym.bench.server_process import start_server, stop_server
-from webgym.bench.soak.leaks import Census, leaked, take
-from webgym.bench.soak.plan import SoakPlan
+from webgym.browser.config import BrowserConfig
+from webgym.server.config import ClientLimits, GatewayConfig, ServerConfig
 from webgym.server.messages import Watched
 from webgym.server.operations import WATCH
 
+_MIB = 1024 * 1024
 _POLL_SECONDS = 0.1
+
+
+class SoakPlan(msgspec.Struct, frozen=True, kw_only=True):
+    """The size of a soak, and the limits of the server under test.
+
+    Attributes:
+        seconds: duration of clients and faults.
+        seed: of all random choices. Their effects depend on timing.
+        clients: number of parallel clients.
+        slots: number of slots of all workers together; with fewer slots than clients, some always wait.
+        workers: number of worker processes behind the gateway.
+        faults: mean number of faults per minute.
+        hostile: share of the pages that are hostile.
+        disk_bytes: size of the browsers' disk, if one can be mounted.
+        episodes: number of episodes after which a browser is replaced.
+    """
+
+    seconds: float = 300.0
+    seed: int = 0
+    clients: int = 10
+    slots: int = 6
+    workers: int = 2
+    faults: float = 20.0
+    hostile: float = 0.25
+    disk_bytes: int = 768 * _MIB
+    episodes: int = 20
+
+    def server(self, temporary_root: Path) -> ServerConfig:
+        """Settings of the server, with limits so tight that faults reach them soon."""
+        browser = BrowserConfig(
+            temporary_root=temporary_root,
+            execute_seconds=3,
+            navigate_seconds=6,
+            settle_seconds=3,
+            screenshot_seconds=6,
+            slot_bytes=500 * _MIB,
+            recycle_episodes=self.episodes,
+        )
+        return ServerConfig(
+            slots=self.slots,
+            allocate_seconds=20,
+            relaunch_seconds=(0.2, 2.0),
+            receive_seconds=2,
+            dead_peer_seconds=5,
+            keep_alive_seconds=5,
+            beat_seconds=0.5,
+            browser=browser.allowing("127.0.0.1"),
+        )
+
+    def fleet(self) -> GatewayConfig:
+        """Settings of the gateway, which soon gives up a worker that does not respond."""
+        return GatewayConfig(
+            workers=self.workers,
+            stop_seconds=5,
+            restart_seconds=(0.2, 2.0),
+            silent_seconds=6,
+            answer_seconds=3,
+            idle_seconds=3,
+            dead_peer_seconds=5,
+        )
+
+    def client(self, *, direct: bool) -> ClientLimits:
+        """Limits of clients. A call without a reply within them is an error, so no call hangs.
+
+        Args:
+            direct: whether clients call workers directly.
+        """
+        return ClientLimits(
+            direct=direct,
+            allocate=self.clients,
+            release=self.clients,
+            reply_seconds=60,
+            connect_seconds=5,
+            keep_alive_seconds=3,
+            dead_peer_seconds=5,
+        )
 
 
 class Target:
     """A server that can be killed and started again at the same address.
 
     Args:
-        plan: of the benchmark.
+        plan: of the soak.
         root: folder of the browsers' profiles.
-        executable: of Chromium; ``None`` searches for it.
         log: file descriptor of the server's log.
 
     Attributes:
@@ -36,11 +113,11 @@ class Target:
         opened_before: number of sessions that were opened before its last start.
     """
 
-    def __init__(self, plan: SoakPlan, root: Path, executable: Path | None, log: int) -> None:
+    def __init__(self, plan: SoakPlan, root: Path, log: int) -> None:
         self._log = log
         self.plan = plan
         self.root = root
-        self._config = plan.server(root, executable)
+        self._config = plan.server(root)
         self.url = ""
         self.token = ""
         self.opened_before = 0
@@ -121,11 +198,9 @@ class Target:
 
 
 @asynccontextmanager
-async def running_target(
-    plan: SoakPlan, root: Path, executable: Path | None, log: int
-) -> AsyncIterator[Target]:
+async def running_target(plan: SoakPlan, root: Path, log: int) -> AsyncIterator[Target]:
     """Run a server until the block ends; for the arguments see :class:`Target`."""
-    target = Target(plan, root, executable, log)
+    target = Target(plan, root, log)
     await target.start()
     try:
         yield target

@@ -1,40 +1,36 @@
-"""The whole benchmark: a server, clients, faults, and the check afterwards."""
+"""The whole soak: a server, clients, faults, and the check afterwards."""
 
 from __future__ import annotations
 
 import asyncio
-import os
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 from pathlib import Path
 
 import msgspec
+from tests.hostile import serving_hostile_pages
+from tests.soak.clients import Agent
+from tests.soak.counts import Counts
+from tests.soak.disk import Disk, small_disk
+from tests.soak.faults import Faults
+from tests.soak.leaks import Census, left_behind
+from tests.soak.target import SoakPlan, Target, running_target
 
-from webgym.bench.hostile import serving_hostile_pages
-from webgym.bench.soak.clients import Agent
-from webgym.bench.soak.counts import Counts
-from webgym.bench.soak.disk import Disk, small_disk
-from webgym.bench.soak.faults import Faults
-from webgym.bench.soak.leaks import Census, left_behind
-from webgym.bench.soak.plan import SoakPlan
-from webgym.bench.soak.target import Target, running_target
+from webgym.core.background import running_in_background
 from webgym.core.errors import ServerError
 from webgym.server.client import BrowserClient
 
 _READY_SECONDS = 120.0
 _REST_SECONDS = 90.0
 """Time limit until every slot serves again and nothing is left over; an idle machine takes a few seconds."""
-_WATCH_SECONDS = 1.0
-
-Watch = Callable[[Counts, float], None]
-"""Called every second with the counts and the elapsed seconds."""
+_REPORT_SECONDS = 10.0
 
 
 class Soak(msgspec.Struct, frozen=True):
-    """The result of the benchmark.
+    """The result of the soak.
 
     Attributes:
-        plan: of the benchmark.
+        plan: of the soak.
         counts: of sessions, errors and faults.
         before: what existed when every slot was ready, before the first client.
         after: what existed after the last client; ``None`` if the server was never idle again.
@@ -45,7 +41,7 @@ class Soak(msgspec.Struct, frozen=True):
     """
 
     plan: SoakPlan
-    counts: Counts = msgspec.field(name="books")
+    counts: Counts
     before: Census
     after: Census | None
     granted: tuple[int, int]
@@ -54,13 +50,12 @@ class Soak(msgspec.Struct, frozen=True):
     problems: list[str]
 
 
-async def soak(plan: SoakPlan, executable: Path | None, watch: Watch, log: Path = Path(os.devnull)) -> Soak:
-    """Run the benchmark.
+async def soak(plan: SoakPlan, report: Callable[[str], None], log: Path) -> Soak:
+    """Soak a server.
 
     Args:
         plan: its size.
-        executable: of Chromium; ``None`` searches for it.
-        watch: called every second.
+        report: called with a line about the progress every ten seconds.
         log: file to append the server's log to.
 
     Raises:
@@ -68,18 +63,19 @@ async def soak(plan: SoakPlan, executable: Path | None, watch: Watch, log: Path 
         ServerUnreachable: the server did not start.
     """
     with small_disk(plan.disk_bytes) as disk, log.open("ab") as log_file:
-        async with running_target(plan, disk.path, executable, log_file.fileno()) as target:
-            result = await _soak(plan, target, disk, watch)
+        async with running_target(plan, disk.path, log_file.fileno()) as target:
+            result = await _soak(plan, target, disk, report)
         result.problems.extend(left_behind(disk.path))
     return result
 
 
-async def _soak(plan: SoakPlan, target: Target, disk: Disk, watch: Watch) -> Soak:
+async def _soak(plan: SoakPlan, target: Target, disk: Disk, report: Callable[[str], None]) -> Soak:
     before, unready = await target.settled(None, _READY_SECONDS)
     if before is None or unready:
         raise ServerError(f"the server was not ready within {_READY_SECONDS:g} s: {'; '.join(unready)}")
     counts = Counts()
-    await _run_clients_and_faults(plan, target, disk, counts, watch)
+    async with running_in_background(_report(counts, report)):
+        await _run_clients_and_faults(plan, target, disk, counts)
     clock = asyncio.get_running_loop().time
     began = clock()
     await target.settled(None, _REST_SECONDS)
@@ -93,9 +89,7 @@ async def _soak(plan: SoakPlan, target: Target, disk: Disk, watch: Watch) -> Soa
     return Soak(plan, counts, before, after, granted, rest, disk.why_not, problems)
 
 
-async def _run_clients_and_faults(
-    plan: SoakPlan, target: Target, disk: Disk, counts: Counts, watch: Watch
-) -> None:
+async def _run_clients_and_faults(plan: SoakPlan, target: Target, disk: Disk, counts: Counts) -> None:
     """Run clients and faults for the planned time; then all clients close their sessions."""
     over = asyncio.Event()
     async with AsyncExitStack() as stack:
@@ -106,22 +100,19 @@ async def _run_clients_and_faults(
             )
             for direct in (True, False)
         ]
-        watching = asyncio.create_task(_call_watch(counts, watch))
-        try:
-            async with asyncio.TaskGroup() as group:
-                for number in range(plan.clients):
-                    agent = Agent(plan, counts, connections[number % 2], site, f"{plan.seed} client {number}")
-                    group.create_task(agent.run(over))
-                await Faults(target, counts, disk, f"{plan.seed} faults").run(plan.seconds)
-                over.set()
-        finally:
-            watching.cancel()
-            await asyncio.wait({watching})
+        async with asyncio.TaskGroup() as group:
+            for number in range(plan.clients):
+                agent = Agent(plan, counts, connections[number % 2], site, f"{plan.seed} client {number}")
+                group.create_task(agent.run(over))
+            await Faults(target, counts, disk, f"{plan.seed} faults").run(plan.seconds)
+            over.set()
 
 
-async def _call_watch(counts: Counts, watch: Watch) -> None:
-    clock = asyncio.get_running_loop().time
-    began = clock()
+async def _report(counts: Counts, report: Callable[[str], None]) -> None:
     while True:
-        await asyncio.sleep(_WATCH_SECONDS)
-        watch(counts, clock() - began)
+        await asyncio.sleep(_REPORT_SECONDS)
+        report(
+            f"{counts.opened} opened, {counts.closed} closed, {counts.lost.total()} lost, "
+            f"{counts.vanished} dropped, {counts.live} live; {counts.steps} steps; "
+            f"{counts.faults.total()} faults"
+        )

@@ -8,9 +8,10 @@ from collections.abc import Awaitable, Callable
 from random import Random
 from typing import TypeVar
 
-from webgym.bench.hostile import PAGES
-from webgym.bench.soak.counts import Counts
-from webgym.bench.soak.plan import SoakPlan
+from tests.hostile import PAGES
+from tests.soak.counts import Counts
+from tests.soak.target import SoakPlan
+
 from webgym.browser.document import ReadRequest
 from webgym.core.action import BrowserAction, GoBack, LeftClick, Navigate, Scroll, Target, Type, Wait
 from webgym.core.observation import Notice
@@ -31,7 +32,7 @@ class Agent:
     """Opens sessions one after the other, and makes random steps in each.
 
     Args:
-        plan: of the benchmark.
+        plan: of the soak.
         counts: to update.
         client: of the server.
         site: base URL of the hostile pages; all other paths are calm pages.

@@ -35,6 +35,7 @@ import msgspec
 import yaml
 from pydantic import Field
 
+from webgym.core.consent import remember
 from webgym.core.errors import RunFolderError, StoreCorrupt, StoreError
 from webgym.core.outcome import Outcome
 from webgym.core.settings import Settings
@@ -193,6 +194,7 @@ class RunWriter:
                 write_whole(path / TASKS, b"".join(msgspec.json.encode(task) + b"\n" for task in tasks))
                 text = yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True)
                 write_whole(path / CONFIG, text.encode())
+                remember(config, path / CONFIG)
                 sync_folder(path)
                 writer._open_logs()
             except BaseException:

@@ -23,9 +23,8 @@ from webgym.llm.config import ChatConfig, Retry, Sampling
 from webgym.offline.web import OfflineWeb
 from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
 from webgym.taskset import prompts
-from webgym.taskset.rubric_check import rubric_problem, text_problem
 from webgym.taskset.sources import SourceTask
-from webgym.taskset.writing import infer_website, rewrite, write_rubric
+from webgym.taskset.writing import infer_website, rewrite, rubric_problem, text_problem, write_rubric
 
 TENT = SourceTask(
     id="insta-v3/1",

@@ -18,7 +18,7 @@ from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping, Se
 from dataclasses import dataclass, field
 from datetime import date
 from functools import partial
-from typing import Final, Generic, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 import msgspec
 
@@ -42,7 +42,7 @@ from webgym.tasks.taxonomy import DOMAIN_OF
 from webgym.taskset.construction.accounting import TaskAccounting
 from webgym.taskset.construction.config import BuildConfig, Purpose, no_model
 from webgym.taskset.construction.progress import StageProgress
-from webgym.taskset.decompose import Capped, decompose
+from webgym.taskset.decompose import decompose
 from webgym.taskset.duplicates import drop_duplicates
 from webgym.taskset.sources import SOURCES, Skipped, SourceTask, read_source
 from webgym.taskset.sources.base import ENCRYPTED_SOURCE
@@ -52,32 +52,6 @@ WITHHELD = "plain text not asked for"
 OVER_AT_MOST = "over at_most"
 
 
-class SourceReport(msgspec.Struct, frozen=True, kw_only=True):
-    """Contents of a source, together with the paper's counts (SOURCES.md, pitfall 7).
-
-    Attributes:
-        name: of the source.
-        path: where it was read from.
-        records, tasks: number of records, and of tasks made from them.
-        websites: number of registrable domains, without those still to be inferred.
-        paper_tasks, paper_websites: counts in the paper's Table 1.
-        website_from: number of tasks by the origin of their website.
-        flags: number of tasks by flag.
-        passed_over: files without tasks, and why.
-    """
-
-    name: str
-    path: str
-    records: int
-    tasks: int
-    websites: int
-    paper_tasks: int
-    paper_websites: int
-    website_from: dict[str, int]
-    flags: dict[str, int]
-    passed_over: list[str]
-
-
 @dataclass(frozen=True)
 class Imported:
     """Contents of all sources.
@@ -85,13 +59,14 @@ class Imported:
     Attributes:
         tasks: the tasks of the build, by source in the order of the paper's Table 1.
         skipped: records that gave no task, with the names of their sources.
-        reports: one per source.
+        reports: by source, its counts beside those of the paper (SOURCES.md, pitfall 7), and its files
+            without tasks.
         test_tasks: the sources' own test tasks, also those over ``at_most``.
     """
 
     tasks: list[SourceTask]
     skipped: list[tuple[str, Skipped]]
-    reports: list[SourceReport]
+    reports: dict[str, dict[str, Any]]
     test_tasks: list[SourceTask] = field(default_factory=list)
 
 
@@ -106,7 +81,7 @@ def import_tasks(
     Raises:
         UsageError: a source cannot be read, or has no task.
     """
-    imported = Imported([], [], [])
+    imported = Imported([], [], {})
     came: Counter[str] = Counter()
     lost: Counter[tuple[str, str]] = Counter()
     with stages.stage("import", len(config.sources)) as advance:
@@ -128,20 +103,18 @@ def import_tasks(
             chosen = draw(tasks, choice.at_most, config.seed)
             lost[name, OVER_AT_MOST] = len(tasks) - len(chosen)
             imported.tasks.extend(chosen)
-            imported.reports.append(
-                SourceReport(
-                    name=name,
-                    path=choice.path,
-                    records=read.records,
-                    tasks=len(read.tasks),
-                    websites=read.websites(),
-                    paper_tasks=SOURCES[name].paper_tasks,
-                    paper_websites=SOURCES[name].paper_websites,
-                    website_from=dict(sorted(read.websites_from().items())),
-                    flags=dict(sorted(read.flags().items())),
-                    passed_over=[str(file) for file in read.passed_over],
-                )
-            )
+            imported.reports[name] = {
+                "name": name,
+                "path": choice.path,
+                "records": read.records,
+                "tasks": len(read.tasks),
+                "websites": read.websites(),
+                "paper_tasks": SOURCES[name].paper_tasks,
+                "paper_websites": SOURCES[name].paper_websites,
+                "website_from": dict(sorted(read.websites_from().items())),
+                "flags": dict(sorted(read.flags().items())),
+                "passed_over": [str(file) for file in read.passed_over],
+            }
             advance(1)
     accounting.record("import", came=came, lost=lost, left=Counter(task.source for task in imported.tasks))
     return imported
@@ -328,17 +301,17 @@ class Build:
         tasks: the finished tasks, with ``split`` set; empty while replies are pending.
         failures: tasks that failed.
         dropped: tasks that were left out on purpose.
-        capped: tasks with more subsets than the limit on derived tasks.
+        capped: number of tasks with more subsets than the limit on derived tasks.
         tallies: counts of requests, by purpose.
     """
 
     config: BuildConfig
     accounting: TaskAccounting
-    imported: Imported = field(default_factory=lambda: Imported([], [], []))
+    imported: Imported = field(default_factory=lambda: Imported([], [], {}))
     tasks: list[Task] = field(default_factory=list)
     failures: list[Failure] = field(default_factory=list)
     dropped: list[DroppedTask] = field(default_factory=list)
-    capped: list[Capped] = field(default_factory=list)
+    capped: int = 0
     tallies: dict[Purpose, Tally] = field(default_factory=dict)
 
     @property

@@ -324,10 +324,10 @@ def manifest(build: Build, today: date) -> dict[str, Any]:
         "format": _FORMAT,
         "today": today.isoformat(),
         "config": config,
-        "sources": {report.name: msgspec.to_builtins(report) for report in build.imported.reports},
+        "sources": build.imported.reports,
         "stages": stages,
         "asked": {purpose: msgspec.to_builtins(tally) for purpose, tally in build.tallies.items()},
-        "capped_parents": len(build.capped),
+        "capped_parents": build.capped,
         "tasks": _counts(build.tasks),
     }
 

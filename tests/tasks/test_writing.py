@@ -92,10 +92,7 @@ def test_the_prompts_own_example_keeps_the_rules() -> None:
 
 
 REPLY = prompts.EXAMPLE_RUBRIC
-WRITER = {
-    "rubric": prompts.for_rubric(TENT),
-    "rewriting": prompts.for_rewriting(TASK, GROUPS[:1]),
-}
+WRITER = {"rubric": prompts.for_rubric(TENT), "rewriting": prompts.for_rewriting(TASK, GROUPS[:1])}
 CRITIC = {
     "rubric": prompts.for_rubric_critic(TENT, REPLY),
     "rewriting": prompts.for_rewriting_critic(TASK, GROUPS[:1], "Find a tent."),

@@ -304,11 +304,7 @@ def _lists(build: Build) -> dict[str, Iterable[msgspec.Struct | dict[str, Any]]]
     skipped = [
         {"source": source, **msgspec.structs.asdict(record)} for source, record in build.imported.skipped
     ]
-    return {
-        FAILED: build.failures,
-        "skipped.jsonl": skipped,
-        "dropped.jsonl": build.dropped,
-    }
+    return {FAILED: build.failures, "skipped.jsonl": skipped, "dropped.jsonl": build.dropped}
 
 
 def manifest(build: Build, today: date) -> dict[str, Any]:

@@ -30,15 +30,7 @@ from webgym.taskset.sources.base import (
     Source,
 )
 from webgym.taskset.sources.dates import years
-from webgym.taskset.sources.fields import (
-    Companions,
-    Fields,
-    Unusable,
-    as_text,
-    texts,
-    unpacked,
-    website_url,
-)
+from webgym.taskset.sources.fields import Companions, Fields, Unusable, as_text, texts, unpacked, website_url
 
 Place: TypeAlias = tuple[str, str]
 """Domain and subdomain; empty if they have to be inferred."""

@@ -44,8 +44,9 @@ from webgym.taskset.construction.config import BuildConfig, Purpose, no_model
 from webgym.taskset.construction.progress import StageProgress
 from webgym.taskset.decompose import decompose
 from webgym.taskset.duplicates import drop_duplicates
-from webgym.taskset.sources import SOURCES, Skipped, SourceTask, read_source
+from webgym.taskset.sources import SOURCES, Skipped, SourceTask
 from webgym.taskset.sources.base import ENCRYPTED_SOURCE
+from webgym.taskset.sources.importing import read_source
 from webgym.taskset.writing import infer_website, rewrite, write_rubric
 
 WITHHELD = "plain text not asked for"

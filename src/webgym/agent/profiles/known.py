@@ -53,6 +53,29 @@ def _reasoning_model(name: str, pattern: str, pictures: PictureRule) -> Profile:
 
 
 PROFILES = (
+    _chat_model(
+        "gpt-4",
+        r"(chatgpt-4o|gpt-4o(?!-mini)|gpt-4\.1(?!-mini|-nano)|gpt-4-turbo)",
+        TiledScaling(base_tokens=85, tile_tokens=170),
+    ),
+    _chat_model("gpt-4o-mini", r"gpt-4o-mini", TiledScaling(base_tokens=2833, tile_tokens=5667)),
+    _chat_model("gpt-4.1-mini", r"gpt-4\.1-(mini|nano)", Patches(patch_tokens=2.46)),
+    _reasoning_model(
+        "gpt-5", r"(gpt-5(?!.*-(mini|nano))|o[13](?!-mini))", TiledScaling(base_tokens=75, tile_tokens=150)
+    ),
+    _reasoning_model("gpt-5-mini", r"(gpt-5.*-(mini|nano)|o4-mini)", Patches(patch_tokens=2.46)),
+    Profile(
+        name="qwen2.5-vl",
+        models=(
+            r"qwen2[._p-]?5[-_ ]?vl",
+            r"ui-?tars-1[._p-]5",
+            r"(^|[/:])(fara|opencua|holo1|gta1)\b",
+            r"gui-owl(?!-1[._p-]5)",
+        ),
+        pictures=MultipleOf(factor=28, min_pixels=3136, max_pixels=12845056),
+        grid="pixels",
+        sampling=PAPER_SAMPLING,
+    ),
     Profile(
         name="qwen3-vl", models=(r"qwen3[-_ ]?vl(?!.*thinking)",), pictures=_PICTURES, sampling=PAPER_SAMPLING
     ),
@@ -71,29 +94,6 @@ PROFILES = (
         sampling=PAPER_SAMPLING.model_copy(update={"max_tokens": 8192}),
         request_tokens=24576,
     ),
-    Profile(
-        name="qwen2.5-vl",
-        models=(
-            r"qwen2[._p-]?5[-_ ]?vl",
-            r"ui-?tars-1[._p-]5",
-            r"(^|[/:])(fara|opencua|holo1|gta1)\b",
-            r"gui-owl(?!-1[._p-]5)",
-        ),
-        pictures=MultipleOf(factor=28, min_pixels=3136, max_pixels=12845056),
-        grid="pixels",
-        sampling=PAPER_SAMPLING,
-    ),
-    _chat_model(
-        "gpt-4",
-        r"(chatgpt-4o|gpt-4o(?!-mini)|gpt-4\.1(?!-mini|-nano)|gpt-4-turbo)",
-        TiledScaling(base_tokens=85, tile_tokens=170),
-    ),
-    _chat_model("gpt-4o-mini", r"gpt-4o-mini", TiledScaling(base_tokens=2833, tile_tokens=5667)),
-    _chat_model("gpt-4.1-mini", r"gpt-4\.1-(mini|nano)", Patches(patch_tokens=2.46)),
-    _reasoning_model(
-        "gpt-5", r"(gpt-5(?!.*-(mini|nano))|o[13](?!-mini))", TiledScaling(base_tokens=75, tile_tokens=150)
-    ),
-    _reasoning_model("gpt-5-mini", r"(gpt-5.*-(mini|nano)|o4-mini)", Patches(patch_tokens=2.46)),
     Profile(
         name="tiny",
         models=(r"^webgym-tiny\b",),

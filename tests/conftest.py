@@ -30,6 +30,8 @@ def pytest_configure(config: pytest.Config) -> None:
     settings.load_profile("webgym")
 
 
+# What tests write is nobody else's: test_consent.py takes this away.
+os.environ.setdefault("WEBGYM_TRUST_SETTINGS", "1")
 # Nothing here comes from the hub: one that does not answer is asked for most of a minute.
 os.environ.setdefault("HF_HUB_OFFLINE", "1")
 # Threads that wait for a busy processor make tiny work a hundred times slower, also in what we start.

@@ -21,12 +21,7 @@ from webgym.core.trajectory import Revision
         ({"a": 1}, {"a": 2}, {"a": 1, "a (2)": 2}, Revision(rewritten=("a",))),
         ({"a": 1}, {"a": True}, {"a": 1, "a (2)": True}, Revision(rewritten=("a",))),
         ({"a": 1, "a (2)": 2}, {"a": 2}, {"a": 1, "a (2)": 2}, Revision()),
-        (
-            {"a": 1, "a (2)": 2},
-            {"a": 3},
-            {"a": 1, "a (2)": 2, "a (3)": 3},
-            Revision(rewritten=("a",)),
-        ),
+        ({"a": 1, "a (2)": 2}, {"a": 3}, {"a": 1, "a (2)": 2, "a (3)": 3}, Revision(rewritten=("a",))),
         ({"a": "one"}, {"a": "one, two"}, {"a": "one, two"}, Revision()),
         ({"a": "one"}, {"a": "two"}, {"a": "one", "a (2)": "two"}, Revision(rewritten=("a",))),
         ({"a": [1]}, {"a": [1, 2]}, {"a": [1, 2]}, Revision()),

@@ -189,10 +189,7 @@ async def test_tool_calls_that_the_endpoint_has_parsed_are_read(
     endpoint: Chooses, png: bytes, *, as_text: bool, content: str | None
 ) -> None:
     arguments: Any = {"action": "left_click", "coordinate": [512, 300]}
-    function = {
-        "name": "computer_use",
-        "arguments": json.dumps(arguments) if as_text else arguments,
-    }
+    function = {"name": "computer_use", "arguments": json.dumps(arguments) if as_text else arguments}
     call = {"id": "1", "type": "function", "function": function}
     message = {"role": "assistant", "content": content, "tool_calls": [call]}
     endpoint.choice = {"message": message, "finish_reason": "tool_calls"}

@@ -94,12 +94,7 @@ def test_what_is_rendered_is_read(
     memory, progress = data.draw(JSON_OBJECTS), data.draw(JSON_OBJECTS)
     intention, description = data.draw(LINES), data.draw(LINES)
     text = render_reply(
-        action,
-        prompt_format,
-        description=description,
-        memory=memory,
-        progress=progress,
-        intention=intention,
+        action, prompt_format, description=description, memory=memory, progress=progress, intention=intention
     )
     expected = (
         ParsedReply(action, memory, progress, intention, description)

@@ -147,8 +147,7 @@ FAMILIES = [("qwen3-vl", None), ("qwen3-vl", 640), ("qwen2.5-vl", None), ("qwen2
 
 @pytest.mark.browser
 @pytest.mark.parametrize(
-    ("viewport", "model", "max_side"),
-    [(VIEWPORTS[0], "qwen3-vl", None), (VIEWPORTS[1], "qwen2.5-vl", 900)],
+    ("viewport", "model", "max_side"), [(VIEWPORTS[0], "qwen3-vl", None), (VIEWPORTS[1], "qwen2.5-vl", 900)]
 )
 async def test_corners_and_middle_are_hit(
     client: BrowserClient,

@@ -331,8 +331,7 @@ def test_the_rate_of_mistakes_is_kept_and_all_kinds_occur() -> None:
 
 
 @pytest.mark.parametrize(
-    ("right", "required"),
-    [("£9", "£9"), ("09:30", "09:30"), ("Ada", "Ada"), ("10", "10")],
+    ("right", "required"), [("£9", "£9"), ("09:30", "09:30"), ("Ada", "Ada"), ("10", "10")]
 )
 def test_wrong_answers_are_wrong(right: str, required: str) -> None:
     import random

@@ -51,11 +51,7 @@ class Backend:
     """
 
     def __init__(
-        self,
-        name: str,
-        right: Sequence[Action],
-        steps: Callable[[], list[int]],
-        **options: Any,
+        self, name: str, right: Sequence[Action], steps: Callable[[], list[int]], **options: Any
     ) -> None:
         self.given: dict[str, Any] = {"name": name, "config": RunConfig(), "options": options}
         self.case = ""

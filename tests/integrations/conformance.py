@@ -42,8 +42,5 @@ async def check_in_browsers(adapt: Adapt) -> list[Told]:
     """
     given, [(first, right), (second, _)] = in_browsers()
     async with adapt(given) as adapted:
-        both = (
-            adapted.play(first, right),
-            adapted.play(second, [Scroll("down"), Answer("no idea")]),
-        )
+        both = (adapted.play(first, right), adapted.play(second, [Scroll("down"), Answer("no idea")]))
         return list(await asyncio.gather(*both))

@@ -21,11 +21,7 @@ given = {name: settings[name] for name in ("dataset", "mask_history", "template"
 data = DataArguments(dataset_dir=folder, media_dir=folder, **given)
 model = ModelArguments(model_name_or_path="none", image_max_pixels=settings["image_max_pixels"])
 rows = _get_merged_dataset(
-    ["webgym"],
-    model,
-    data,
-    TrainingArguments(output_dir=f"{folder}/out", use_cpu=True),
-    stage="sft",
+    ["webgym"], model, data, TrainingArguments(output_dir=f"{folder}/out", use_cpu=True), stage="sft"
 )
 names = ("_system", "_prompt", "_response", "_images")
 limits = {"image_max_pixels": model.image_max_pixels, "image_min_pixels": model.image_min_pixels}

@@ -122,9 +122,7 @@ async def test_rows_that_the_engine_read_otherwise_are_dropped_and_counted(tmp_p
     assert flow.dropped == {"image_tokens": 2}
 
 
-async def test_replies_of_another_distribution_may_be_evaluated_and_not_trained_on(
-    tmp_path: Path,
-) -> None:
+async def test_replies_of_another_distribution_may_be_evaluated_and_not_trained_on(tmp_path: Path) -> None:
     flow = workflow(tmp_path)
     flow.gconfig = flow.gconfig.new(top_p=0.8)
     async with flow.pool:

@@ -131,11 +131,7 @@ class PageBackend(Backend):
 def backend() -> PageBackend:
     actions: list[Action] = [Scroll("down"), Answer("right")]
     return PageBackend(
-        "webgym-test.page",
-        actions,
-        steps,
-        max_episode_steps=BUDGET,
-        task_kwargs={"wanted": "right"},
+        "webgym-test.page", actions, steps, max_episode_steps=BUDGET, task_kwargs={"wanted": "right"}
     )
 
 
@@ -214,8 +210,7 @@ def test_a_fault_is_no_reward(fault: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "action",
-    [Hover(BUTTON), Scroll("left"), LeftClick(BUTTON, ("Shift",)), LeftClick(Target(element=1))],
+    "action", [Hover(BUTTON), Scroll("left"), LeftClick(BUTTON, ("Shift",)), LeftClick(Target(element=1))]
 )
 def test_other_actions_are_refused(action: Action) -> None:
     with pytest.raises(UsageError):

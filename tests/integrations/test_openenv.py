@@ -35,10 +35,7 @@ SCROLL = WebGymAction(action={"name": "scroll", "direction": "down"})
 @asynccontextmanager
 async def served(folder: Path, **more: Any) -> AsyncIterator[tuple[str, Any]]:
     given = stand_in_pool(folder, **more)
-    async with (
-        webgym.EnvironmentPool(**given) as pool,
-        serving_sockets(create_app(pool=pool, size=4)) as url,
-    ):
+    async with webgym.EnvironmentPool(**given) as pool, serving_sockets(create_app(pool=pool, size=4)) as url:
         yield url, given["browsers"]
 
 

@@ -171,9 +171,7 @@ async def test_steps_that_do_not_hold_together_are_dropped_and_counted(tmp_path:
     assert sample.metadata["dropped"] == {"image_in_reply": 2}
 
 
-async def test_replies_of_another_distribution_may_be_evaluated_and_not_trained_on(
-    tmp_path: Path,
-) -> None:
+async def test_replies_of_another_distribution_may_be_evaluated_and_not_trained_on(tmp_path: Path) -> None:
     async with process(stand_in_pool(tmp_path)) as servers:
         _, [sample] = await generated(servers, RIGHT, "check-3", top_k=20)
         assert (sample.remove_sample, sample.metadata["dropped"]) == (True, {"altered_sampling": 2})

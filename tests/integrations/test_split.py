@@ -16,5 +16,5 @@ def test_no_default_lets_a_trainer_see_test_tasks() -> None:
         file.name: set(re.findall(r'\bsplit: [^=\n]+ = (?:[^\n]*, )?"(\w+)"\)?,?\n', file.read_text()))
         for file in Path(folder).glob("*.py")
     }
-    assert {name for name, splits in defaults.items() if splits} >= {"verifiers.py", "slime.py", "verl.py"}
+    assert {name for name, splits in defaults.items() if splits} >= {"verifiers.py", "shared.py", "verl.py"}
     assert {name for name, splits in defaults.items() if splits - {"train"}} == FOR_EVALUATION

@@ -51,11 +51,7 @@ class Server:
         self.requests.append({"id": request_id, **given})
         versions = {"min_global_steps": 6, "max_global_steps": 7}
         return TokenOutput(
-            token_ids=ids,
-            log_probs=logprobs,
-            stop_reason=self._ended,
-            num_preempted=0,
-            extra_fields=versions,
+            token_ids=ids, log_probs=logprobs, stop_reason=self._ended, num_preempted=0, extra_fields=versions
         )
 
 

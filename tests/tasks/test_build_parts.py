@@ -24,9 +24,8 @@ from webgym.core.errors import (
 )
 from webgym.llm.client import EndpointRefused
 from webgym.taskset.construction.accounting import CountMismatch, TaskAccounting
-from webgym.taskset.construction.bulk_requests import Done, Failed, Pending, ask_all
 from webgym.taskset.construction.config import PURPOSES, BuildConfig, read_config
-from webgym.taskset.construction.pipeline import draw
+from webgym.taskset.construction.pipeline import Done, Failed, Pending, ask_all, draw
 from webgym.taskset.construction.progress import StageProgress
 from webgym.taskset.sources import SourceTask
 

@@ -60,10 +60,7 @@ def test_an_instruction_and_an_address_make_a_task(tmp_path: Path) -> None:
         (b'{"id": "t9", ', "malformed|truncated"),
         (b'{"id": "t9"}', "instruction: it is missing; website: it is missing"),
         (b'{"rubric": [{"id": 1}]}', 'missing required field.*; write {"groups": .*"facts": '),
-        (
-            b'{"instructoin": 7, "website": 7}',
-            "did you mean instruction.*instruction: it is missing",
-        ),
+        (b'{"instructoin": 7, "website": 7}', "did you mean instruction.*instruction: it is missing"),
         (own(website="not a url"), "'not a url' does not name a website"),
         (own(website="file:///etc/passwd"), "not an http or https address"),
         (own(website="javascript:alert(1)"), "not an http or https address"),
@@ -76,10 +73,7 @@ def test_an_instruction_and_an_address_make_a_task(tmp_path: Path) -> None:
         (own(website="http://[fe80::1]/"), "metadata service"),
         (own(website="2852039166"), "metadata service"),
         (own(website="http://metadata.google.internal./computeMetadata"), "metadata service"),
-        (
-            own(instruction="x" * 160_000, website="x" * 9_000),
-            "160,000 characters.*website: it",
-        ),
+        (own(instruction="x" * 160_000, website="x" * 9_000), "160,000 characters.*website: it"),
         (own(id="", instruction=" "), "id: it is empty; instruction: it is empty"),
         (own(rubric={"groups": []}), "rubric: a rubric needs"),
         (own(refrence_answer="7"), "'refrence_answer'; did you mean reference_answer"),

@@ -17,13 +17,7 @@ from webgym.core.errors import TaskFileError
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.tasks.files import NEEDS_PICTURES, NO_FACTS, NONE_FACT
 from webgym.tasks.formats import read_tasks, write_tasks
-from webgym.tasks.published import (
-    DIFFICULTY_DIFFERS,
-    OLD_RUBRIC,
-    ORIGINAL_LINE,
-    line_of,
-    task_of,
-)
+from webgym.tasks.published import DIFFICULTY_DIFFERS, OLD_RUBRIC, ORIGINAL_LINE, line_of, task_of
 
 DATA = Path(__file__).parents[2].resolve().parent / "shared" / "data" / "webgym-format"
 
@@ -120,14 +114,8 @@ NOTHING: list[Any] = [
         "**",
     ),
     *("**", None, [], {}, [[]], [None], ["None"], ["", "N/A"], float("nan")),
-    [
-        {"id": 1, "description": "x", "facts": ["None"]},
-        {"id": 2, "description": "y", "facts": [""]},
-    ],
-    [
-        {"id": 1, "description": "x", "facts": None},
-        {"id": 2, "description": "y", "facts": "None"},
-    ],
+    [{"id": 1, "description": "x", "facts": ["None"]}, {"id": 2, "description": "y", "facts": [""]}],
+    [{"id": 1, "description": "x", "facts": None}, {"id": 2, "description": "y", "facts": "None"}],
     [{"id": 1, "description": "x", "facts": [" None. ", "Not applicable", "None specified", "null"]}],
     [{"description": "None", "difficulty": 0}, {"description": "", "difficulty": 0}],
     '[{"id": 1, "description": "x", "facts": ["None"]}]',

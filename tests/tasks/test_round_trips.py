@@ -32,13 +32,7 @@ CASES = Path(__file__).resolve().parents[3] / "shared" / "cases" / "training"
 def task(number: int, **changes: Any) -> Task:
     rubric = Rubric((FactGroup(1, "halls", (f"Names hall {number}", "Says how large it is")),))
     made = Task(
-        f"mine/{number}",
-        "Which hall is largest?",
-        "https://halls.example/",
-        "Misc.",
-        "News",
-        rubric,
-        "mine",
+        f"mine/{number}", "Which hall is largest?", "https://halls.example/", "Misc.", "News", rubric, "mine"
     )
     return replace(made, **changes)
 
@@ -182,21 +176,8 @@ def test_published_rows_come_back_from(tmp_path: Path, program: str, target: str
 def test_null_is_a_missing_key(tmp_path: Path) -> None:
     path = tmp_path / "mine.jsonl"
     told = {"instruction": "Look.", "website": "https://halls.example/"}
-    missing = dict.fromkeys(
-        (
-            "id",
-            "domain",
-            "subdomain",
-            "rubric",
-            "source",
-            "split",
-            "flags",
-            "extra",
-            "files",
-            "truth",
-            "notes",
-        )
-    )
+    names = "id domain subdomain rubric source split flags extra files truth notes".split()
+    missing = dict.fromkeys(names)
     path.write_text(json.dumps(told | missing) + "\n" + json.dumps(told) + "\n")
     first, second = read_tasks(path).tasks
     assert replace(second, id=first.id) == first

@@ -23,9 +23,8 @@ from webgym.llm.config import ChatConfig, Retry, Sampling
 from webgym.offline.web import OfflineWeb
 from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
 from webgym.taskset import prompts
-from webgym.taskset.rubric_check import rubric_problem, text_problem
 from webgym.taskset.sources import SourceTask
-from webgym.taskset.writing import infer_website, rewrite, write_rubric
+from webgym.taskset.writing import infer_website, rewrite, rubric_problem, text_problem, write_rubric
 
 TENT = SourceTask(
     id="insta-v3/1",
@@ -93,10 +92,7 @@ def test_the_prompts_own_example_keeps_the_rules() -> None:
 
 
 REPLY = prompts.EXAMPLE_RUBRIC
-WRITER = {
-    "rubric": prompts.for_rubric(TENT),
-    "rewriting": prompts.for_rewriting(TASK, GROUPS[:1]),
-}
+WRITER = {"rubric": prompts.for_rubric(TENT), "rewriting": prompts.for_rewriting(TASK, GROUPS[:1])}
 CRITIC = {
     "rubric": prompts.for_rubric_critic(TENT, REPLY),
     "rewriting": prompts.for_rewriting_critic(TASK, GROUPS[:1], "Find a tent."),

@@ -22,8 +22,7 @@ from webgym.core.background import is_cancelled
 from webgym.core.errors import PolicyBadReply, PolicyError
 from webgym.core.observation import Observation
 from webgym.core.task import Task
-from webgym.core.trajectory import Reply, Revision, Step, ended_by, was_cut_off
-from webgym.core.typed import refuse_untyped
+from webgym.core.trajectory import Reply, Revision, Step, ended_by, refuse_untyped, was_cut_off
 
 
 class AgentTraits(NamedTuple):

@@ -35,36 +35,22 @@ _SCREEN: dict[Mode, str] = {
     "name an element by that number.",
 }
 
-_ARGUMENT_SCHEMA: dict[str, dict[str, Any]] = {
-    "coordinate": {
-        "type": "array",
-        "items": {"type": "number", "minimum": 0},
-        "minItems": 2,
-        "maxItems": 2,
-        "description": "[x, y], the point to use: for left_click and type.",
-    },
-    "element": {
-        "type": "integer",
-        "minimum": 0,
-        "description": "The number on the element to use: for left_click and type.",
-    },
-    "text": {"type": "string", "description": "What to type, or the final answer: for type and answer."},
-    "direction": {"type": "string", "enum": ["up", "down"], "description": "For scroll."},
-    "time": {"type": "number", "minimum": 0, "description": "Seconds: for wait."},
-    "url": {"type": "string", "description": "A full http or https address: for navigate."},
+_POINT: dict[str, Any] = {
+    "type": "array",
+    "items": {"type": "number", "minimum": 0},
+    "minItems": 2,
+    "maxItems": 2,
 }
-
-_POINT = _ARGUMENT_SCHEMA["coordinate"]
-_NUMBER = _ARGUMENT_SCHEMA["element"]
+_NUMBER = {"type": "integer", "minimum": 0}
 _NAMES = {"type": "array", "items": {"type": "string"}, "minItems": 1}
-_EXTENDED_SCHEMA: dict[str, dict[str, Any]] = {
+_ARGUMENT_SCHEMA: dict[str, dict[str, Any]] = {
     "start_coordinate": _POINT | {"description": "[x, y], the point to start from"},
     "coordinate": _POINT | {"description": "[x, y], the point to use"},
     "start_element": _NUMBER | {"description": "The number on the element to start from"},
     "element": _NUMBER | {"description": "The number on the element to use"},
     "path": {
         "type": "array",
-        "items": {key: _POINT[key] for key in ("type", "items", "minItems", "maxItems")},
+        "items": _POINT,
         "maxItems": MAX_WAY_POINTS,
         "description": "[[x, y], ...], points to pass on the way",
     },
@@ -73,12 +59,12 @@ _EXTENDED_SCHEMA: dict[str, dict[str, Any]] = {
     "text": {"type": "string", "description": "What to type, or the final answer"},
     "enter": {"type": "boolean", "description": "Whether to press Enter afterwards, true by default"},
     "keys": _NAMES | {"description": 'Keys by name, as ["Control", "a"], ["ArrowDown"], ["Escape"]'},
-    "direction": {"type": "string", "enum": list(DIRECTIONS["extended"]), "description": "Where to"},
+    "direction": {"type": "string", "enum": [], "description": ""},
     "files": _NAMES | {"description": "Names of files of the task"},
     "time": {"type": "number", "minimum": 0, "description": "Seconds"},
     "url": {"type": "string", "description": "A full http or https address"},
 }
-"""Arguments of the extended space. Each description is completed with the actions that take the argument."""
+"""Each description is completed with the actions that take the argument."""
 
 _ROLE = """\
 You carry out tasks on the web for a user. You see the browser as screenshots and act with one tool, one \
@@ -192,18 +178,21 @@ def _arguments(mode: Mode, screen: Size, space: Space) -> dict[str, dict[str, An
         for field in fields_of(action, space):
             for key in keys_of(field, mode, space):
                 takers.setdefault(key, []).append(name)
-    schema = _ARGUMENT_SCHEMA if space == "paper" else _EXTENDED_SCHEMA
-    arguments = {key: schema[key] for key in schema if key in takers}
-    for key, argument in arguments.items():
-        if key.endswith("coordinate"):
-            arguments[key] = arguments[key] | _on_screen(argument, screen)
-        if key == "path":
-            arguments[key] = arguments[key] | {
-                "items": argument["items"] | _on_screen(argument["items"], screen)
-            }
-        if space == "extended":
-            purpose = f"{argument['description']}: for {', '.join(takers[key])}."
-            arguments[key] = arguments[key] | {"description": purpose}
+    arguments: dict[str, dict[str, Any]] = {}
+    for key, argument in _ARGUMENT_SCHEMA.items():
+        if key not in takers:
+            continue
+        described, joint = argument["description"], " and " if space == "paper" else ", "
+        purpose = f"for {joint.join(takers[key])}."
+        changes: dict[str, Any] = {}
+        if key == "direction":
+            changes["enum"] = list(DIRECTIONS[space])
+        elif key.endswith("coordinate"):
+            changes = _on_screen(argument, screen)
+        elif key == "path":
+            changes["items"] = argument["items"] | _on_screen(argument["items"], screen)
+        changes["description"] = f"{described}: {purpose}" if described else purpose.capitalize()
+        arguments[key] = argument | changes
     return arguments
 
 

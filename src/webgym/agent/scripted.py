@@ -1,4 +1,4 @@
-"""Policies without a model: one knows the solutions of the offline web's tasks, one acts at random.
+"""Policies by name. Without a model: one knows the solutions of the offline web's tasks, one acts at random.
 
 The first makes mistakes at a configurable rate and replaces a model in the demo, in tests and measurements;
 the second is a baseline for every other policy, and a stress test. Every reply is in the prompt format and
@@ -16,7 +16,9 @@ from typing import Any, Final, Literal, TypeAlias, get_args
 
 from webgym.agent.context import describe
 from webgym.agent.elements import TEXT_ROLES, target_of, usable
-from webgym.agent.policy import BasePolicy, PolicyInput
+from webgym.agent.openai_policy import OpenAIPolicy
+from webgym.agent.policy import BasePolicy, Policy, PolicyInput
+from webgym.agent.profile import Profile
 from webgym.agent.prompts import render_reply
 from webgym.agent.solver import Act, Solver
 from webgym.core.action import (
@@ -41,6 +43,9 @@ from webgym.core.observation import Observation
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply
 from webgym.core.truth import Choose, Click, Fill, Give, Move, See, Truth
+from webgym.llm.config import ChatConfig
+
+POLICY_NAMES: Final = ("scripted", "random", "openai")
 
 Mistake: TypeAlias = Literal[
     "wrong_answer",  # names another candidate, or another number
@@ -310,3 +315,31 @@ class RandomSession:
         words = (seen.text or seen.title).split() or ["nothing"]
         start = self._rng.randrange(len(words))
         return " ".join(words[start : start + most])
+
+
+def create_policy(
+    name: str, *, mistake_rate: float = 0.0, chat: ChatConfig | None = None, profile: Profile | None = None
+) -> Policy:
+    """The policy of this name.
+
+    Args:
+        name: one of :data:`POLICY_NAMES`.
+        mistake_rate: for ``scripted``: share of attempts with a mistake.
+        chat: for ``openai``: endpoint and model.
+        profile: for ``openai``: profile of the model family; by default chosen by the model's name.
+
+    Raises:
+        ConfigError: the policy is unknown, or ``openai`` is given no endpoint.
+    """
+    match name:
+        case "scripted":
+            return ScriptedPolicy(mistake_rate)
+        case "random":
+            return RandomPolicy()
+        case "openai":
+            if chat is None:
+                hint = "give a base URL and the model's name"
+                raise ConfigError("the openai policy does not know its endpoint", hint=hint)
+            return OpenAIPolicy(chat, profile)
+        case _:
+            raise ConfigError(f"unknown policy {name!r}", hint=f"choose one of {', '.join(POLICY_NAMES)}")

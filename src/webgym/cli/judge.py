@@ -115,14 +115,19 @@ def judge_a_run(
 
     from webgym.cli._judge_options import judge_choice, own_choice
     from webgym.cli._run import run as run_job
+    from webgym.core.consent import confirm
     from webgym.core.settings import validated
     from webgym.judge.factory import refuse_unjudgeable
     from webgym.llm.prices import Prices
     from webgym.rollout.rejudge import compare as compare_verdicts
+    from webgym.store.files import CONFIG
     from webgym.store.runs import RunReader, verdicts_of
 
     console = Console()
-    choice = judge_choice(judge, file=config, default=own_choice(RunReader(run).config))
+    reader = RunReader(run)
+    if config is None:
+        confirm(reader.config, run / CONFIG)
+    choice = judge_choice(judge, file=config, default=own_choice(reader.config))
     refuse_unjudgeable(choice, list(RunReader(run, skip_corrupt=True).tasks.values()))
     table = Prices.parse(price) if price else Prices.read(prices) if prices else Prices()
     settings = validated(RejudgeConfig, rejudge | {"again": again})

@@ -18,9 +18,8 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from webgym.compat.commands import MARKS, BadCommand, parse_command, picture
+from webgym.compat.commands import MARKS, BadCommand, Json, parse_command, picture
 from webgym.compat.instances import VIEWPORT, Instance, Instances, NoInstance
-from webgym.compat.regions import Json
 from webgym.core.errors import (
     NoCapacity,
     PageError,

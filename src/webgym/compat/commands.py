@@ -1,7 +1,9 @@
 """Translates commands of the authors' clients into actions, gestures and readings.
 
 Points are pixels of the viewport. Ids are the numbers of marks, as strings or integers. A notice of the page
-is an error if it means that the command was not carried out, and is ignored otherwise.
+is an error if it means that the command was not carried out, and is ignored otherwise. The marks on a
+screenshot have the ids of the elements, so that the clients' mapping from drawn ids to element ids is the
+identity.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from typing import Any, TypeAlias
 import msgspec
 
 from webgym.browser.chords import keys_of
-from webgym.browser.document import ReadRequest
+from webgym.browser.document import DocumentElement, ReadRequest
 from webgym.browser.gestures import (
     AnyAction,
     Choose,
@@ -25,11 +27,12 @@ from webgym.browser.gestures import (
     Wheel,
 )
 from webgym.compat.instances import VIEWPORT, Instance
-from webgym.compat.regions import Json, regions_of, screenshot_info
 from webgym.core.action import MAX_WAIT_SECONDS, Direction, GoBack, Navigate, Press, Side, Target, Wait
 from webgym.core.errors import PageError, ProtocolError
-from webgym.core.observation import NoticeKind
+from webgym.core.observation import Element, NoticeKind
 from webgym.server.client import Session
+
+Json = dict[str, Any]
 
 MARKS = "set_of_marks"
 """The ``interaction_mode`` with marks; any other mode has none."""
@@ -42,6 +45,10 @@ _UNTITLED = "Unknown Page"
 
 SLEEP_SECONDS = 60.0
 """The longest ``sleep`` that is carried out; longer ones are shortened to it."""
+
+
+_TAG_OF_ROLE = {"link": "a", "textbox": "input, type=text", "combobox": "select", "option": "option"}
+"""Tag by role, for elements in frames of another origin, which are missing when the document is read."""
 
 
 class BadCommand(ProtocolError):
@@ -232,6 +239,78 @@ _ACTION_COMMANDS = {
 }
 """``scroll_coords`` is sent by the authors' client for a scroll at a point, but supported by none of their
 servers."""
+
+
+# --- elements, as the clients take them --------------------------------------------------------------
+
+
+def regions_of(elements: Iterable[DocumentElement]) -> dict[str, Json]:
+    """Elements by id."""
+    regions: dict[str, Json] = {}
+    for element in elements:
+        tag = f"{element.tag}, type={element.type}" if element.type else element.tag
+        region = _region(tag, element.role, element.name, element.scrolls, element.boxes)
+        regions[str(element.number)] = region
+    return regions
+
+
+def screenshot_info(
+    marked: Iterable[Element], elements: Iterable[DocumentElement], viewport: tuple[int, int]
+) -> Json:
+    """The elements on a screenshot with marks, and those above and below the viewport.
+
+    Options of dropdowns always count as visible: no screenshot shows them, but they can be chosen.
+    """
+    elements = tuple(elements)
+    regions = regions_of(elements)
+    visible = []
+    for mark in marked:
+        visible.append(str(mark.number))
+        if str(mark.number) not in regions:
+            tag = _TAG_OF_ROLE.get(mark.role, mark.role)
+            regions[str(mark.number)] = _region(tag, mark.role, mark.name, False, (mark.box,))
+    shown = set(visible)
+    visible += [str(it.number) for it in elements if it.tag == "option" and str(it.number) not in shown]
+    above, below = [], []
+    width, height = viewport
+    for element in elements:
+        if str(element.number) in shown or not element.boxes:
+            continue
+        x, y, wide, tall = element.boxes[0]
+        if 0 <= x + wide / 2 < width:
+            if y + tall / 2 < 0:
+                above.append(str(element.number))
+            elif y + tall / 2 >= height:
+                below.append(str(element.number))
+    return {
+        "visible_rects": visible,
+        "rects_above": above,
+        "rects_below": below,
+        "interactive_regions": regions,
+        "id_mapping": {number: number for number in (*visible, *above, *below)},
+    }
+
+
+def _region(tag: str, role: str, name: str, scrolls: bool, boxes: Iterable[tuple[float, ...]]) -> Json:
+    return {
+        "tag_name": tag,
+        "role": role,
+        "aria_name": name,
+        "v_scrollable": scrolls,
+        "rects": [
+            {
+                "x": x,
+                "y": y,
+                "width": width,
+                "height": height,
+                "top": y,
+                "right": x + width,
+                "bottom": y + height,
+                "left": x,
+            }
+            for x, y, width, height in boxes
+        ],
+    }
 
 
 # --- commands that read -------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Background tasks: for the duration of a block, or until they end; whose cancellation it is."""
+"""Concurrent tasks: in a group, for the duration of a block, or until they end; whose cancellation it is."""
 
 from __future__ import annotations
 
@@ -43,3 +43,13 @@ class BackgroundTasks(set[asyncio.Task[None]]):
         self.add(task)
         task.add_done_callback(self.discard)
         return task
+
+
+@asynccontextmanager
+async def task_group() -> AsyncIterator[asyncio.TaskGroup]:
+    """A task group that raises the first error of its tasks instead of an exception group."""
+    try:
+        async with asyncio.TaskGroup() as group:
+            yield group
+    except ExceptionGroup as errors:
+        raise errors.exceptions[0] from errors

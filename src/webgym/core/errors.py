@@ -49,13 +49,18 @@
         ├── StoreLocked        another collector writes to this run
         └── StoreCorrupt       a record's checksum does not match
 
-Each class belongs to one boundary and :func:`webgym.core.outcome.outcome_of` turns it into one
-outcome. ``code`` names the class on the wire and in records; ``hint`` says what to do about it.
+Each class belongs to one boundary and :func:`webgym.core.outcome.outcome_of` turns it into one outcome.
+``code``, the class's name in lower case, names it on the wire and in records; ``hint`` says what to do about
+it.
 """
 
 from __future__ import annotations
 
-from typing import ClassVar
+import re
+from typing import ClassVar, Final
+
+_WORD: Final = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+"""Where a word begins in the name of a class."""
 
 
 class WebGymError(Exception):
@@ -69,6 +74,11 @@ class WebGymError(Exception):
     code: ClassVar[str] = "webgym_error"
     usual_hint: ClassVar[str] = ""
 
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if cls.__module__ == __name__:  # a class elsewhere has its base's code, unless it names its own
+            cls.code = _WORD.sub("_", cls.__name__).lower()
+
     def __init__(self, message: str, *, hint: str = "") -> None:
         super().__init__(message)
         self.message = message
@@ -81,44 +91,30 @@ class WebGymError(Exception):
 class UsageError(WebGymError):
     """What the user gave cannot be used."""
 
-    code = "usage_error"
-
 
 class ConfigError(UsageError):
     """A setting is missing or out of range."""
-
-    code = "config_error"
 
 
 class TaskFileError(UsageError):
     """A task file is missing, or holds no usable record."""
 
-    code = "task_file_error"
-
 
 class TooFewWebsites(UsageError):
     """More test tasks are asked for than there are websites to take them from."""
-
-    code = "too_few_websites"
 
 
 class NothingToDraw(UsageError):
     """A sampler is asked for tasks of a kind that the task set does not contain."""
 
-    code = "nothing_to_draw"
-
 
 class RunFolderError(UsageError):
     """A folder is not a run, or not the run that was asked for."""
-
-    code = "run_folder_error"
 
 
 class PageError(WebGymError):
     """Of a page or an action: the agent is informed, and the attempt continues, unless a probe from outside
     the session confirms that the task's own website is down (:mod:`webgym.rollout.driver`)."""
-
-    code = "page_error"
 
 
 class NavigationFailed(PageError):
@@ -128,8 +124,6 @@ class NavigationFailed(PageError):
         url: what was asked for last, redirects followed; empty if nothing was.
     """
 
-    code = "navigation_failed"
-
     def __init__(self, message: str, *, hint: str = "", url: str = "") -> None:
         super().__init__(message, hint=hint)
         self.url = url
@@ -138,7 +132,6 @@ class NavigationFailed(PageError):
 class EgressRefused(NavigationFailed):
     """The egress policy, or its limit on new connections to one host, refused the connection."""
 
-    code = "egress_refused"
     by_policy: ClassVar[str] = "refused by the egress policy"
     """The beginning of the reason, unless it was the limit."""
 
@@ -146,94 +139,67 @@ class EgressRefused(NavigationFailed):
 class ActionFailed(PageError):
     """An action could not be carried out on this page."""
 
-    code = "action_failed"
-
 
 class BrowserError(WebGymError):
     """A browser process failed."""
-
-    code = "browser_error"
 
 
 class BrowserNotFound(BrowserError):
     """There is no usable Chromium on this machine."""
 
-    code = "browser_not_found"
-
 
 class BrowserLaunchFailed(BrowserError):
     """A Chromium was found but did not start."""
-
-    code = "browser_launch_failed"
 
 
 class BrowserCrashed(BrowserError):
     """The browser process or its renderer is gone."""
 
-    code = "browser_crashed"
     usual_hint = "the session is over; open a new one"
 
 
 class BrowserOutOfMemory(BrowserCrashed):
     """The browser, or its page, exceeded its memory limit and was ended."""
 
-    code = "browser_out_of_memory"
     usual_hint = "the session is over; open a new one, or allow more with browser.slot_bytes"
 
 
 class BrowserTimeout(BrowserError):
     """The browser gave no answer within its hard deadline."""
 
-    code = "browser_timeout"
     usual_hint = "the session is over; open a new one"
 
 
 class ServerError(WebGymError):
     """The browser server, or the connection to it, failed."""
 
-    code = "server_error"
-
 
 class ServerUnreachable(ServerError):
     """Nothing answers at the server's address."""
-
-    code = "server_unreachable"
 
 
 class Unauthorized(ServerError):
     """The token is invalid or missing."""
 
-    code = "unauthorized"
-
 
 class LeaseLost(ServerError):
     """The session expired, was closed, or its slot belongs to a successor."""
-
-    code = "lease_lost"
 
 
 class WorkerLost(LeaseLost):
     """The process or the machine that held the session is gone, and the session with it."""
 
-    code = "worker_lost"
-
 
 class NoCapacity(ServerError):
     """No slot became free within the longest wait."""
-
-    code = "no_capacity"
 
 
 class TooManySessions(NoCapacity):
     """One client has reached its limit on sessions."""
 
-    code = "too_many_sessions"
-
 
 class TooManyWaiting(NoCapacity):
     """The queue for slots is full; try again later."""
-
-    code = "too_many_waiting"
 
     @classmethod
     def of(cls, count: int) -> TooManyWaiting:
@@ -244,37 +210,25 @@ class TooManyWaiting(NoCapacity):
 class ProtocolError(ServerError):
     """A request or a reply violates the protocol."""
 
-    code = "protocol_error"
-
 
 class SitesError(WebGymError):
     """The offline web, or the connection to it, failed."""
-
-    code = "sites_error"
 
 
 class LLMError(WebGymError):
     """A model's endpoint failed. The calling package turns it into a policy's or a judge's error."""
 
-    code = "llm_error"
-
 
 class LLMUnreachable(LLMError):
     """Nothing answers at the endpoint's address."""
-
-    code = "llm_unreachable"
 
 
 class LLMTimeout(LLMError):
     """The endpoint gave no complete reply within its deadline."""
 
-    code = "llm_timeout"
-
 
 class LLMBadReply(LLMError):
     """The endpoint answered with something that is not a completion."""
-
-    code = "llm_bad_reply"
 
 
 class LLMUnusable(LLMError):
@@ -284,8 +238,6 @@ class LLMUnusable(LLMError):
         reason: why the last reply was rejected.
         replies: the texts of all replies, oldest first.
     """
-
-    code = "llm_unusable"
 
     def __init__(
         self, message: str, *, hint: str = "", reason: str = "", replies: tuple[str, ...] = ()
@@ -298,51 +250,38 @@ class LLMUnusable(LLMError):
 class BudgetSpent(LLMError):
     """The next call could cost more than is left of the budget. It was not made."""
 
-    code = "budget_spent"
     usual_hint = "paid replies are cached: raise the budget and run again to continue from here"
 
 
 class NotCached(LLMError):
     """The batch that is to provide this reply has not been imported yet. The request was recorded."""
 
-    code = "not_cached"
     usual_hint = "send the batch files, and import the results"
 
 
 class CacheError(WebGymError):
     """The cache of model replies cannot be read or written."""
 
-    code = "cache_error"
-
 
 class PolicyError(WebGymError):
     """The policy, or its endpoint, failed."""
-
-    code = "policy_error"
 
 
 class PolicyUnreachable(PolicyError):
     """Nothing answers at the policy's address."""
 
-    code = "policy_unreachable"
-
 
 class PolicyTimeout(PolicyError):
     """The policy gave no complete reply within its deadline."""
-
-    code = "policy_timeout"
 
 
 class PolicyBadReply(PolicyError):
     """The policy's endpoint answered with something that is not a completion."""
 
-    code = "policy_bad_reply"
-
 
 class AttemptOverdue(WebGymError):
     """An attempt, or one step of it, exceeded its time limit, for a reason that is not known."""
 
-    code = "attempt_overdue"
     usual_hint = "attempt.longest_seconds is the limit"
 
 
@@ -350,50 +289,35 @@ class EpisodeLost(WebGymError):
     """An episode of an environment ended without a reward: it was blocked, or the environment, the policy or
     the judge failed."""
 
-    code = "episode_lost"
     usual_hint = "reset and continue; on_fault='nan' gives a reward of NaN instead"
 
 
 class JudgeError(WebGymError):
     """The judge gave no verdict."""
 
-    code = "judge_error"
-
 
 class TrainingError(WebGymError):
     """Training cannot continue, for example because the loss is NaN. Earlier checkpoints are intact."""
-
-    code = "training_error"
 
 
 class PublishError(TrainingError):
     """The policy's server did not load new weights, or replies with other ones. No such reply was used."""
 
-    code = "publish_error"
-
 
 class StoreError(WebGymError):
     """A record of the run folder cannot be written or read."""
-
-    code = "store_error"
 
 
 class StoreFull(StoreError):
     """No space is left on the device."""
 
-    code = "store_full"
-
 
 class StoreLocked(StoreError):
     """Another collector writes to this run."""
 
-    code = "store_locked"
-
 
 class StoreCorrupt(StoreError):
     """A record's checksum does not match its content."""
-
-    code = "store_corrupt"
 
 
 def _classes_by_code(cls: type[WebGymError]) -> dict[str, type[WebGymError]]:

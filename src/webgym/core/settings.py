@@ -20,6 +20,7 @@ from typing import Any, TypeVar, get_args
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
+from webgym.core.consent import confirm
 from webgym.core.errors import ConfigError, WebGymError
 
 S = TypeVar("S", bound=BaseModel)
@@ -121,7 +122,8 @@ def read_yaml(path: Path, hint: str) -> dict[str, Any]:
         hint: the error's hint for a file without settings, such as where an example is.
 
     Raises:
-        ConfigError: it cannot be read, or is not a YAML mapping.
+        ConfigError: it cannot be read, is not a YAML mapping, or is not confirmed
+            (:mod:`webgym.core.consent`).
     """
     path = _found(path)
     if path.is_char_device():  # which may never end
@@ -137,6 +139,8 @@ def read_yaml(path: Path, hint: str) -> dict[str, Any]:
         raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
     if not isinstance(data, dict):
         raise ConfigError(f"{path} contains no settings", hint=hint)
+    if path.resolve() not in {known.resolve() for known in presets().values()}:
+        confirm(data, path)
     return data
 
 

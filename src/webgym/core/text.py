@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable
 from functools import lru_cache
 from typing import Final
 
@@ -84,23 +83,3 @@ def says(folded: str, phrase: str) -> bool:
     """Whether the folded text contains ``phrase`` as whole words and whole numbers."""
     wanted = fold(phrase)
     return bool(wanted) and wanted in folded and whole_phrase(wanted).search(folded) is not None
-
-
-def mentions(folded: str, phrases: Iterable[str]) -> list[str]:
-    """The phrases that the folded text contains, folded, in order of their occurrence.
-
-    A phrase inside a longer one does not count on its own: ``"red star"`` is no mention of ``"red"``.
-    """
-    wanted = {fold(phrase) for phrase in phrases} - {""}
-    matches = sorted(
-        (match.start(), -match.end(), phrase)
-        for phrase in wanted
-        if phrase in folded
-        for match in whole_phrase(phrase).finditer(folded)
-    )
-    mentioned, end = [], 0
-    for start, minus_end, phrase in matches:
-        if start >= end:
-            mentioned.append(phrase)
-            end = -minus_end
-    return mentioned

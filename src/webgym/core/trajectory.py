@@ -240,3 +240,21 @@ class Trajectory(msgspec.Struct, frozen=True, omit_defaults=True):
     def is_judged(self) -> bool:
         """Whether the attempt has, or may yet get, a verdict: it ended regularly, and is not retried."""
         return self.episode.ending.is_regular and not self.outcome.is_retried
+
+
+def refuse_untyped(record: object, kind: type[msgspec.Struct]) -> None:
+    """Refuse a record that would not be read again: structs take values of any type.
+
+    Raises:
+        TypeError: it is of another kind, or holds what no record can.
+        ValueError: a value is of another type; the message says which.
+        OverflowError: a number is too large.
+    """
+    if not isinstance(record, kind):
+        raise TypeError(f"this is a {type(record).__name__}, not a {kind.__name__}")
+    try:
+        body = msgspec.json.encode(record)
+    except UnicodeEncodeError:  # lone surrogates are replaced where it is stored
+        msgspec.convert(msgspec.to_builtins(record), kind)
+    else:
+        msgspec.json.decode(body, type=kind)

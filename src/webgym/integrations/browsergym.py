@@ -42,8 +42,8 @@ from webgym import (
     UsageError,
     View,
     Wait,
-    WebGymError,
 )
+from webgym.integrations.shared import NoReward
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -52,12 +52,6 @@ _GRID: Final = 1000
 _LONGEST_WAIT: Final = 10.0  # seconds
 _SCROLLED: Final = 0.8
 """Scroll distance as a fraction of the viewport."""
-
-
-class NoReward(WebGymError):
-    """Browser, page or task failed, or the task gave no reward: it is neither a success nor a failure."""
-
-    code = "no_reward"
 
 
 class ClosedWhenDropped(gymnasium.Wrapper[Any, Any, Any, Any]):

@@ -35,6 +35,7 @@ from gymnasium.envs.registration import WrapperSpec
 from playwright.sync_api import Error
 
 from webgym import Episode, OfflineJudge, OfflineWeb, RunConfig, Task, WebGymError
+from webgym.integrations.shared import NoReward
 
 Collection = Literal["large", "small"]
 
@@ -64,12 +65,6 @@ _VIEW: Final = """() => {
     }
     return {text: seen.join("\\n"), title: document.title, url: location.href};
 }"""
-
-
-class NoReward(WebGymError):
-    """The website blocked the agent, or websites or judge failed: it is neither a success nor a failure."""
-
-    code = "no_reward"
 
 
 class _Sites:

@@ -11,7 +11,6 @@ whose website blocked the agent, or whose environment, policy or judge failed, i
 
 from __future__ import annotations
 
-import base64
 import math
 import uuid
 from typing import Any, Final, Literal
@@ -32,7 +31,8 @@ from inspect_ai.model import (
 from inspect_ai.scorer import Metric, SampleScore, Score, Scorer, Target, metric, scorer
 from inspect_ai.solver import Generate, Solver, TaskState, solver
 
-from webgym import EnvironmentPool, Reply, UsageError, WebGymError, task_rows
+from webgym import EnvironmentPool, Reply, task_rows
+from webgym.integrations.shared import parts, play
 
 _KEY: Final = "webgym"
 _pools: dict[str, EnvironmentPool] = {}
@@ -83,30 +83,16 @@ def web_agent(pool: str) -> Solver:
 
     async def solve(state: TaskState, generate: Generate) -> TaskState:
         del generate  # it would send the whole conversation, not the window of the history
-        result = {"outcome": "environment_error", "reward": math.nan, "why": ""}
+
+        async def ask(info: dict[str, Any]) -> Reply:
+            messages = _messages(info)
+            state.output = await get_model().generate(messages)
+            state.messages = [*messages, state.output.message]
+            return Reply(state.output.completion, "external", finish_reason=_finish_reason(state.output))
+
         async with _pools[pool].environment() as env:
-            try:
-                _, info = await env.reset(options={"task_id": str(state.sample_id)})
-            except UsageError:
-                raise
-            except WebGymError as error:
-                state.store.set(_KEY, result | {"why": error.message})
-                return state
-            reward = math.nan
-            while not info["is_over"]:
-                messages = _messages(info)
-                state.output = await get_model().generate(messages)
-                state.messages = [*messages, state.output.message]
-                reply = Reply(state.output.completion, "external", finish_reason=_finish_reason(state.output))
-                _, reward, _, _, info = await env.step(reply)
-        failure = info["failure"]
-        result = {
-            "outcome": str(info["outcome"]),
-            "reward": reward,
-            "why": failure["message"] if failure else "",
-            "answer": info["trajectory"].episode.answer or "",
-        }
-        state.store.set(_KEY, result)
+            played = await play(env, str(state.sample_id), ask)
+        state.store.set(_KEY, played._asdict())
         return state
 
     return solve
@@ -122,20 +108,12 @@ def _finish_reason(output: ModelOutput) -> str:
 def _messages(info: dict[str, Any]) -> list[ChatMessage]:
     chat: list[ChatMessage] = []
     for message in info["messages"]:
-        content: list[ContentText | ContentImage] = []
-        for part in message.content:
-            text = getattr(part, "text", None)
-            content.append(
-                ContentImage(image=_data_url(info["images"][part.screenshot]))
-                if text is None
-                else ContentText(text=text)
-            )
+        content = [
+            ContentText(text=value) if kind == "text" else ContentImage(image=value)
+            for kind, value in parts(message, info["images"])
+        ]
         chat.append(_ROLES[message.role](content=content))
     return chat
-
-
-def _data_url(image: bytes) -> str:
-    return f"data:image/png;base64,{base64.b64encode(image).decode()}"
 
 
 @metric

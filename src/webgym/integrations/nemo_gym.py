@@ -13,7 +13,6 @@ reason: ``webgym:blocked``, ``webgym:environment_error``, ``webgym:policy_error`
 
 from __future__ import annotations
 
-import base64
 import math
 from typing import Any, Literal
 
@@ -25,7 +24,8 @@ from nemo_gym.openai_utils import NeMoGymResponse, NeMoGymResponseCreateParamsNo
 from nemo_gym.server_utils import get_response_json, raise_for_status
 from pydantic import ConfigDict, PrivateAttr
 
-from webgym import EnvironmentPool, Reply, UsageError, WebGymError, task_rows
+from webgym import EnvironmentPool, Reply, UsageError, task_rows
+from webgym.integrations.shared import Ended, parts, play, text_of
 
 
 class WebGymAgentConfig(BaseResponsesAPIAgentConfig):
@@ -100,23 +100,14 @@ class WebGymAgent(SimpleResponsesAPIAgent):
             UsageError: there is no task with this id.
             aiohttp.ClientError: the model server failed; NeMo Gym counts a failed rollout without a reward.
         """
-        reward, replies = math.nan, list[NeMoGymResponse]()
+        replies = list[NeMoGymResponse]()
+
+        async def ask(info: dict[str, Any]) -> Reply:
+            replies.append(await self._ask(body, info))
+            return Reply(_text(replies[-1]), "external", finish_reason=_finish_reason(replies[-1]))
+
         async with self.pool().environment() as env:
-            try:
-                _, info = await env.reset(options={"task_id": body.task_id})
-            except UsageError:
-                raise
-            except WebGymError as error:
-                fields = {"task_id": body.task_id, "outcome": "environment_error", "steps": 0}
-                return _response(body, replies, math.nan, error.message, fields)
-            while not info["is_over"]:
-                replies.append(await self._ask(body, info))
-                _, reward, _, _, info = await env.step(
-                    Reply(_text(replies[-1]), "external", finish_reason=_finish_reason(replies[-1]))
-                )
-        why = info["failure"]["message"] if info["failure"] else "the website blocked the agent"
-        fields = {"task_id": body.task_id, "outcome": str(info["outcome"]), "steps": info["step"]}
-        return _response(body, replies, reward, why, fields)
+            return _response(body, replies, await play(env, body.task_id, ask))
 
     async def _ask(self, body: WebGymRunRequest, info: dict[str, Any]) -> NeMoGymResponse:
         messages = [_message(message, info["images"]) for message in info["messages"]]
@@ -129,11 +120,12 @@ class WebGymAgent(SimpleResponsesAPIAgent):
         return NeMoGymResponse.model_validate(await get_response_json(response))
 
 
-def _response(
-    body: WebGymRunRequest, replies: list[NeMoGymResponse], reward: float, why: str, fields: dict[str, Any]
-) -> WebGymRunResponse:
+def _response(body: WebGymRunRequest, replies: list[NeMoGymResponse], played: Ended) -> WebGymRunResponse:
+    fields: dict[str, Any] = {"task_id": body.task_id, "outcome": played.outcome, "steps": played.steps}
+    reward = played.reward
     if math.isnan(reward):  # NeMo Gym requires a number; the mask excludes it
-        fields |= {"mask_sample": True, "failure_kind": f"webgym:{fields['outcome']}", "failure_reason": why}
+        kind = f"webgym:{played.outcome}"
+        fields |= {"mask_sample": True, "failure_kind": kind, "failure_reason": played.why}
         reward = 0.0
     combined: Any = {"id": "none", "created_at": 0, "model": "none", "object": "response"}
     combined |= {"parallel_tool_calls": False, "tool_choice": "none", "tools": []}
@@ -159,16 +151,14 @@ def _text(reply: NeMoGymResponse) -> str:
 
 def _message(message: Any, images: dict[str, bytes]) -> dict[str, Any]:
     if message.role == "assistant":  # its content is only text
-        return {"role": "assistant", "content": "".join(part.text for part in message.content)}
-    return {"role": message.role, "content": [_part(part, images) for part in message.content]}
-
-
-def _part(part: Any, images: dict[str, bytes]) -> dict[str, Any]:
-    text = getattr(part, "text", None)
-    if text is not None:
-        return {"type": "input_text", "text": text}
-    url = f"data:image/png;base64,{base64.b64encode(images[part.screenshot]).decode()}"
-    return {"type": "input_image", "image_url": url, "detail": "auto"}
+        return {"role": "assistant", "content": text_of(message)}
+    content = [
+        {"type": "input_text", "text": value}
+        if kind == "text"
+        else {"type": "input_image", "image_url": value, "detail": "auto"}
+        for kind, value in parts(message, images)
+    ]
+    return {"role": message.role, "content": content}
 
 
 def nemo_gym_rows(name: str = "offline-v2", *, agent: str = "webgym", **options: Any) -> list[dict[str, Any]]:

@@ -12,9 +12,7 @@ The environment variables ``WEBGYM_TASKS`` (default ``offline-v2``) and ``WEBGYM
 
 from __future__ import annotations
 
-import base64
 import math
-import os
 import threading
 from contextlib import AsyncExitStack
 from typing import Any
@@ -22,16 +20,10 @@ from typing import Any
 from skyrl_gym.envs.base_text_env import BaseTextEnv, BaseTextEnvStepOutput
 
 from webgym import Environment, EnvironmentPool, LoopThread, UsageError, WebGymError, task_rows
+from webgym.integrations.shared import NoReward, chosen_by_environment, parts, why_none
 
 ENV_CLASS = "webgym"
 """Name of the environment in the rows of :func:`skyrl_rows`."""
-
-
-class NoReward(WebGymError):
-    """The website blocked the agent, or environment, policy or judge failed: it is neither a success nor a
-    failure."""
-
-    code = "no_reward"
 
 
 class Browsers:
@@ -61,9 +53,7 @@ def the_browsers() -> Browsers:
     global _browsers  # SkyRL creates environments by name and has no place for shared state
     with _lock:
         if _browsers is None:
-            split: Any = os.environ.get("WEBGYM_SPLIT", "train")
-            size = int(os.environ.get("WEBGYM_BROWSERS", "8"))
-            _browsers = Browsers(os.environ.get("WEBGYM_TASKS", "offline-v2"), size=size, split=split)
+            _browsers = Browsers(**chosen_by_environment())
         return _browsers
 
 
@@ -135,9 +125,7 @@ class WebGymEnv(BaseTextEnv):
             self.close()
             self._metadata = {"outcome": str(info["outcome"])}
             if math.isnan(reward):
-                failure = info["failure"]
-                why = f": {failure['message']}" if failure else ""
-                raise NoReward(f"{info['task_id']} ended as {info['outcome']}{why}")
+                raise NoReward(f"{info['task_id']} ended as {info['outcome']}: {why_none(info)}")
         return BaseTextEnvStepOutput(
             observations=[] if is_over else [_openai(info["messages"][-1], info)],
             reward=reward if is_over else 0.0,
@@ -175,12 +163,10 @@ def skyrl_rows(name: str = "offline-v2", **options: Any) -> list[dict[str, Any]]
 
 
 def _openai(message: Any, info: dict[str, Any]) -> dict[str, Any]:
-    return {"role": message.role, "content": [_part(part, info["images"]) for part in message.content]}
-
-
-def _part(part: Any, images: dict[str, bytes]) -> dict[str, Any]:
-    text = getattr(part, "text", None)
-    if text is not None:
-        return {"type": "text", "text": text}
-    url = f"data:image/png;base64,{base64.b64encode(images[part.screenshot]).decode()}"
-    return {"type": "image_url", "image_url": {"url": url}}
+    content: list[dict[str, Any]] = [
+        {"type": "text", "text": value}
+        if kind == "text"
+        else {"type": "image_url", "image_url": {"url": value}}
+        for kind, value in parts(message, info["images"])
+    ]
+    return {"role": message.role, "content": content}

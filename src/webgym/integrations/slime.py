@@ -15,14 +15,13 @@ The environment variables ``WEBGYM_TASKS`` (default ``offline-v2``) and ``WEBGYM
 
 from __future__ import annotations
 
-import base64
 import copy
-import os
 from typing import Any
 
 import aiohttp
 
 from webgym import EnvironmentPool, Renderer, Sampled, TokenRequest, TokenRollout, TokenRow, roll_out
+from webgym.integrations.shared import chosen_by_environment, data_url
 
 _pool: EnvironmentPool | None = None
 _renderers: dict[str, Renderer] = {}
@@ -32,9 +31,7 @@ def the_pool() -> EnvironmentPool:
     """The browsers of this process, created at the first call."""
     global _pool  # slime calls a function and has no place for shared state
     if _pool is None:
-        split: Any = os.environ.get("WEBGYM_SPLIT", "train")
-        size = int(os.environ.get("WEBGYM_BROWSERS", "8"))
-        _pool = EnvironmentPool(os.environ.get("WEBGYM_TASKS", "offline-v2"), size=size, split=split)
+        _pool = EnvironmentPool(**chosen_by_environment())
     return _pool
 
 
@@ -73,7 +70,7 @@ async def generate(args: Any, sample: Any, sampling_params: dict[str, Any], eval
         async def ask(request: TokenRequest) -> Sampled:
             payload = {
                 "input_ids": request.short_prompt_ids,
-                "image_data": [_data_url(image) for image in request.images],
+                "image_data": [data_url(image) for image in request.images],
                 "sampling_params": sampling_params,
                 "return_logprob": True,
             }
@@ -149,7 +146,3 @@ def _filled(sample: Any, row: TokenRow, rollout: TokenRollout, renderer: Rendere
 
 def _episode_metadata(rollout: TokenRollout) -> dict[str, Any]:
     return {"outcome": str(rollout.outcome), "dropped": dict(rollout.dropped)}
-
-
-def _data_url(image: bytes) -> str:
-    return f"data:image/png;base64,{base64.b64encode(image).decode()}"

@@ -15,7 +15,6 @@ count as a reward.
 
 from __future__ import annotations
 
-import base64
 import math
 from collections.abc import Iterator
 from typing import Any, Final, Literal
@@ -24,19 +23,13 @@ import verifiers.v1 as vf
 from openai import AsyncOpenAI
 from pydantic import Field
 
-from webgym import EnvironmentPool, Reply, RunConfig, UsageError, WebGymError, task_rows
+from webgym import EnvironmentPool, Reply, RunConfig, UsageError, task_rows
+from webgym.integrations.shared import NoReward, parts, play, text_of
 
 __all__ = ["WebGymEnv", "WebGymHarness", "WebGymTaskset"]
 
 REWARD: Final = "webgym"
 """Name of the reward, and of the entry in the trace's ``info``."""
-
-
-class NoReward(WebGymError):
-    """The website blocked the agent, or environment, policy or judge failed, or verifiers ended the episode:
-    it is neither a success nor a failure."""
-
-    code = "no_reward"
 
 
 class WebGymTasksetConfig(vf.TasksetConfig):
@@ -183,32 +176,28 @@ class WebGymEnv(vf.Env[WebGymEnvConfig]):
             agents: the agents of the episode: ``player``.
 
         Raises:
-            NoReward: the episode has no reward.
-            WebGymError: no browser was available, or the start page could not be opened.
+            NoReward: the episode has no reward, or verifiers ended it.
+            WebGymError: no browser was available.
         """
         assert self._pool is not None
-        reward = math.nan
         async with self._pool.environment() as env, agents.player.interaction(task) as interaction:
-            _, info = await env.reset(options={"task_id": task.data.id})
-            while not info["is_over"]:
+
+            async def ask(info: dict[str, Any]) -> Reply:
                 segment = await interaction.turn(_messages(info))
                 if segment.terminated:
                     error = interaction.trace.last_error
                     why = error.message if error else interaction.trace.stop_condition
                     raise NoReward(f"verifiers ended the episode after {info['step']} steps: {why}")
                 ended = _finish_reason(segment.last_reply, interaction.trace.calls[-1])
-                _, reward, _, _, info = await env.step(
-                    Reply(segment.last_reply, "external", finish_reason=ended)
-                )
-            if math.isnan(reward):
-                failure = info["failure"]
-                why = f": {failure['message']}" if failure else ""
-                raise NoReward(f"the episode ended as {info['outcome']}{why}")
+                return Reply(segment.last_reply, "external", finish_reason=ended)
+
+            played = await play(env, task.data.id, ask)
+        if math.isnan(played.reward):
+            raise NoReward(f"the episode ended as {played.outcome}: {played.why}")
         trace = interaction.trace
-        answer = info["trajectory"].episode.answer
-        trace.info[REWARD] = {"outcome": str(info["outcome"]), "answer": answer}
-        trace.record_metric("steps", info["step"])
-        trace.record_reward(REWARD, reward)
+        trace.info[REWARD] = {"outcome": played.outcome, "answer": played.answer or None}
+        trace.record_metric("steps", played.steps)
+        trace.record_reward(REWARD, played.reward)
 
 
 def _finish_reason(text: str, call: Any) -> str:
@@ -224,14 +213,11 @@ def _messages(info: dict[str, Any]) -> vf.Messages:
 
 def _message(message: Any, images: dict[str, bytes]) -> vf.Message:
     if message.role == "assistant":  # its content is only text
-        return vf.AssistantMessage(content="".join(part.text for part in message.content))
-    content = [_part(part, images) for part in message.content]
+        return vf.AssistantMessage(content=text_of(message))
+    content: list[vf.ContentPart] = [
+        vf.TextContentPart(text=value)
+        if kind == "text"
+        else vf.ImageUrlContentPart(image_url=vf.ImageUrlSource(url=value))
+        for kind, value in parts(message, images)
+    ]
     return vf.SystemMessage(content=content) if message.role == "system" else vf.UserMessage(content=content)
-
-
-def _part(part: Any, images: dict[str, bytes]) -> vf.ContentPart:
-    text = getattr(part, "text", None)
-    if text is not None:
-        return vf.TextContentPart(text=text)
-    url = f"data:image/png;base64,{base64.b64encode(images[part.screenshot]).decode()}"
-    return vf.ImageUrlContentPart(image_url=vf.ImageUrlSource(url=url))

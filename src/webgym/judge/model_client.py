@@ -9,8 +9,8 @@ from typing import Any, Final, TypeAlias, TypeVar
 
 import msgspec
 
+from webgym.core.background import task_group
 from webgym.core.errors import JudgeError, LLMError
-from webgym.core.task_group import task_group
 from webgym.core.verdict import Cost
 from webgym.judge.base import Pictures
 from webgym.judge.config import JudgeConfig, Stage

@@ -17,13 +17,11 @@ from typing import Final
 
 import msgspec
 
-from webgym.core.background import is_cancelled
+from webgym.core.background import is_cancelled, task_group
 from webgym.core.errors import JudgeError
 from webgym.core.outcome import Outcome, outcome_of
 from webgym.core.task import Task
-from webgym.core.task_group import task_group
-from webgym.core.trajectory import Episode, Failure, Trajectory
-from webgym.core.typed import refuse_untyped
+from webgym.core.trajectory import Episode, Failure, Trajectory, refuse_untyped
 from webgym.core.verdict import Verdict
 from webgym.judge.base import Judge, Pictures
 from webgym.llm.health import collect_cut_off

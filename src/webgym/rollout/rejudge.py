@@ -15,10 +15,10 @@ from pathlib import Path
 
 from pydantic import Field
 
+from webgym.core.background import task_group
 from webgym.core.errors import JudgeError
 from webgym.core.outcome import Outcome
 from webgym.core.settings import Settings
-from webgym.core.task_group import task_group
 from webgym.core.verdict import Cost, Verdict
 from webgym.judge.base import Judge
 from webgym.rollout.judging import judge_episode

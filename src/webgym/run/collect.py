@@ -31,10 +31,10 @@ from typing import Any, TypeAlias
 import msgspec
 
 from webgym.agent.agent import Agent
-from webgym.agent.factory import POLICY_NAMES, create_policy
 from webgym.agent.openai_policy import OpenAIPolicy
 from webgym.agent.policy import Policy
 from webgym.agent.preflight import check_policy
+from webgym.agent.scripted import POLICY_NAMES, create_policy
 from webgym.core.calls import CallQueue, call_queues
 from webgym.core.errors import RunFolderError
 from webgym.core.outcome import Outcome

@@ -16,6 +16,7 @@ from webgym.agent.policy import Policy
 from webgym.agent.profile import Profile
 from webgym.agent.profiles import choose_profile, profile_of
 from webgym.browser.config import BrowserConfig
+from webgym.core.consent import confirm
 from webgym.core.errors import ConfigError, RunFolderError
 from webgym.core.settings import Settings, set_values, validated
 from webgym.judge.config import JudgeChoice
@@ -25,6 +26,7 @@ from webgym.rollout.blocklist import BlocklistConfig
 from webgym.rollout.config import AttemptConfig, CollectorConfig
 from webgym.rollout.trackers import TrackerName
 from webgym.server.config import ClientLimits, Queues
+from webgym.store.files import CONFIG
 from webgym.store.runs import RunReader
 from webgym.tasks.selection import Selection
 
@@ -270,6 +272,7 @@ def read_config(reader: RunReader) -> tuple[RunConfig, str]:
 
     Raises:
         RunFolderError: ``config.yaml`` is not valid for this version.
+        ConfigError: nobody has confirmed what it names (:mod:`webgym.core.consent`).
     """
     data = dict(reader.config)
     run_id = str(data.pop("run_id", ""))
@@ -282,6 +285,7 @@ def read_config(reader: RunReader) -> tuple[RunConfig, str]:
         "merged_runs",
     ):
         data.pop(stamp, None)
+    confirm(reader.config, reader.path / CONFIG)
     return validated(RunConfig, data, f"{reader.path}/config.yaml", failure=RunFolderError), run_id
 
 

@@ -34,6 +34,7 @@ from typing import Any, Self, TypeVar
 import msgspec
 import yaml
 
+from webgym.core.consent import remember
 from webgym.core.errors import RunFolderError, StoreCorrupt, StoreError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
@@ -185,6 +186,7 @@ class RunWriter:
                 write_whole(path / TASKS, b"".join(msgspec.json.encode(task) + b"\n" for task in tasks))
                 text = yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True)
                 write_whole(path / CONFIG, text.encode())
+                remember(config, path / CONFIG)
                 sync_folder(path)
                 writer._open_logs()
             except BaseException:

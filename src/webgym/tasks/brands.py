@@ -26,63 +26,21 @@ When in doubt it merges: a website missing from training does less harm than a t
 
 from __future__ import annotations
 
+import tomllib
 from functools import cache, lru_cache
+from pathlib import Path
 from typing import Final
 
 from publicsuffixlist import PublicSuffixList
 
 from webgym.core.websites import site_of
 
-SHORT_BRANDS: Final = frozenset(
-    "3m abb adp aon axa bbc bmw bp cnn dhl dsw epa ey gap ge h-m hm hp ibm ing jll kfc kia lg mac mtv"
-    " nec o2 obi olx pwc qvc sap sas tcl tnt tui ubs ups uss vw wmf".split()
-)
-"""Labels of up to three characters that one company has in many countries. Longer ones need not be listed."""
-
-THINGS: Final = frozenset(
-    """
-    academy admin agency airport airports apartments apps archive arts auction auctions auto autos baby
-    bank bazaar beauty best bikes blog blogs board boats books business calendar camping career careers
-    cars casino cats catalog cinema city classifieds clinic cloud club coffee college community compare
-    contact cooking coupons courses craft crafts credit data dating deals delivery dentist design
-    dictionary diet directory docs doctor doctors dogs domain domains download earth education electric
-    email energy engineering events expert experts express fashion film films finance find fishing
-    fitness flights flowers food football forum forums free furniture gallery games garden gardening
-    gifts global golf government green group guide hair health help herald hiking history home homes
-    hospital hotel hotels house housing image images independent info insider institute insurance
-    international internet invest investing jewelry jobs journal kids kitchen land laptops law lawyer
-    lawyers learn learning legal library life list live living loans local love luxury magazine mail
-    maps market marketplace markets math media medical metro mirror mobile models money mortgage motors
-    movie movies museum music national nature network news nursing office online outdoor parents parking
-    parks parliament parts people pets pharmacy phone phones photo photos pizza play podcast podcasts
-    poetry police portal post posters press price prices property public radio realestate recipe recipes
-    records rent rental rentals research restaurant restaurants reviews running sale sales school
-    schools science search security seeds service services shoes shop shopping shops skiing smart social
-    software solar songs space sport sports standard star store stores student students studio style
-    support surf talk target tax taxi teach team tech technology telegraph theater theatre tickets time
-    times tools tour tourism tours toys trade trading train trains training transport travel tribune
-    tutorials university used vacation vacations video videos visit voice watch watches water weather
-    wedding weddings wiki wine wines women work world yoga
-    """.split()
-)
-"""Labels that are common words, which have unrelated owners in several countries: ``target``, ``express``,
-``metro``, ``independent``, ``domain`` and the like."""
-
-SAME: Final = {
-    # URL shorteners of a brand, and its former or additional names.
-    "a.co": "amazon.*",
-    "amzn.com": "amazon.*",
-    "amzn.eu": "amazon.*",
-    "amzn.to": "amazon.*",
-    "fb.com": "facebook.*",
-    "go.com": "espn.*",  # espn.go.com; also abc.go.com
-    "guardian.co.uk": "theguardian.*",
-    "instagr.am": "instagram.*",
-    "t.co": "twitter.*",
-    "wa.me": "whatsapp.*",
-    "x.com": "twitter.*",
-    "youtu.be": "youtube.*",
-}
+_LISTS: Final = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+SHORT_BRANDS: Final = frozenset(_LISTS["short"].split())
+"""Labels of up to three characters that one company has in many countries."""
+THINGS: Final = frozenset(_LISTS["things"].split())
+"""Labels that are common words, which have unrelated owners in several countries."""
+SAME: Final[dict[str, str]] = _LISTS["same"]
 """Websites of a brand under another label, and that brand."""
 
 _INSTITUTIONS: Final = frozenset("arpa edu gov int mil museum".split())

@@ -20,7 +20,7 @@ import hashlib
 import heapq
 import re
 from collections import Counter, defaultdict, deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal, Protocol, TypeAlias
@@ -33,7 +33,6 @@ from webgym.core.settings import Settings
 from webgym.core.task import Task
 from webgym.core.websites import site_or_text
 from webgym.tasks.brands import brand_of, brand_or_text
-from webgym.tasks.families import Member, inherited, roots_of
 from webgym.tasks.files import gc_paused
 
 WhyLeftOut: TypeAlias = Literal["test website", "test family", "names a test website", "no website"]
@@ -89,6 +88,18 @@ class Split:
     def of_domain(self, domain: str) -> int:
         """Number of test tasks of a domain."""
         return sum(count for pair, count in self.test.items() if pair[1] == domain)
+
+
+class Member(Protocol):
+    """A task of any type, with what its family depends on."""
+
+    @property
+    def id(self) -> str:
+        """Its id."""
+
+    @property
+    def parent_id(self) -> str | None:
+        """The id of the task that it was derived from."""
 
 
 class HeldOut(Member, Protocol):
@@ -251,6 +262,52 @@ def _all_sites(task: Task) -> set[str]:
     """The brands of all websites that a task is about."""
     others = () if task.truth is None else map(brand_or_text, task.truth.hosts)
     return {site for site in (_site(task), *others) if site is not None}
+
+
+# --- families: an original task and all tasks derived from it ---------------------------------------------
+
+
+def roots_of(tasks: Iterable[Member]) -> dict[str, str]:
+    """The id of the first ancestor of every derived task, by id; other tasks are their own root.
+
+    A parent need not be among the tasks. Of tasks that are each other's ancestors, as in a broken file, the
+    smallest id is the root.
+    """
+    parents = {task.id: task.parent_id for task in tasks if task.parent_id is not None}
+    roots: dict[str, str] = {}
+    for start in parents:
+        trail: list[str] = []
+        ancestor = start
+        while ancestor in parents and ancestor not in roots and ancestor not in trail:
+            trail.append(ancestor)
+            ancestor = parents[ancestor]
+        root = min(trail[trail.index(ancestor) :]) if ancestor in trail else roots.get(ancestor, ancestor)
+        for descendant in trail:
+            roots[descendant] = root
+    return roots
+
+
+def inherited(tasks: Iterable[Task], values: Mapping[str, str]) -> dict[str, str]:
+    """The value of every task that has one or whose ancestor has one, by id: its own, else the nearest
+    ancestor's.
+
+    Args:
+        tasks: ancestors are looked for among these.
+        values: by id.
+    """
+    parents = {task.id: task.parent_id for task in tasks if task.parent_id is not None}
+    found: dict[str, str | None] = dict(values)
+    for start in parents:
+        trail: dict[str, None] = {}
+        ancestor = start
+        while ancestor in parents and ancestor not in found and ancestor not in trail:
+            trail[ancestor] = None
+            ancestor = parents[ancestor]
+        found |= dict.fromkeys(trail, found.get(ancestor))
+    return {id: value for id, value in found.items() if value is not None}
+
+
+# --- websites ---------------------------------------------------------------------------------------------
 
 
 _ADDRESS = re.compile(r"(?<![\w@.-])(?:[^\W_](?:[\w-]*[^\W_])?\.)+(?:xn--[\w-]+|[^\W\d_]{2,})(?![\w-])")

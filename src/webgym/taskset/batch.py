@@ -318,11 +318,7 @@ def _import_line(connection: sqlite3.Connection, data: bytes, prices: Prices) ->
         return str(error)
     purpose, model, request_body = row or ("batch", completion.model, b"")
     call = prices.call(
-        purpose,
-        model,
-        completion,
-        lambda: count_text(request_body.decode()),
-        batch=line.id or line.custom_id,
+        purpose, model, completion, lambda: count_text(request_body.decode()), batch=line.id or line.custom_id
     )
     is_new = insert(connection, key, CachedReply(body, 0.0), call)
     connection.execute("delete from noted where key = ?", [key])

@@ -41,26 +41,11 @@ class DecompositionLimits(Settings):
 
 
 @dataclass(frozen=True, slots=True)
-class Capped:
-    """A task from which fewer tasks were derived than possible, because of a limit.
-
-    Attributes:
-        id: of the task.
-        possible: number of tasks that Algorithm 1 derives.
-        taken: number of tasks that were derived.
-    """
-
-    id: str
-    possible: int
-    taken: int
-
-
-@dataclass(frozen=True, slots=True)
 class Decomposition:
-    """The tasks derived from a list of tasks, and the parents that a limit applied to."""
+    """The tasks derived from a list of tasks, and the number of parents that a limit applied to."""
 
     derived: list[Task]
-    capped: list[Capped]
+    capped: int
 
 
 def possible(rubric: Rubric) -> int:
@@ -97,17 +82,16 @@ def derive(task: Task, limits: DecompositionLimits | None = None) -> list[Task]:
 
 
 def decompose(tasks: Iterable[Task], limits: DecompositionLimits | None = None) -> Decomposition:
-    """:func:`derive` for many tasks; also lists the parents that a limit applied to."""
+    """:func:`derive` for many tasks; also counts the parents that a limit applied to."""
     limits = limits or _DEFAULT_LIMITS
     derived: list[Task] = []
-    capped: list[Capped] = []
+    capped = 0
     for task in tasks:
         if len(task.rubric.groups) < 2 or task.parent_id is not None:
             continue
         children = derive(task, limits)
         derived += children
-        if (count := possible(task.rubric)) > len(children):
-            capped.append(Capped(task.id, count, len(children)))
+        capped += possible(task.rubric) > len(children)
     return Decomposition(derived, capped)
 
 

@@ -30,8 +30,8 @@ from typing import Final, Generic, Literal, TypeAlias, TypeVar
 from webgym.core.settings import Settings
 from webgym.core.task import Task
 from webgym.core.websites import site_or_text
-from webgym.tasks.families import roots_of
 from webgym.tasks.files import gc_paused
+from webgym.tasks.split import roots_of
 from webgym.taskset.decompose import SYNTHETIC
 from webgym.taskset.sources.base import SourceTask
 

@@ -31,11 +31,11 @@ from webgym.browser.config import BrowserConfig
 from webgym.browser.find import find_browser
 from webgym.browser.slot import Slot
 from webgym.core.action import Action, Answer, BrowserAction, LeftClick, Mode, Scroll
+from webgym.core.background import task_group
 from webgym.core.errors import BrowserError, StoreCorrupt, StoreLocked, WebGymError
 from webgym.core.observation import Observation, Probed
 from webgym.core.outcome import Ending, Outcome
 from webgym.core.task import Task
-from webgym.core.task_group import task_group
 from webgym.core.trajectory import Episode, Reply, Step, Trajectory
 from webgym.judge.offline import OfflineJudge
 from webgym.offline.app import SitesClient, serving

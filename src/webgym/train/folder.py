@@ -29,6 +29,7 @@ from typing import Any
 
 import msgspec
 
+from webgym.core.consent import remember
 from webgym.core.errors import RunFolderError
 from webgym.core.task import Task
 from webgym.store.files import (
@@ -147,6 +148,7 @@ class TrainingFolder:
         with disk_errors(f"making {self.path}"):
             text = yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True)
             write_whole(self.path / CONFIG, text.encode())
+        remember(config, self.path / CONFIG)
 
     @contextmanager
     def locked(self) -> Iterator[None]:

@@ -20,6 +20,7 @@ import yaml
 from webgym.agent.agent import Agent
 from webgym.agent.preflight import check_policy
 from webgym.agent.profiles import choose_profile
+from webgym.core.consent import confirm
 from webgym.core.errors import ConfigError, RunFolderError
 from webgym.core.settings import load_settings, validated
 from webgym.inference.local import LocalConfig
@@ -245,6 +246,7 @@ def read_config(out: Path) -> TrainConfig:
         raise RunFolderError(
             f"{out} is not a training: it has no {CONFIG}", hint="give the folder that webgym train wrote"
         ) from error
+    confirm(data or {}, out / CONFIG)
     return validated(TrainConfig, data, f"{out}/{CONFIG}", failure=RunFolderError)
 
 

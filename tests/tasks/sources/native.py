@@ -257,12 +257,7 @@ def browsecomp(question: str, answer: str, canary: str = "a canary", topic: str 
         key = digest * (len(data) // len(digest) + 1)
         return base64.b64encode(bytes(a ^ b for a, b in zip(data, key, strict=False))).decode()
 
-    return {
-        "problem": encrypt(question),
-        "answer": encrypt(answer),
-        "problem_topic": topic,
-        "canary": canary,
-    }
+    return {"problem": encrypt(question), "answer": encrypt(answer), "problem_topic": topic, "canary": canary}
 
 
 BROWSECOMP = [

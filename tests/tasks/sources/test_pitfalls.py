@@ -234,13 +234,11 @@ LATER = date(2026, 11, 29)
 @pytest.mark.parametrize(
     "text",
     [
-        *("2025年7月9日の宿", "2025년 7월 9일 숙소", "2026年3月の便", "我想看2023年的销量", "2023년 매출"),
-        *("2024. 3. 3. 출발", "٢٠٢٤/٣/٣", "२०२४ में", "ปี2023", "２０２４年５月"),
-        *("FY2022 costs", "costs of FY24", "FY'25", "in 2025Q3"),
-        *("on 11/28/26", "am 28.11.26", "28/11/26", "in '24: 5/6/24", "on 3/4/98"),
+        *("2025年7月9日の宿", "2025년 7월 9일 숙소", "我想看2023年的销量", "2023년 매출", "２０２４年５月"),
+        *("2024. 3. 3. 출발", "٢٠٢٤/٣/٣", "२०२४ में", "ปี2023"),
     ],
 )
-def test_a_date_that_has_passed_is_seen_in_any_script_and_short_forms(text: str) -> None:
+def test_a_date_that_has_passed_is_seen_in_any_script(text: str) -> None:
     assert contains_past_date(text, LATER)
 
 
@@ -248,9 +246,8 @@ def test_a_date_that_has_passed_is_seen_in_any_script_and_short_forms(text: str)
     "text",
     [
         *("2026年12月3日の便", "2026年12月の便", "2027年の売上", "我想看2026年的销量", "2026. 12. 3. 출발"),
-        *("2000円", "1990人が", "2000元 laptop", "GTX1999", "FY2026 costs", "FY26", "FY30"),
-        *("on 11/30/26", "am 30.11.26", "on 12/01/26", "13/13/13"),
-        *("version 3.10.12", "release 1.2.19", "call 555-20-10-15"),
+        *("2000円", "1990人が", "2000元 laptop", "GTX1999", "$2000"),
+        *("version 3.10.12", "release 1.2.19", "call 555-20-10-15", "UNS A92024"),
     ],
 )
 def test_what_is_to_come_or_no_date_is_not(text: str) -> None:

@@ -109,9 +109,6 @@ def test_mind2web_2() -> None:
 
 def test_the_published_sets_samples() -> None:
     first, second = read("webgym", "webgym-format").tasks
-    assert (set(first.flags), set(second.flags)) == (
-        {DIFFICULTY_DIFFERS},
-        {NONE_FACT},
-    )
+    assert (set(first.flags), set(second.flags)) == ({DIFFICULTY_DIFFERS}, {NONE_FACT})
     assert first.rubric is not None
     assert first.rubric.difficulty == 3

@@ -176,7 +176,7 @@ def test_browsecomp_is_decrypted_and_says_so(tmp_path: Path) -> None:
 
 
 def test_browsecomps_test_vector() -> None:
-    from webgym.taskset.sources.web_search import decrypt
+    from webgym.taskset.sources.benchmarks import decrypt
 
     cipher = (
         "hkZGQrfhIUXkfQlvcAtpqhjMNOTOrNrpSHdRXHqI9A6wDlda9uE8EbMuT3A8TGmsvhFi9Yau1a//thEO7HFNWqZBB1Tu/DcW"

@@ -1,6 +1,6 @@
-"""The families of models that are known by name, a file each.
+"""The families of models that are known by name.
 
-A file of this folder that has ``PROFILES``, a tuple of :class:`~webgym.agent.profile.Profile`, is a family.
+A file of this folder that has ``PROFILES``, a tuple of :class:`~webgym.agent.profile.Profile`, adds families.
 Nothing else needs to know of it. ``docs/agent.md`` shows a whole one.
 """
 

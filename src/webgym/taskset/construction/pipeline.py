@@ -11,61 +11,46 @@ are removed before rubrics are requested, those among derived tasks once their t
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 from collections import Counter
-from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date
 from functools import partial
-from typing import TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 import msgspec
 
-from webgym.core.errors import TaskFileError, TooFewWebsites
+from webgym.core.errors import (
+    BudgetSpent,
+    CacheError,
+    LLMError,
+    LLMUnreachable,
+    LLMUnusable,
+    NotCached,
+    TaskFileError,
+    TooFewWebsites,
+)
 from webgym.core.task import Rubric, Task
 from webgym.core.websites import site_of
+from webgym.llm.client import EndpointRefused
 from webgym.llm.completion import Completes
 from webgym.tasks.published import DIFFICULTY_DIFFERS
 from webgym.tasks.split import split
 from webgym.tasks.taxonomy import DOMAIN_OF
 from webgym.taskset.construction.accounting import TaskAccounting
-from webgym.taskset.construction.bulk_requests import Done, Failed, Pending, ask_all
 from webgym.taskset.construction.config import BuildConfig, Purpose, no_model
 from webgym.taskset.construction.progress import StageProgress
-from webgym.taskset.decompose import Capped, decompose
+from webgym.taskset.decompose import decompose
 from webgym.taskset.duplicates import drop_duplicates
-from webgym.taskset.sources import SOURCES, Skipped, SourceTask, read_source
+from webgym.taskset.sources import SOURCES, Skipped, SourceTask
 from webgym.taskset.sources.base import ENCRYPTED_SOURCE
+from webgym.taskset.sources.importing import read_source
 from webgym.taskset.writing import infer_website, rewrite, write_rubric
 
 WITHHELD = "plain text not asked for"
 OVER_AT_MOST = "over at_most"
-
-
-class SourceReport(msgspec.Struct, frozen=True, kw_only=True):
-    """Contents of a source, together with the paper's counts (SOURCES.md, pitfall 7).
-
-    Attributes:
-        name: of the source.
-        path: where it was read from.
-        records, tasks: number of records, and of tasks made from them.
-        websites: number of registrable domains, without those still to be inferred.
-        paper_tasks, paper_websites: counts in the paper's Table 1.
-        website_from: number of tasks by the origin of their website.
-        flags: number of tasks by flag.
-        passed_over: files without tasks, and why.
-    """
-
-    name: str
-    path: str
-    records: int
-    tasks: int
-    websites: int
-    paper_tasks: int
-    paper_websites: int
-    website_from: dict[str, int]
-    flags: dict[str, int]
-    passed_over: list[str]
 
 
 @dataclass(frozen=True)
@@ -75,13 +60,14 @@ class Imported:
     Attributes:
         tasks: the tasks of the build, by source in the order of the paper's Table 1.
         skipped: records that gave no task, with the names of their sources.
-        reports: one per source.
+        reports: by source, its counts beside those of the paper (SOURCES.md, pitfall 7), and its files
+            without tasks.
         test_tasks: the sources' own test tasks, also those over ``at_most``.
     """
 
     tasks: list[SourceTask]
     skipped: list[tuple[str, Skipped]]
-    reports: list[SourceReport]
+    reports: dict[str, dict[str, Any]]
     test_tasks: list[SourceTask] = field(default_factory=list)
 
 
@@ -96,7 +82,7 @@ def import_tasks(
     Raises:
         UsageError: a source cannot be read, or has no task.
     """
-    imported = Imported([], [], [])
+    imported = Imported([], [], {})
     came: Counter[str] = Counter()
     lost: Counter[tuple[str, str]] = Counter()
     with stages.stage("import", len(config.sources)) as advance:
@@ -118,20 +104,18 @@ def import_tasks(
             chosen = draw(tasks, choice.at_most, config.seed)
             lost[name, OVER_AT_MOST] = len(tasks) - len(chosen)
             imported.tasks.extend(chosen)
-            imported.reports.append(
-                SourceReport(
-                    name=name,
-                    path=choice.path,
-                    records=read.records,
-                    tasks=len(read.tasks),
-                    websites=read.websites(),
-                    paper_tasks=SOURCES[name].paper_tasks,
-                    paper_websites=SOURCES[name].paper_websites,
-                    website_from=dict(sorted(read.websites_from().items())),
-                    flags=dict(sorted(read.flags().items())),
-                    passed_over=[str(file) for file in read.passed_over],
-                )
-            )
+            imported.reports[name] = {
+                "name": name,
+                "path": choice.path,
+                "records": read.records,
+                "tasks": len(read.tasks),
+                "websites": read.websites(),
+                "paper_tasks": SOURCES[name].paper_tasks,
+                "paper_websites": SOURCES[name].paper_websites,
+                "website_from": dict(sorted(read.websites_from().items())),
+                "flags": dict(sorted(read.flags().items())),
+                "passed_over": [str(file) for file in read.passed_over],
+            }
             advance(1)
     accounting.record("import", came=came, lost=lost, left=Counter(task.source for task in imported.tasks))
     return imported
@@ -151,7 +135,110 @@ def draw(tasks: list[SourceTask], at_most: int | None, seed: int) -> list[Source
 
 
 T = TypeVar("T", SourceTask, Task)
+Item = TypeVar("Item")
 R = TypeVar("R")
+
+_PERMANENT_FAILURES: Final = frozenset({401, 402, 403, 404, 405})
+"""HTTP statuses that every further request would get, too."""
+
+
+class Done(msgspec.Struct, Generic[R], frozen=True):
+    """The result of a request."""
+
+    value: R
+
+
+class Failed(msgspec.Struct, frozen=True):
+    """A failed request.
+
+    Attributes:
+        reason: why, in one line.
+        replies: the model's unusable replies, if any.
+        may_pass: whether the endpoint failed rather than the model, so that another run may succeed.
+    """
+
+    reason: str
+    replies: tuple[str, ...] = ()
+    may_pass: bool = False
+
+
+class Pending(msgspec.Struct, frozen=True):
+    """A request without a reply yet: it will come from a batch, or from a run without ``--dry-run``."""
+
+
+async def ask_all(
+    items: Sequence[Item],
+    ask: Callable[[Item], Awaitable[R]],
+    *,
+    workers: int,
+    failures_in_a_row: int,
+    advance: Callable[[], None],
+) -> list[Done[R] | Failed | Pending]:
+    """Send a request for each item.
+
+    Args:
+        items: what to ask about.
+        ask: sends the request for one item and returns its result.
+        workers: number of concurrent requests.
+        failures_in_a_row: number of consecutive failures of the endpoint after which no more requests are
+            sent.
+        advance: called after each item.
+
+    Returns:
+        The results, in the order of the items.
+
+    Raises:
+        BudgetSpent: the budget is spent. Requests in flight are awaited first, so that their replies are
+            kept.
+        LLMError: the endpoint cannot be used at all, or failed too often in a row.
+        CacheError: replies cannot be stored.
+    """
+    results: list[Done[R] | Failed | Pending] = [Pending()] * len(items)
+    work = iter(range(len(items)))
+    stop = _Stop(failures_in_a_row)
+
+    async def worker(indices: Iterator[int]) -> None:
+        for index in indices:
+            if stop.reason is not None:
+                return
+            try:
+                results[index] = Done(await ask(items[index]))
+                stop.reply()
+            except NotCached:
+                results[index] = Pending()
+            except LLMUnusable as error:
+                results[index] = Failed(error.reason or error.message, error.replies)
+                stop.reply()
+            except (LLMError, CacheError) as error:
+                stop.failure(error)
+                results[index] = Failed(error.message, may_pass=True)
+            advance()
+
+    async with asyncio.TaskGroup() as group:
+        for _ in range(min(workers, len(items))):
+            group.create_task(worker(work))
+    if stop.reason is not None:
+        raise stop.reason
+    return results
+
+
+class _Stop:
+    """Decides by the failures so far whether to stop; ``reason`` is then set."""
+
+    def __init__(self, most_in_a_row: int) -> None:
+        self.reason: LLMError | CacheError | None = None
+        self._most = most_in_a_row
+        self._in_a_row = 0
+
+    def reply(self) -> None:
+        self._in_a_row = 0
+
+    def failure(self, error: LLMError | CacheError) -> None:
+        self._in_a_row += 1
+        is_permanent = isinstance(error, EndpointRefused) and error.status in _PERMANENT_FAILURES
+        is_final = isinstance(error, BudgetSpent | CacheError | LLMUnreachable) or is_permanent
+        if self.reason is None and (is_final or self._in_a_row >= self._most):
+            self.reason = error
 
 
 class Failure(msgspec.Struct, frozen=True, kw_only=True):
@@ -215,17 +302,17 @@ class Build:
         tasks: the finished tasks, with ``split`` set; empty while replies are pending.
         failures: tasks that failed.
         dropped: tasks that were left out on purpose.
-        capped: tasks with more subsets than the limit on derived tasks.
+        capped: number of tasks with more subsets than the limit on derived tasks.
         tallies: counts of requests, by purpose.
     """
 
     config: BuildConfig
     accounting: TaskAccounting
-    imported: Imported = field(default_factory=lambda: Imported([], [], []))
+    imported: Imported = field(default_factory=lambda: Imported([], [], {}))
     tasks: list[Task] = field(default_factory=list)
     failures: list[Failure] = field(default_factory=list)
     dropped: list[DroppedTask] = field(default_factory=list)
-    capped: list[Capped] = field(default_factory=list)
+    capped: int = 0
     tallies: dict[Purpose, Tally] = field(default_factory=dict)
 
     @property

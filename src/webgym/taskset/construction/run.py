@@ -304,11 +304,7 @@ def _lists(build: Build) -> dict[str, Iterable[msgspec.Struct | dict[str, Any]]]
     skipped = [
         {"source": source, **msgspec.structs.asdict(record)} for source, record in build.imported.skipped
     ]
-    return {
-        FAILED: build.failures,
-        "skipped.jsonl": skipped,
-        "dropped.jsonl": build.dropped,
-    }
+    return {FAILED: build.failures, "skipped.jsonl": skipped, "dropped.jsonl": build.dropped}
 
 
 def manifest(build: Build, today: date) -> dict[str, Any]:
@@ -324,10 +320,10 @@ def manifest(build: Build, today: date) -> dict[str, Any]:
         "format": _FORMAT,
         "today": today.isoformat(),
         "config": config,
-        "sources": {report.name: msgspec.to_builtins(report) for report in build.imported.reports},
+        "sources": build.imported.reports,
         "stages": stages,
         "asked": {purpose: msgspec.to_builtins(tally) for purpose, tally in build.tallies.items()},
-        "capped_parents": len(build.capped),
+        "capped_parents": build.capped,
         "tasks": _counts(build.tasks),
     }
 

@@ -11,9 +11,7 @@ import msgspec
 
 from webgym.core.task import Rubric, WebsiteFrom
 from webgym.core.websites import site_of
-from webgym.taskset.sources.companions import Companions
-from webgym.taskset.sources.fields import Fields
-from webgym.taskset.sources.problems import PassedOver
+from webgym.taskset.sources.fields import Companions, Fields, PassedOver
 
 DATED = "dated"
 """Flag: the instruction contains a day, a month or a year that has passed. The date is never changed."""

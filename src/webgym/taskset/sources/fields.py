@@ -1,19 +1,43 @@
-"""The fields of a record, in the spellings and encodings that copies of a source use."""
+"""The fields of a record, in the spellings and encodings that copies of a source use, and companion files."""
 
 from __future__ import annotations
 
 import ast
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
+from pathlib import Path, PurePosixPath
+from typing import TypeVar
+
+import msgspec
 
 from webgym.core.websites import host_of
 from webgym.tasks.missing_values import is_missing_value
-from webgym.taskset.sources.problems import Unusable
+
+T = TypeVar("T")
 
 _LONGEST_LITERAL = 1_000_000
 """Most characters of a Python literal that is parsed; the values read here are far shorter."""
+
+
+class PassedOver(msgspec.Struct, frozen=True):
+    """A file that was not read as tasks.
+
+    Attributes:
+        file: path of the file.
+        reason: what kind of file it is, or what is wrong with it.
+    """
+
+    file: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.file}: {self.reason}"
+
+
+class Unusable(ValueError):
+    """Raised for a record that gives no task. The message is the reason, without quoting the record."""
 
 
 @lru_cache(maxsize=4096)
@@ -195,3 +219,56 @@ def website_url(given: str) -> str | None:
     if ("." not in host and ":" not in host) or len(url.split()) > 1:
         return None
     return url if "/" in url.partition("://")[2] else f"{url}/"
+
+
+class Companions:
+    """Reads the companion files in the folder of a file of tasks, each once.
+
+    Args:
+        folder: of the tasks' file; ``None`` if there is none (a data set of the hub).
+
+    Attributes:
+        folder: as given.
+        broken: companions that could not be read.
+    """
+
+    def __init__(self, folder: Path | None) -> None:
+        self.folder = folder
+        self._loaded: dict[str, object] = {}
+        self.broken: list[PassedOver] = []
+
+    def load(self, name: str, build: Callable[[object], T]) -> T | None:
+        """The result of ``build`` for a companion's JSON; ``None`` if there is no such file, or it is broken.
+
+        Args:
+            name: of the file, relative to the folder; paths outside of the folder are not read.
+            build: converts the decoded JSON; may raise ValueError.
+        """
+        if name not in self._loaded:
+            self._loaded[name] = self._read(name, build)
+        return self._loaded[name]  # type: ignore[return-value]
+
+    def _read(self, name: str, build: Callable[[object], T]) -> T | None:
+        path = self._find(name)
+        if path is None:
+            return None
+        try:
+            return build(msgspec.json.decode(path.read_bytes()))
+        except OSError as error:
+            self.broken.append(PassedOver(str(path), f"cannot be read: {error.strerror}"))
+        except (ValueError, RecursionError) as error:
+            self.broken.append(PassedOver(str(path), f"is not a companion file of the tasks: {error}"))
+        return None
+
+    def _find(self, name: str) -> Path | None:
+        parts = PurePosixPath(name.replace("\\", "/")).parts
+        if self.folder is None or not parts or ".." in parts or "\0" in name:
+            return None
+        whole = self.folder.joinpath(*(part for part in parts if part not in ("/", ".")))
+        for path in (whole, self.folder / parts[-1]):
+            try:
+                if path.is_file():
+                    return path
+            except OSError:  # the file name is too long
+                return None
+        return None

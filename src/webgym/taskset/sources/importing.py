@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from datetime import date
 from fnmatch import fnmatch
 from pathlib import Path
@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 from msgspec.structs import replace
 
-from webgym.core.errors import TaskFileError
+from webgym.core.errors import TaskFileError, UsageError
 from webgym.core.task import WebsiteFrom, reference_of
 from webgym.core.text import fold
 from webgym.tasks.formats import split_of
@@ -27,12 +27,18 @@ from webgym.taskset.sources.base import (
     Source,
     SourceTask,
 )
-from webgym.taskset.sources.companions import Companions
+from webgym.taskset.sources.benchmarks import SOURCES
 from webgym.taskset.sources.dates import contains_past_date
-from webgym.taskset.sources.fields import Fields, website_url
-from webgym.taskset.sources.hub import HUB, hub_records
-from webgym.taskset.sources.problems import PassedOver, Unusable
-from webgym.taskset.sources.reading import COMPRESSIONS, REFUSED, SUFFIXES, Found, read_records
+from webgym.taskset.sources.fields import Companions, Fields, PassedOver, Unusable, website_url
+from webgym.taskset.sources.reading import (
+    COMPRESSIONS,
+    HUB,
+    REFUSED,
+    SUFFIXES,
+    Found,
+    hub_records,
+    read_records,
+)
 
 _HASH_DIGITS = 12
 """Hexadecimal digits of ids made from a hash. Two of 300,000 tasks have the same with a probability of 1 in
@@ -44,16 +50,27 @@ _DATA = frozenset({*SUFFIXES, *COMPRESSIONS, *REFUSED})
 reported."""
 
 
-def read_with(source: Source, where: str | Path, today: date, known: Sequence[Source]) -> Read:
-    """Read a source: see :func:`webgym.taskset.sources.read_source`.
+def read_source(name: str, where: str | Path, *, today: date | None = None) -> Read:
+    """Read a source's native files as they are.
+
+    A broken record is skipped and counted, with its file, place and reason; the rest loads. Everything is
+    read again on every call, and the same files give the same tasks under the same ids.
 
     Args:
-        source: the source.
-        where: a file, a folder or a data set of the hub.
-        today: tasks about earlier dates are flagged as dated.
-        known: all sources, for recognising records of another one.
+        name: of the source, a key of :data:`SOURCES`.
+        where: a file (JSON lines, JSON, CSV, TSV, Parquet, compressed or not), a folder of them, or
+            ``"hub:<datasets id>[:[<configuration>/]<split>]"``, which needs the library ``datasets``.
+        today: what lies before it has passed; the day of the call if not given.
+
+    Raises:
+        UsageError: there is no such source.
+        TaskFileError: nothing is there, it cannot be read, or no record is in it.
+        ConfigError: ``datasets`` is not installed, or gives no such dataset.
     """
-    collected = _TaskCollector(source, today, known)
+    source = SOURCES.get(name)
+    if source is None:
+        raise UsageError(f"unknown source {name!r}", hint=f"the sources are {', '.join(SOURCES)}")
+    collected = _TaskCollector(source, date.today() if today is None else today)
     if str(where).startswith(HUB):
         collected.add(hub_records(str(where)), Companions(None))
     else:
@@ -77,9 +94,9 @@ def read_with(source: Source, where: str | Path, today: date, known: Sequence[So
 class _TaskCollector:
     """Collects the tasks of a source and gives them unique ids."""
 
-    def __init__(self, source: Source, today: date, known: Sequence[Source]) -> None:
+    def __init__(self, source: Source, today: date) -> None:
         self._source = source
-        self._others = [other for other in known if other is not source]
+        self._others = [other for other in SOURCES.values() if other is not source]
         self._today = today
         self._places: dict[str, str] = {}
         self._tasks: dict[str, SourceTask] = {}

@@ -18,7 +18,7 @@ from webgym.report.thumbnails import thumbnails
 from webgym.results.run_index import TrajectoryQuery
 from webgym.store.files import REPORT, disk_errors, write_lines
 
-MOST_PAGES: Final = 400
+MOST_PAGES: Final = 1_000
 """Trajectories whose pages are in a report: these take two of its seconds. The viewer shows all of a larger
 run."""
 

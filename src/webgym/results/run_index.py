@@ -278,7 +278,7 @@ class RunIndex:
         """
         try:
             self._refresh(progress)
-        except sqlite3.OperationalError:  # the disk is full, or cannot lock the file
+        except sqlite3.DatabaseError:  # the disk is full or cannot lock the file, or it was full before
             self._connection.close()
             self._connection = self._prepared(":memory:")
             self._refresh(progress)

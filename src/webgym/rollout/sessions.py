@@ -8,6 +8,7 @@ import math
 import os
 import time
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Self, TypeVar
 
@@ -18,7 +19,6 @@ from webgym.rollout.config import CollectorConfig
 from webgym.rollout.driver import BrowserSession
 from webgym.server.client import BrowserClient
 from webgym.server.messages import SessionGrant, SessionOptions
-from webgym.store.files import disk_errors
 
 T = TypeVar("T")
 
@@ -91,20 +91,20 @@ class KeptLeases:
     def __init__(self, client: BrowserClient, file: Path) -> None:
         self._client = client
         self._file = file
-        self._writing = asyncio.Lock()
 
     async def open(self, options: SessionOptions | None = None) -> BrowserSession:
         """Open a session."""
         session = await self._client.open(options)
-        async with self._writing:
-            await asyncio.to_thread(self._write, self._client.grants)
+        with suppress(OSError):  # of a lease that is not kept, the next collector waits for the end
+            self._write(self._client.grants)
         return session
 
     def _write(self, grants: list[SessionGrant]) -> None:
-        with disk_errors(f"writing {self._file}"):
-            descriptor = os.open(self._file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-            with os.fdopen(descriptor, "wb") as file:
-                file.write(msgspec.json.encode(grants))
+        """Write the file, a few kilobytes. In the event loop: a session that waits for a thread holds a slot
+        that nobody uses."""
+        descriptor = os.open(self._file, os.O_WRONLY | os.O_CREAT, 0o600)
+        with os.fdopen(descriptor, "wb") as file:
+            file.truncate(file.write(msgspec.json.encode(grants)))
 
     async def __aenter__(self) -> Self:
         """Give back what an earlier collector has left."""
@@ -120,4 +120,5 @@ class KeptLeases:
         return self
 
     async def __aexit__(self, *exc: object) -> None:
-        self._file.unlink(missing_ok=True)
+        with suppress(OSError):
+            self._file.unlink()

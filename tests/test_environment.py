@@ -124,17 +124,20 @@ class OneForAll(Wraps):
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [
-        (FaultIsZero, "has the reward 0.0, not NaN"),
+        (FaultIsZero, "a fault (judge) is told as Told(final=[0.0]"),
         (FaultIsFailure, "has the outcome failure"),
         (RewardsEveryStep, "a reward before the end"),
         (GivesTheRewardTwice, "a step after the end raises no error"),
         (IgnoresSeeds, "the same seed gives other tasks"),
-        (CannotBeCancelled, "a step that is cancelled keeps its browser"),
-        (KeepsWhatIsForgotten, "an environment that is forgotten keeps its browser"),
+        (CannotBeCancelled, "an episode that is cancelled keeps its browser"),
+        (KeepsWhatIsForgotten, "an episode that is forgotten keeps its browser"),
         (OneForAll, "a step in one environment reaches another"),
     ],
 )
-async def test_an_adapter_that_breaks_a_rule_is_found(wrong: type[Wraps], told: str) -> None:
+async def test_an_adapter_that_breaks_a_rule_is_found(
+    wrong: type[Wraps], told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(conformance, "_COLLECTED_SECONDS", 0.5)
     KeepsWhatIsForgotten.kept.clear()
     faults = await check_environment(wrong)
     assert any(told in fault for fault in faults), faults

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from webgym.core.text import visible
     from webgym.core.trajectory import Episode, Reply, Step, Trajectory
     from webgym.core.verdict import Verdict
-    from webgym.env.environment import Environment, make, make_many, random_action
-    from webgym.env.pool import EnvironmentPool, task_rows
+    from webgym.env.environment import Environment, make, random_action
+    from webgym.env.pool import EnvironmentPool, make_many, task_rows
     from webgym.env.sync import LoopThread, SyncEnvironment
     from webgym.env.tokens import Sampled, TokenRequest, TokenRollout, TokenRow, roll_out
     from webgym.inference.rendering import Renderer
@@ -60,8 +60,8 @@ _HOMES = {
     "webgym.core.text": "visible",
     "webgym.core.trajectory": "Episode Reply Step Trajectory",
     "webgym.core.verdict": "Verdict",
-    "webgym.env.environment": "Environment make make_many random_action",
-    "webgym.env.pool": "EnvironmentPool task_rows",
+    "webgym.env.environment": "Environment make random_action",
+    "webgym.env.pool": "EnvironmentPool make_many task_rows",
     "webgym.inference.rendering": "Renderer",
     "webgym.judge.base": "Judge",
     "webgym.judge.offline": "OfflineJudge",

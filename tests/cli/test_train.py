@@ -64,7 +64,7 @@ def test_one_sees_iteration_stage_success_and_time_left(
 
     asyncio.run(watch())
     said = shown(console)
-    assert "iteration 2 of 4: update, iteration 3 of 4: collect" in said
+    assert re.search(r"iteration 2 of 4: update for 0:\d\d, iteration 3 of 4: collect for 0:\d\d", said)
     assert "3/7" in said
     assert "iteration 5" not in said
     assert "finished" in said

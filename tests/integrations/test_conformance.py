@@ -15,8 +15,8 @@ import pytest
 import webgym
 from webgym import Action, RunConfig
 from webgym.testing import Adapted, Told, check_adapter
-from webgym.testing import adapters as adapter_conformance
-from webgym.testing.adapters import _StandIns
+from webgym.testing import environments as adapter_conformance
+from webgym.testing.environments import _StandIns
 
 
 async def played(env: webgym.Environment, task_id: str, actions: Sequence[Action | str]) -> list[float]:

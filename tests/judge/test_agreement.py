@@ -32,7 +32,7 @@ from webgym.judge.agreement import (
 )
 from webgym.judge.config import JudgeChoice
 from webgym.judge.factory import name_of, open_judge
-from webgym.judge.without_rubric import PREFIX
+from webgym.judge.panel import PREFIX
 
 QUICK = AgreementConfig(resamples=200)
 

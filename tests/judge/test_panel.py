@@ -14,12 +14,11 @@ from webgym.core.errors import ConfigError, JudgeError
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode
 from webgym.core.verdict import Cost, FactJudgement, Judgement, Verdict
-from webgym.judge.base import Pictures
+from webgym.judge.base import Pictures, score_of
 from webgym.judge.config import JudgeChoice, PanelConfig
 from webgym.judge.factory import FunctionJudge, load_judge, name_of, open_judge
 from webgym.judge.offline import OfflineJudge
 from webgym.judge.panel import Panel
-from webgym.judge.soft import score_of
 
 NOT_BLOCKED = Judgement(False, "no")
 

@@ -13,8 +13,8 @@ from webgym.core.trajectory import Episode
 from webgym.judge.base import no_picture
 from webgym.judge.offline import OfflineJudge
 from webgym.offline.web import OfflineWeb
-from webgym.testing.browser_check import check_in_browsers
-from webgym.testing.solutions import typed
+from webgym.store.runs import RunReader
+from webgym.testing.solutions import check_in_browsers, typed
 
 KINDS = {"compare", "difference", "carry"}
 
@@ -79,17 +79,9 @@ async def test_one_of_each_kind_is_solvable_and_nothing_less_passes(
 ) -> None:
     by_kind = {kind: [task for task in tasks if kind_of(task) == kind] for kind in sorted(KINDS)}
     played = [min(of_kind, key=moves_of) for of_kind in by_kind.values()]
-    episodes: dict[str, Episode] = {}
-    assert (
-        await check_in_browsers(
-            web,
-            played,
-            tmp_path / "results.jsonl",
-            sessions=2,
-            on_episode=lambda task, episode: episodes.update({task.id: episode}),
-        )
-        == []
-    )
+    assert await check_in_browsers(web, played, tmp_path / "run", sessions=2) == []
+    recorded = RunReader(tmp_path / "run").trajectories()
+    episodes = {trajectory.episode.task_id: trajectory.episode for trajectory in recorded}
     assert len(episodes) == len(played)
     for task in played:
         assert task.truth is not None

@@ -11,7 +11,6 @@ import pytest
 
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
-from webgym.core.trajectory import Episode
 from webgym.core.truth import Fill, Home, See
 from webgym.judge.offline import OfflineJudge
 from webgym.offline.config import SitesConfig
@@ -24,8 +23,13 @@ from webgym.run.config import PolicyChoice, RunConfig, TaskChoice
 from webgym.store.runs import RunReader
 from webgym.tasks.formats import write_tasks
 from webgym.tasks.sampling import draw
-from webgym.testing.browser_check import check_in_browsers
-from webgym.testing.solutions import cut_off, degraded_solutions, unexpected, wrongly_accepted
+from webgym.testing.solutions import (
+    check_in_browsers,
+    cut_off,
+    degraded_solutions,
+    unexpected,
+    wrongly_accepted,
+)
 
 
 def sample(web: OfflineWeb, per_family: int, most_moves: int) -> list[Task]:
@@ -51,14 +55,13 @@ def moves_of(task: Task) -> int:
 @pytest.mark.browser
 @pytest.mark.timeout(300)
 async def test_a_sample_is_solvable_and_nothing_less_passes(tmp_path: Path) -> None:
-    """As ``webgym sites check`` plays them all, which needs no pictures."""
-    web, tried = OfflineWeb(), set[str]()
-
-    def note(task: Task, episode: Episode) -> None:
-        tried.update(kind for kind, _ in degraded_solutions(task, episode))
-
+    """As ``webgym sites check`` plays them all."""
+    web = OfflineWeb()
     tasks = sample(web, 1, most_moves=8)
-    assert await check_in_browsers(web, tasks, tmp_path / "results", sessions=2, on_episode=note) == []
+    assert await check_in_browsers(web, tasks, tmp_path / "run", sessions=2) == []
+    reader = RunReader(tmp_path / "run")
+    episodes = [trajectory.episode for trajectory in reader.trajectories()]
+    tried = {kind for each in episodes for kind, _ in degraded_solutions(reader.tasks[each.task_id], each)}
     assert len(tried) >= 7  # every kind of degradation was tried
 
 
@@ -70,7 +73,7 @@ async def test_a_sticky_header_and_words_of_a_table_do_not_keep_from_a_solution(
     hosts = [f"{each.partition('/')[0]}.webgym.test" for each in known]
     tasks = [each for host in hosts for each in web.tasks_of(host) if each.id.partition("/")[2] in known]
     assert len(tasks) == len(known)
-    assert await check_in_browsers(web, tasks, tmp_path / "results", sessions=2) == []
+    assert await check_in_browsers(web, tasks, tmp_path / "run", sessions=2) == []
 
 
 def read_in_the_list(site: SpecifiedWebsite, task: Task) -> Task:
@@ -106,7 +109,7 @@ async def test_what_the_list_shows_needs_no_opened_item_and_no_order(tmp_path: P
                 if all(views) and (kind == "facts" or [len(views), len(views[0][0].texts) < 5] == [1, True]):
                     tasks.setdefault((kind, site.look.listing), read_in_the_list(site, task))
     assert len(tasks) == 6
-    assert await check_in_browsers(web, list(tasks.values()), tmp_path / "results", sessions=2) == []
+    assert await check_in_browsers(web, list(tasks.values()), tmp_path / "run", sessions=2) == []
 
 
 @pytest.mark.browser

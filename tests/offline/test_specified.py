@@ -383,7 +383,7 @@ def test_a_family_without_a_specification_says_where_it_should_be(tmp_path: Path
 
 
 @pytest.mark.browser
-@pytest.mark.timeout(180)
+@pytest.mark.timeout(300)
 async def test_the_example_of_the_documentation_is_a_sound_family(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -97,11 +97,11 @@ async def test_search_filters_and_order(browser: Browser, report: Path) -> None:
         await page.get_by_role("combobox", name="Difficulty").select_option("easy")
         await expect(page.locator("#nothing")).to_be_visible()
         await page.get_by_role("combobox", name="Difficulty").select_option("")
-        await page.locator(".key[data-outcome=blocked]").click()
+        await page.locator(".key[data-value=blocked]").click()
         await expect(lines).to_have_count(1)
         await page.reload()  # the address tells the state
         await expect(lines).to_have_count(1)
-        await page.locator(".key[data-outcome=blocked]").click()
+        await page.locator(".key[data-value=blocked]").click()
         await expect(lines).to_have_count(12)
         await page.get_by_role("button", name="Steps").click()
         steps = [int(text) for text in await page.locator("#rows-body td:nth-child(6)").all_inner_texts()]

@@ -36,10 +36,11 @@ from webgym.core.trajectory import Revision
 from webgym.judge.prompts import action_history
 from webgym.report.charts import Histogram
 from webgym.report.config import ReportConfig
-from webgym.report.content import page, row
-from webgym.report.overview import Overview, overview_html
+from webgym.report.content import page
+from webgym.report.live_run import Overview, overview_html
 from webgym.report.template import Page, inert
 from webgym.report.thumbnails import thumbnails
+from webgym.results.run_index import row
 from webgym.results.summary import digest_of, quantiles
 from webgym.store.runs import RunReader
 

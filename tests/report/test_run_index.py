@@ -14,7 +14,8 @@ from msgspec.structs import replace
 
 from webgym.core.outcome import Outcome
 from webgym.report.live_run import LiveRun
-from webgym.report.run_index import INDEX, RunIndex, TrajectoryQuery
+from webgym.report.write import write_report
+from webgym.results.run_index import INDEX, RunIndex, TrajectoryQuery
 from webgym.results.summary import summarise
 from webgym.store.records import seal
 from webgym.store.runs import RunReader
@@ -75,7 +76,7 @@ def test_it_grows_with_the_run_and_reads_only_what_is_new(run: Path) -> None:
 
 
 def test_a_reading_that_is_stopped_goes_on_where_it_was(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("webgym.report.run_index._BATCH", 5)
+    monkeypatch.setattr("webgym.results.run_index._BATCH", 5)
     stopped = RunIndex(run, RunReader(run).tasks)
     stopped.refresh(lambda _: stopped.stop())
     assert len(stopped) == 5
@@ -142,7 +143,10 @@ def test_the_figures_are_those_of_the_summary_and_are_kept(
 ) -> None:
     live = LiveRun(run)
     live.refresh()
+    assert live._stored() is not None
+    monkeypatch.setattr(LiveRun, "_stored", lambda _: None)
     html = live.overview()
+    monkeypatch.undo()
     reader = RunReader(run)
     told = summarise(reader.trajectories(), reader.drawn, seed=7)
     kept = json.loads(
@@ -153,6 +157,10 @@ def test_the_figures_are_those_of_the_summary_and_are_kept(
     again = LiveRun(run)
     again.refresh()
     assert again.overview() == html
+    (run / INDEX).unlink()  # the run is finished: its figures are in its summary
+    anew = LiveRun(run)
+    anew.refresh()
+    assert anew.overview() == html
 
 
 @pytest.mark.slow
@@ -183,6 +191,11 @@ def test_a_hundred_thousand_trajectories(run: Path, capsys: pytest.CaptureFixtur
         began = time.process_time()
         live.index.find(wanted, 0, 200)
         told.append((what, time.process_time() - began))
+    began = time.process_time()
+    write_report(run)
+    report_seconds = time.process_time() - began
+    told.append(("report", report_seconds))
     with capsys.disabled():
         print("".join(f"\n{what}: {seconds:.2f} s" for what, seconds in told))
-    assert all(seconds < 1 for what, seconds in told[1:])
+    assert all(seconds < 1 for what, seconds in told[1:-1])
+    assert report_seconds < 5

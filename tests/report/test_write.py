@@ -111,6 +111,19 @@ async def test_the_report_of_thousands_stays_light(run: Path) -> None:
     assert each < 2_500, "bytes of a trajectory: ten thousand make 25 MB"
 
 
+def test_the_report_of_a_large_run_holds_the_pages_of_a_part(
+    run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("webgym.report.write.MOST_PAGES", 5)
+    text = write_report(run).read_text()
+    rows = _data(text, "rows")
+    assert isinstance(rows, list)
+    assert len(rows) == 12
+    with_page = [row for row in rows if "page" in row]
+    assert [row["page"] for row in with_page] == list(range(4))  # every third
+    assert [page["id"] for page in _packed(text, 0)] == [row["id"] for row in with_page]
+
+
 def test_corrupt_records_are_counted_on_the_page(run: Path) -> None:
     shard = run / "trajectories/00000.jsonl"
     shard.write_bytes(shard.read_bytes().replace(b"Memory", b"memory", 1))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections import Counter
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from functools import cache
 from pathlib import Path
@@ -19,7 +19,7 @@ from pydantic import SecretStr
 from webgym.agent.config import AgentConfig
 from webgym.agent.policy import PolicyInput, PolicySession
 from webgym.agent.scripted import ScriptedPolicy
-from webgym.core.errors import ConfigError, RunFolderError, TaskFileError
+from webgym.core.errors import ConfigError, RunFolderError, SitesError, TaskFileError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply, Trajectory
@@ -32,7 +32,7 @@ from webgym.results.summary import Summary
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.config import AttemptConfig, CollectorConfig
 from webgym.rollout.progress import Progress
-from webgym.run.collect import Show, collect, resume
+from webgym.run.collect import Show, collect, print_on_stderr, resume
 from webgym.run.config import (
     PolicyChoice,
     RunConfig,
@@ -42,7 +42,7 @@ from webgym.run.config import (
     read_config,
     resolved,
 )
-from webgym.run.services import services
+from webgym.run.services import _reached, services
 from webgym.store.runs import RunReader
 from webgym.tasks.formats import write_tasks
 from webgym.tasks.sampling import draw
@@ -311,6 +311,42 @@ async def test_a_run_that_cannot_start_says_so_before_it_makes_attempts(tmp_path
         await collect(config(file, server=ServerChoice(url="http://127.0.0.1:9")), tmp_path / "c")
     with pytest.raises(RunFolderError):
         await resume(tmp_path / "nowhere")
+
+
+async def test_an_oracle_that_nobody_named_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    missing = TaskChoice(file=tmp_path / "none.jsonl")
+    note = "no policy is named: the scripted policy is an oracle: it plays known solutions and uses no model"
+    named = RunConfig(tasks=missing, policy=PolicyChoice(name="scripted"))
+    for settings, tell, said in (
+        (RunConfig(tasks=missing), print_on_stderr, f"webgym: {note}\n"),
+        (RunConfig(tasks=missing), None, ""),
+        (named, print_on_stderr, ""),
+    ):
+        with pytest.raises(TaskFileError):
+            await collect(settings, tmp_path / "run", tell=tell)
+        assert capsys.readouterr().err == said
+
+
+async def test_a_resumed_run_waits_for_services_that_it_has_reached_before() -> None:
+    told: list[str] = []
+    patience = CollectorConfig(server_retry_seconds=0.01)
+
+    def call() -> Callable[[], Awaitable[int]]:
+        answers = iter([SitesError("no answer"), None])
+
+        async def answer() -> int:
+            if error := next(answers):
+                raise error
+            return 3
+
+        return answer
+
+    assert await _reached(call(), (patience, told.append)) == 3
+    assert told == ["waiting: no answer"]
+    with pytest.raises(SitesError):
+        await _reached(call(), (None, told.append))
 
 
 async def test_several_samples_with_one_seed_are_refused(tmp_path: Path) -> None:

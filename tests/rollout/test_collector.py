@@ -405,8 +405,8 @@ async def test_operations_of_a_kind_have_a_limit_that_holds_up_no_others(
 async def test_prometheus_reads_a_collectors_figures() -> None:
     from webgym.core.calls import call_queues
     from webgym.core.outcome import Outcome
+    from webgym.rollout.live_file import exposing
     from webgym.rollout.progress import Progress
-    from webgym.rollout.prometheus import exposing
 
     queues = call_queues({"policy": 2})
     async with queues["policy"].turn():

@@ -15,7 +15,7 @@ from tests.rollout.test_summary import attempt, task
 
 from webgym.core.errors import UsageError
 from webgym.core.outcome import Outcome
-from webgym.results.comparison import _permutation_test, _tail, _tail_by_transform, compare
+from webgym.results.evaluation import _permutation_test, _tail, _tail_by_transform, compare
 from webgym.store.runs import RunWriter
 
 LETTERS = {"s": Outcome.SUCCESS, "f": Outcome.FAILURE, "b": Outcome.BLOCKED, "j": Outcome.JUDGE_ERROR}

@@ -25,8 +25,7 @@ from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Level
 from webgym.core.verdict import Judgement, Verdict
 from webgym.judge.offline import OfflineJudge
-from webgym.results.comparison import compare
-from webgym.results.evaluation import GROUPS, EvaluationConfig, Sample, evaluate, rows_of
+from webgym.results.evaluation import GROUPS, EvaluationConfig, Sample, compare, evaluate, rows_of
 from webgym.results.rates import wilson
 from webgym.results.summary import summarise
 from webgym.run.collect import _software

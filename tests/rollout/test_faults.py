@@ -15,7 +15,7 @@ from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from aiohttp import web
@@ -42,9 +42,9 @@ from webgym.rollout.attempt import Attempt
 from webgym.rollout.collector import Collector
 from webgym.rollout.config import CollectorConfig
 from webgym.rollout.live_file import read_feed
-from webgym.rollout.sessions import open_patiently
+from webgym.rollout.sessions import KeptLeases, patiently
 from webgym.server.client import BrowserClient
-from webgym.server.messages import SessionOptions
+from webgym.server.messages import SessionGrant, SessionOptions
 from webgym.store.runs import RunReader
 from webgym.testing.environments import StandInBrowsers as StandInPages
 
@@ -303,8 +303,33 @@ async def test_a_server_whose_silence_outlasts_the_patience_is_asked_once_more()
     browsers.open = silent  # type: ignore[method-assign]
     config = CollectorConfig(server_patience_seconds=0.1, server_retry_seconds=0.01)
     told: list[str] = []
-    await open_patiently(browsers, SessionOptions(), config, tell=told.append)
+    await patiently(lambda: browsers.open(SessionOptions()), config, tell=told.append)
     assert told == ["no answer", ""]
+
+
+async def test_a_resumed_collector_gives_back_the_leases_of_the_one_that_was_killed(tmp_path: Path) -> None:
+    class Client:
+        def __init__(self) -> None:
+            self.grants: list[SessionGrant] = []
+            self.given_back: list[SessionGrant] = []
+
+        async def open(self, options: Any = None) -> None:
+            self.grants.append(SessionGrant(f"s-{len(self.grants)}", "secret", 1, "", 60.0))
+
+        async def give_back(self, grant: SessionGrant) -> None:
+            self.given_back.append(grant)
+
+    killed, resumed, file = Client(), Client(), tmp_path / ".leases"
+    kept = KeptLeases(cast("BrowserClient", killed), file)
+    await kept.open()
+    await kept.open()
+    assert file.stat().st_mode & 0o077 == 0
+    async with KeptLeases(cast("BrowserClient", resumed), file):
+        assert sorted(grant.session_id for grant in resumed.given_back) == ["s-0", "s-1"]
+    assert not file.exists()
+    file.write_bytes(b"[{")  # its writing was interrupted
+    async with KeptLeases(cast("BrowserClient", resumed), file):
+        assert len(resumed.given_back) == 2
 
 
 async def test_a_browser_that_does_not_come_back_stops_the_run_and_uses_up_no_sample(

@@ -16,9 +16,8 @@ from webgym.core.trajectory import Episode
 from webgym.core.verdict import FactJudgement, Judgement, Verdict
 from webgym.judge.base import Pictures
 from webgym.judge.labels import HumanLabel, annotator_agreement
-from webgym.judge.without_rubric import PREFIX, WithoutRubric
-from webgym.results.agreement import pairs_of, resolved
-from webgym.results.labels import LabelStore, labels_path
+from webgym.judge.panel import PREFIX, WithoutRubric
+from webgym.results.labels import LabelStore, labels_path, pairs_of, resolved
 from webgym.rollout.rejudge import judge_run
 from webgym.store.runs import RECORDED, RunReader
 

@@ -23,7 +23,7 @@ from tests.rollout.test_verify import Judge as Passing
 
 from webgym.core.errors import ConfigError, RunFolderError, StoreError
 from webgym.core.outcome import Outcome
-from webgym.report.overview import Overview
+from webgym.report.live_run import Overview
 from webgym.results.summary import digest_of
 from webgym.rollout.merging import merge_runs, runs_in
 from webgym.rollout.plan import Plan

@@ -29,7 +29,7 @@ from webgym.llm.client import ChatClient
 from webgym.llm.completion import Completion
 from webgym.llm.config import ChatConfig, Sampling
 from webgym.report.live import view_app
-from webgym.results.summary import Summary, summarise
+from webgym.results.summary import Summary, digest_of, summarise
 from webgym.rollout.attempt import AttemptContext
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.config import AttemptConfig, CollectorConfig
@@ -249,7 +249,7 @@ async def test_a_run_that_is_resumed_judges_again_what_has_no_verdict(tmp_path: 
     tasks, progress = RunReader(run).tasks, Progress(total=3)
     kept = Blocklist(BlocklistConfig(file=tmp_path / "blocked.jsonl"))
     for trajectory in RunReader(run).trajectories():
-        progress.recorded(trajectory)
+        progress.recorded(digest_of(trajectory))
     for outcome in (Outcome.JUDGE_ERROR, Outcome.BLOCKED):
         async with await RunWriter.reopen(run) as store:
             config = CollectorConfig(judge_again=1)

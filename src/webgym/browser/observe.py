@@ -153,24 +153,6 @@ async def look(page: Page, settled: str, milliseconds: dict[str, float], early: 
     return Look(_observation(page, content, name, settled, milliseconds), image)
 
 
-async def look_without_picture(page: Page, settled: str, *, cuts: bool = False) -> Observation:
-    """Observe text and elements alone: Chromium draws nothing, which is most of the cost of observing.
-
-    Args:
-        page: the page.
-        settled: why the wait for a quiet page ended.
-        cuts: whether the observation contains the lines that are never fully visible.
-
-    Returns:
-        An observation in which a digest of the address and the content takes the place of the screenshot's
-        name.
-    """
-    page.popups.close_blank()
-    content = await read_content(page, text=True, cuts=cuts, elements=True, marks=False)
-    seen = msgspec.msgpack.encode((page.address, msgspec.structs.replace(content, cuts=())))
-    return _observation(page, content, hashlib.sha256(seen).hexdigest(), settled, {})
-
-
 def _observation(
     page: Page, content: PageContent, name: str, settled: str, milliseconds: dict[str, float]
 ) -> Observation:

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from http import HTTPStatus
 from pathlib import Path
-from typing import Any, Final, Literal, TypeVar
+from typing import Any, Literal, TypeVar
 from urllib.parse import urldefrag
 
 import msgspec
@@ -115,10 +115,6 @@ class Returned(msgspec.Struct, frozen=True):
 
     index: int
     left: str
-
-
-_CORNER: Final = (16, 16)
-"""Width and height of :meth:`Page.draw_a_corner`, pixels."""
 
 
 class Page:
@@ -273,18 +269,6 @@ class Page:
         self.idlers, self.points, self.picture = IdleTimers(), {}, ""
         await self._do_all([("Network.clearBrowserCookies", {}), ("Page.resetNavigationHistory", {})])
         await self.begin(options)
-
-    async def draw_a_corner(self) -> None:
-        """Have Chromium draw only a corner of the page from now on, for those who need no pictures: a fifth
-        of the cost of opening a page. Layout, scrolling and input are those of the whole viewport, but for
-        an open list of options, which does not scroll."""
-        width, height = _CORNER
-        await self._do_all(
-            [
-                ("Emulation.setDeviceMetricsOverride", self._metrics() | {"dontSetVisibleSize": True}),
-                ("Emulation.setVisibleSize", {"width": width, "height": height}),
-            ]
-        )
 
     def _metrics(self) -> dict[str, Any]:
         width, height = self.options.viewport

@@ -34,7 +34,6 @@ from webgym.browser.observe import (
     Metadata,
     capture,
     look,
-    look_without_picture,
     read_content,
 )
 from webgym.browser.page import Page
@@ -46,7 +45,7 @@ from webgym.browser.timers import Timers
 from webgym.browser.upload import write_files
 from webgym.core.action import GoBack, Navigate
 from webgym.core.errors import BrowserCrashed, BrowserError, BrowserOutOfMemory, BrowserTimeout
-from webgym.core.observation import Observation, Probed
+from webgym.core.observation import Probed
 
 T = TypeVar("T")
 
@@ -461,18 +460,6 @@ class Slot:
             return await self._query(
                 page, lambda: look(page, self._settled, milliseconds, early.result if early else None)
             )
-        except CommandFailed as error:
-            raise BrowserCrashed(f"the page could not be looked at: {error.message}") from error
-
-    async def observe_without_picture(self, *, cuts: bool = False) -> Observation:
-        """Observe text and elements alone; see :func:`~webgym.browser.observe.look_without_picture`.
-
-        Raises:
-            BrowserCrashed, BrowserTimeout: the browser is gone, or no longer answers.
-        """
-        page = self._living_page()
-        try:
-            return await self._query(page, lambda: look_without_picture(page, self._settled, cuts=cuts))
         except CommandFailed as error:
             raise BrowserCrashed(f"the page could not be looked at: {error.message}") from error
 

@@ -170,8 +170,7 @@ def _read_run(
     humans: Humans,
 ) -> _Labelled:
     from webgym.judge.labels import annotator_agreement, read_labels
-    from webgym.results.agreement import pairs_of, resolved
-    from webgym.results.labels import labels_path
+    from webgym.results.labels import labels_path, pairs_of, resolved
     from webgym.store.runs import RECORDED, RunReader
     from webgym.store.verdicts import read_verdicts
 
@@ -200,7 +199,7 @@ def _name_and_label(option: str) -> tuple[str, str]:
 
 def _printed_name(name: str, label: str) -> str:
     """A judge's name in tables. The prefix for a missing rubric stays: the figure pairs judges by it."""
-    from webgym.judge.without_rubric import PREFIX
+    from webgym.judge.panel import PREFIX
 
     return (PREFIX if label and name.startswith(PREFIX) else "") + (label or name)
 

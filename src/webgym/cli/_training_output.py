@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -74,7 +75,7 @@ class TrainingView:
                 self._console.print(text, highlight=False, soft_wrap=True, markup=False)
 
     def _stage(self) -> str:
-        """The iteration and its stage, such as ``iteration 2 of 4: update``."""
+        """The iteration, its stage and for how long: ``iteration 2 of 4: update for 0:42``."""
         training = self._training
         if training is None:
             return "starting"
@@ -82,8 +83,10 @@ class TrainingView:
             return "finished"
         if not training.doing:
             return f"before iteration {training.finished + 1} of {training.iterations}"
+        now = time.monotonic()
         return ", ".join(
-            f"{f'iteration {number}' if number else 'before iteration 1'} of {training.iterations}: {stage}"
+            f"{f'iteration {number}' if number else 'before iteration 1'} of {training.iterations}: {stage} "
+            f"for {duration(now - training.since[number])}"
             for number, stage in sorted(training.doing.items())
         )
 

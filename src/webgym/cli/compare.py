@@ -11,7 +11,7 @@ from rich.console import Console
 
 from webgym.core.tables import Table, markdown, show
 from webgym.core.text import plain
-from webgym.results.comparison import Comparison, Difference, compare
+from webgym.results.evaluation import Comparison, Difference, compare
 from webgym.store.runs import RECORDED
 
 

@@ -44,7 +44,7 @@ def command(
         bar = bars.add_task("trajectories", total=None)
 
         def show(what: str, done: int, total: int) -> None:
-            bars.update(bar, description=what, completed=done, total=total)
+            bars.update(bar, description=what, completed=done, total=total or None)
 
         write = write_training_report if is_training(run) else write_report
         path = write(run, config=config, progress=show)

@@ -116,12 +116,11 @@ def check(
     out: Path | None = typer.Option(
         None,
         "--out",
-        help="Append results to this file (JSON lines), and play only tasks whose result it does not have.",
+        help="Keep the attempts in this run folder; one that holds a check of these tasks is resumed.",
         show_default=False,
     ),
-    again: bool = typer.Option(False, "--again", help="Play tasks that failed according to the file again."),
     shard: int = typer.Option(0, "--shard", min=0, help="Part of the tasks to play, from 0."),
-    shards: int = typer.Option(1, "--shards", min=1, help="Number of parts, each with a file of its own."),
+    shards: int = typer.Option(1, "--shards", min=1, help="Number of parts, each with a folder of its own."),
     family: str | None = typer.Option(
         None, "--family", help="Only websites of this family.", show_default=False
     ),
@@ -134,7 +133,7 @@ def check(
     ),
     marks: bool = typer.Option(False, "--marks", help="Use Set-of-Marks instead of coordinates."),
     quick: bool = typer.Option(False, "--quick", help="Only checks that need no browser."),
-    seed: int = typer.Option(0, "--seed", help="Seed of the sample, and of the order."),
+    seed: int = typer.Option(0, "--seed", help="Seed of the sample."),
     collection: Collection = "large",
 ) -> None:
     """Check in real browsers that every task can be solved, and that only a solution passes the judge.
@@ -143,8 +142,8 @@ def check(
     within the step budget on a website that works) and if the judge rejects the same attempt with a wrong
     answer, with the right answer but without evidence, and without any action. Evidence that a page cuts off,
     and evidence that appears because it is typed (which needs no browser to check), fail a task as well.
-    Exits with 1 if a task fails, and lists all that do. With a file of results, a check that was stopped goes
-    on where it was, and tasks that have changed since are played again.
+    Exits with 1 if a task fails, and lists all that do. With a folder, a check that was stopped goes on where
+    it was, and webgym view shows its attempts.
     """
     import tempfile
     from zlib import crc32
@@ -152,8 +151,7 @@ def check(
     from webgym.cli._run import lasting_console, run, show_progress_on
     from webgym.offline.web import OfflineWeb, collection_name
     from webgym.tasks.sampling import draw
-    from webgym.testing.browser_check import check_in_browsers
-    from webgym.testing.solutions import typed
+    from webgym.testing.solutions import check_in_browsers, typed
 
     if shard >= shards:
         raise ConfigError(f"there is no part {shard} of {shards}: they count from 0")
@@ -178,14 +176,12 @@ def check(
             lambda: check_in_browsers(
                 web,
                 tasks,
-                out or Path(scratch) / "results.jsonl",
+                out or Path(scratch) / "run",
                 mode="marks" if marks else "coordinates",
                 sessions=sessions,
                 latency=latency,
-                seed=seed,
-                again=again,
                 show=show_progress_on(console),
             ),
-            kept="" if out is None else "the results so far are stored",
+            kept="" if out is None else "the attempts so far are stored",
         )
     _report(console, failures, [task.id for task in tasks])

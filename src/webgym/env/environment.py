@@ -20,8 +20,8 @@ import sys
 import uuid
 import weakref
 from collections import Counter
-from collections.abc import AsyncIterator, Mapping, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -54,7 +54,7 @@ from webgym.offline.config import TASK_SETS, SitesConfig, collection_of
 from webgym.rollout.driver import Browsers, BrowserSession, EpisodeContext, EpisodeDriver, SiteState
 from webgym.rollout.judging import judge_episode
 from webgym.rollout.plan import Planned
-from webgym.rollout.sessions import open_patiently
+from webgym.rollout.sessions import patiently
 from webgym.run.choice import choose_tasks
 from webgym.run.config import RunConfig, Secrets, resolved
 from webgym.run.services import open_services
@@ -449,9 +449,9 @@ class _Episode:
 
     async def begin(self) -> View:
         """Open the start page."""
-        session = self._session = await open_patiently(
-            self._services.client, self._driver.options(), self._collector, tell=_log_waiting
-        )
+        client, options = self._services.client, self._driver.options()
+        session = await patiently(lambda: client.open(options), self._collector, tell=_log_waiting)
+        self._session = session
         # An environment that is garbage-collected closes its browser session.
         self._finalizer = weakref.finalize(self, _close_later, asyncio.get_running_loop(), session)
         self._finalizer.atexit = False
@@ -634,28 +634,3 @@ def with_browsers(config: RunConfig, count: int) -> RunConfig:
         raise ConfigError(f"{count} browsers play no episode", hint="give at least 1")
     collector = config.collector.model_copy(update={"sessions": count})
     return config.model_copy(update={"collector": collector})
-
-
-@asynccontextmanager
-async def make_many(count: int, name: str = "offline-v2", **given: Any) -> AsyncIterator[list[Environment]]:
-    """Several environments on the same browsers, websites and judge, each with its own order of tasks::
-
-        async with webgym.make_many(8, "offline-v2") as envs:
-            views = await asyncio.gather(*(env.reset() for env in envs))
-
-    Args:
-        count: number of environments, and so of browsers.
-        name: see :func:`make`.
-        given: further arguments of :func:`make`.
-
-    Raises:
-        ConfigError: ``count`` is less than 1, there are no tasks of this name, or there is no such split.
-    """
-    config = with_browsers(given.pop("config", None) or RunConfig(), count)
-    seed = given.pop("seed", 0)
-    async with AsyncExitStack() as stack:
-        first = await stack.enter_async_context(make(name, config=config, seed=seed, **given))
-        others = [first.twin(seed + 1 + index) for index in range(count - 1)]
-        for other in others:
-            await stack.enter_async_context(other)
-        yield [first, *others]

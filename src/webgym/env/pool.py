@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import itertools
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from typing import Any, Literal, Self
 
 from webgym.core.errors import ConfigError, UsageError
@@ -114,6 +114,25 @@ class EnvironmentPool:
 
     async def __aexit__(self, *exc: object) -> None:
         await self.close()
+
+
+@asynccontextmanager
+async def make_many(count: int, name: str = "offline-v2", **given: Any) -> AsyncIterator[list[Environment]]:
+    """Several environments on the same browsers, websites and judge, each with its own order of tasks::
+
+        async with webgym.make_many(8, "offline-v2") as envs:
+            views = await asyncio.gather(*(env.reset() for env in envs))
+
+    Args:
+        count: number of environments, and so of browsers.
+        name: see :func:`webgym.make`.
+        given: further arguments of :class:`EnvironmentPool`.
+
+    Raises:
+        ConfigError: ``count`` is less than 1, there are no tasks of this name, or there is no such split.
+    """
+    async with EnvironmentPool(name, size=count, **given) as pool, AsyncExitStack() as stack:
+        yield [await stack.enter_async_context(pool.environment()) for _ in range(count)]
 
 
 def task_rows(

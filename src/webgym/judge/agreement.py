@@ -30,7 +30,7 @@ from webgym.core.plotting import CATEGORIES, MUTED, PAGE, new_figure, save, styl
 from webgym.core.settings import Settings
 from webgym.core.stats import Counts, Values, percentiles, resampled
 from webgym.core.task import LEVELS, Level
-from webgym.judge.without_rubric import PREFIX
+from webgym.judge.panel import PREFIX
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -340,7 +340,7 @@ def draw_agreement(result: Agreement, path: Path) -> None:
     """Draw each judge's metrics with their intervals: a panel for all trajectories, and one for every level.
 
     A judge and the same judge without rubric (a name that begins with
-    :data:`webgym.judge.without_rubric.PREFIX`) share a colour; without rubric the marker is hollow.
+    :data:`webgym.judge.panel.PREFIX`) share a colour; without rubric the marker is hollow.
 
     Args:
         result: the result of :func:`webgym.judge.agreement.agreement`.

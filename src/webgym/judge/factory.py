@@ -28,9 +28,8 @@ from webgym.judge.base import Judge, Pictures
 from webgym.judge.blocking import find_block
 from webgym.judge.config import STAGES, JudgeChoice, JudgeConfig, PanelConfig, Stage, StageConfig
 from webgym.judge.offline import OfflineJudge, why_unjudgeable
-from webgym.judge.panel import Panel
+from webgym.judge.panel import PREFIX, Panel, WithoutRubric
 from webgym.judge.rubric import RubricJudge
-from webgym.judge.without_rubric import PREFIX, WithoutRubric
 from webgym.llm.cache import ReplyCache
 from webgym.llm.client import ChatClient
 from webgym.llm.completion import Completes

@@ -23,9 +23,8 @@ from webgym.core.text import fold, says
 from webgym.core.trajectory import Episode
 from webgym.core.truth import AnswerTruth, Evidence, FactTruth, StateCheck, Truth
 from webgym.core.verdict import FactJudgement, Fault, Judgement, Verdict
-from webgym.judge.base import Pictures
+from webgym.judge.base import Pictures, score_of
 from webgym.judge.blocking import find_block
-from webgym.judge.soft import score_of
 
 
 @dataclass(frozen=True)

@@ -1,16 +1,18 @@
-"""Several judges, or several samples of one judge, decided by majority."""
+"""Judges made of others: a majority of several, or of several samples of one; and one without its rubric."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Sequence
+from typing import Final
+
+import msgspec
 
 from webgym.core.errors import JudgeError
-from webgym.core.task import Task
+from webgym.core.task import WHOLE_TASK, Task
 from webgym.core.trajectory import Episode
 from webgym.core.verdict import Cost, FactJudgement, Judgement, Verdict
-from webgym.judge.base import Judge, Pictures
-from webgym.judge.soft import score_of
+from webgym.judge.base import Judge, Pictures, score_of
 
 
 class Panel:
@@ -112,3 +114,33 @@ def _majority_judgement(judgements: Sequence[Judgement]) -> Judgement | None:
     agreeing = [judgement for judgement in decided if judgement.passed == passed]
     share = f" ({len(agreeing)} of {len(decided)})" if len(judgements) > 1 else ""
     return Judgement(passed, f"{agreeing[0].reason}{share}", agreeing[0].steps)
+
+
+PREFIX: Final = "without rubric: "
+"""Prefix of the names of such judges; the name of the same judge with rubric follows."""
+
+
+class WithoutRubric:
+    """Replaces every task's rubric by a single fact: that the task was done.
+
+    Everything else is the wrapped judge's (screenshots, criterion B, reference answers, models), so a
+    difference from its own verdicts is due to the rubric.
+
+    Args:
+        judge: any judge that does not need the task's hidden truth.
+    """
+
+    def __init__(self, judge: Judge) -> None:
+        self._judge = judge
+
+    @property
+    def name(self) -> str:
+        """The wrapped judge's name, with :data:`PREFIX`."""
+        return f"{PREFIX}{self._judge.name}"
+
+    async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
+        """Judge one episode; see :meth:`webgym.judge.base.Judge.judge`."""
+        verdict = await self._judge.judge(
+            msgspec.structs.replace(task, rubric=WHOLE_TASK, truth=None), episode, pictures
+        )
+        return msgspec.structs.replace(verdict, judge=self.name)

@@ -23,14 +23,13 @@ from webgym.core.task import FactGroup, Task, reference_of
 from webgym.core.trajectory import Episode
 from webgym.core.verdict import FactJudgement, Judgement, Verdict, all_hold
 from webgym.judge import prompts
-from webgym.judge.base import Pictures
+from webgym.judge.base import Pictures, score_of
 from webgym.judge.blocking import find_block
 from webgym.judge.config import STAGES, JudgeConfig, Stage
 from webgym.judge.keypoints import fit_in_request, page_texts, select, split_into_requests
 from webgym.judge.model_client import REASON_CHARS, JudgeModelClient, Question, gather, result_or_error
 from webgym.judge.prompts import action_history
 from webgym.judge.reference import Match, compare
-from webgym.judge.soft import score_of
 from webgym.judge.untrusted import code_of, in_parts, shorten
 from webgym.judge.verdicts import Finding
 from webgym.llm.completion import Completes

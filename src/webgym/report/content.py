@@ -1,4 +1,4 @@
-"""Trajectories as data for the pages: rows of the table, and the content of each trajectory's own page.
+"""Trajectories as data for the pages: the content of each trajectory's own page.
 
 Untrusted text (page titles, replies, answers) is passed on unchanged. It is made safe where it enters a page:
 as inert JSON in the file, as text nodes in the document.
@@ -7,8 +7,7 @@ as inert JSON in the file, as text nodes in the document.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypedDict
-from urllib.parse import urlsplit
+from typing import Any
 
 from webgym.core.action import (
     GRID,
@@ -21,59 +20,9 @@ from webgym.core.observation import Element, Observation
 from webgym.core.task import Task
 from webgym.core.trajectory import Failure, Revision, Step, Trajectory
 from webgym.core.verdict import Cost, Judgement, Verdict
+from webgym.core.websites import host_or_text
 from webgym.results.summary import environment_milliseconds
 from webgym.store.verdicts import Judged
-
-_SNIPPET = 200
-"""Characters of an answer that the table's search covers."""
-
-
-class Row(TypedDict):
-    """A row of the table of trajectories."""
-
-    id: str
-    outcome: str
-    task: str
-    site: str
-    domain: str
-    subdomain: str
-    level: str
-    difficulty: int
-    steps: int
-    seconds: float
-    started: float
-    answer: str
-    code: str
-
-
-def site_of(website: str) -> str:
-    """The host of a website without ``www.``; a text that is not an address is returned unchanged."""
-    try:
-        host = urlsplit(website if "://" in website else f"//{website}").hostname
-    except ValueError:
-        host = None
-    return (host or website).removeprefix("www.")
-
-
-def row(trajectory: Trajectory, task: Task | None) -> Row:
-    """The row of a trajectory; ``task`` is ``None`` if the run does not contain it."""
-    episode = trajectory.episode
-    failure = episode.failure or trajectory.judge_failure
-    return {
-        "id": episode.attempt_id,
-        "outcome": trajectory.outcome.value,
-        "task": task.instruction if task else episode.task_id,
-        "site": site_of(task.website) if task else "",
-        "domain": task.domain if task else "",
-        "subdomain": task.subdomain if task else "",
-        "level": task.level if task else "",
-        "difficulty": task.difficulty if task else 0,
-        "steps": len(episode.steps),
-        "seconds": round(episode.seconds, 2),
-        "started": episode.started_at,
-        "answer": (episode.answer or "")[:_SNIPPET],
-        "code": failure.code if failure else "",
-    }
 
 
 def page(trajectory: Trajectory, task: Task | None, others: Sequence[Judged] = ()) -> dict[str, Any]:
@@ -123,7 +72,7 @@ def _task(task: Task | None, task_id: str) -> dict[str, Any]:
     return {
         "id": task.id,
         "instruction": task.instruction,
-        "site": site_of(task.website),
+        "site": host_or_text(task.website),
         "domain": task.domain,
         "subdomain": task.subdomain,
         "level": task.level,

@@ -37,7 +37,7 @@ from webgym.tasks.files import TaskFile
 from webgym.tasks.formats import read_tasks
 from webgym.tasks.index import FACETS, TaskIndex, TaskQuery, website_key
 
-_SCRIPTS: Final = ("dom.js", "theme.js", "tasks.js")
+_SCRIPTS: Final = ("dom.js", "theme.js", "list.js", "tasks.js")
 _FILTERS: Final = (*FACETS, "website", "text")
 _MOST_ROWS: Final = 500
 """Most rows in one reply."""

@@ -20,7 +20,9 @@ from markupsafe import Markup
 from webgym.core.outcome import Outcome
 from webgym.report import charts, formatting
 
-_SCRIPTS = ("dom.js", "theme.js", "source.js", "table.js", "stage.js", "trajectory.js", "main.js")
+_SCRIPTS = ("dom.js", "theme.js", "list.js", "source.js", "stage.js", "trajectory.js", "main.js")
+_PAGE = 100
+"""Rows of a page of the list."""
 CHUNK = 25
 """Number of trajectories that are compressed together: more take less space, but longer to open."""
 _UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
@@ -121,7 +123,13 @@ class Page(Document):
     """
 
     def __init__(self, title: str, *, live: bool, refresh_seconds: float = 0.0) -> None:
-        settings = {"live": live, "refresh": refresh_seconds, "outcomes": outcome_words(), "chunk": CHUNK}
+        settings = {
+            "live": live,
+            "refresh": refresh_seconds,
+            "outcomes": outcome_words(),
+            "chunk": CHUNK,
+            "page": _PAGE,
+        }
         super().__init__(title, _SCRIPTS, settings, live=live)
         self._live = live
 

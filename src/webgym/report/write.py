@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Final, Protocol
+
+from markupsafe import Markup
 
 from webgym.core.trajectory import Trajectory
 from webgym.report.config import ReportConfig
-from webgym.report.content import page, row
-from webgym.report.overview import Overview, overview_html
+from webgym.report.content import page
+from webgym.report.live_run import LiveRun
 from webgym.report.template import CHUNK, Page
 from webgym.report.thumbnails import thumbnails
-from webgym.results.summary import digest_of
+from webgym.results.run_index import TrajectoryQuery
 from webgym.store.files import REPORT, disk_errors, write_lines
-from webgym.store.runs import RunReader
-from webgym.store.verdicts import VerdictReader
+
+MOST_PAGES: Final = 1_000
+"""Trajectories whose pages are in a report: these take two of its seconds. The viewer shows all of a larger
+run."""
 
 
 class ReportProgress(Protocol):
     """Called with the progress of writing a report."""
 
     def __call__(self, what: str, done: int, total: int) -> None:
-        """``done`` of ``total`` items of this kind (``"trajectories"``, ``"pictures"``) are written."""
+        """``done`` of ``total`` items of this kind are read (``"records"``, whose total is not known: 0) or
+        written (``"trajectories"``, ``"pictures"``)."""
         ...
 
 
@@ -35,8 +41,8 @@ def write_report(
 ) -> Path:
     """Write the report of a run, which may still be going on. Blocks.
 
-    Trajectories are read twice, one at a time: for the figures and the table, then for their pages. Corrupt
-    records are left out and counted on the page.
+    Figures and table come from the run's index. The file holds the pages of all trajectories, of up to
+    :data:`MOST_PAGES` of a larger run, evenly spread. Corrupt records are left out and counted on the page.
 
     Args:
         run_path: the run folder.
@@ -50,8 +56,11 @@ def write_report(
         RunFolderError: the folder is not a run.
         StoreFull: there is no space.
     """
-    reader = RunReader(run_path, skip_corrupt=True)
-    return write_parts(reader.path / REPORT, _parts(reader, config or ReportConfig(), progress))
+    run = LiveRun(Path(run_path))
+    try:
+        return write_parts(run.reader.path / REPORT, _parts(run, config or ReportConfig(), progress))
+    finally:
+        run.index.close()
 
 
 def write_parts(target: Path, parts: Iterable[str]) -> Path:
@@ -65,27 +74,32 @@ def write_parts(target: Path, parts: Iterable[str]) -> Path:
     return target
 
 
-def _parts(reader: RunReader, config: ReportConfig, progress: ReportProgress) -> Iterator[str]:
+def _parts(run: LiveRun, config: ReportConfig, progress: ReportProgress) -> Iterator[str]:
     """The parts of the document, the visible ones first."""
-    tasks = reader.tasks
-    overview = Overview(reader)
-    rows, names = [], dict[str, None]()
-    for trajectory in reader.trajectories():
-        overview.add(digest_of(trajectory))
-        rows.append(row(trajectory, tasks.get(trajectory.episode.task_id)))
-        names |= dict.fromkeys(_screenshots(trajectory))
-    verdicts = VerdictReader(reader.path)
+    run.refresh(lambda count: progress("records", count, 0))
+    reader, tasks = run.reader, run.reader.tasks
+    total, found = run.index.find(TrajectoryQuery(), 0, sys.maxsize)
+    rows: list[dict[str, Any]] = [{**row} for row in found]
+    with_pages = rows[:: max(1, -(-total // MOST_PAGES))]
+    for place, row in enumerate(with_pages):
+        row["page"] = place
+    shown = [row["id"] for row in with_pages]
     document = Page(reader.path.resolve().name, live=False)
-    figures = overview_html(reader, overview.figures(), reader.skipped)
-    yield document.head(figures, rows, picture="" if config.embed else next(iter(names), ""))
-    for first in range(0, len(rows), CHUNK):
-        chunk = rows[first : first + CHUNK]
-        read = ((reader.trajectory(entry["id"]), verdicts.of(entry["id"])) for entry in chunk)
+    seen = (name for attempt_id in shown for name in _screenshots(run.trajectory(attempt_id)))
+    picture = "" if config.embed else next(seen, "")
+    figures = Markup(run.overview())  # noqa: S704 - rendered with autoescape
+    yield document.head(figures, rows, whole=run.is_whole, picture=picture)
+    names = dict[str, None]()
+    for first in range(0, len(shown), CHUNK):
+        chunk = shown[first : first + CHUNK]
+        read = [(run.trajectory(attempt_id), run.verdicts.of(attempt_id)) for attempt_id in chunk]
+        for trajectory, _ in read:
+            names |= dict.fromkeys(_screenshots(trajectory))
         pages = [
             page(trajectory, tasks.get(trajectory.episode.task_id), others) for trajectory, others in read
         ]
         yield document.chunk(first // CHUNK, pages)
-        progress("trajectories", first + len(chunk), len(rows))
+        progress("trajectories", first + len(chunk), len(shown))
     if config.embed:
         for number, small in enumerate(thumbnails(reader.path, names, config)):
             yield document.picture(small.name, small.data)

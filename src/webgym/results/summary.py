@@ -236,6 +236,12 @@ class Digest(msgspec.Struct, frozen=True, array_like=True):
     blocked_by: str = ""
     fault: str = ""
 
+    @property
+    def error(self) -> str:
+        """Code of the error that ended the attempt or prevented its verdict; empty if there was none."""
+        code = self.loss[0] if self.loss else ""
+        return code if self.outcome.is_error or code != self.outcome else ""
+
 
 def digest_of(trajectory: Trajectory) -> Digest:
     """The digest of a trajectory."""
@@ -528,7 +534,7 @@ class Tally:
 
 
 def summarise(
-    trajectories: Iterable[Trajectory],
+    attempts: Iterable[Trajectory | Digest],
     tasks: Sequence[Task],
     samples: int = 1,
     *,
@@ -541,7 +547,7 @@ def summarise(
     """The figures of a run.
 
     Args:
-        trajectories: all of them; iterated once, one in memory at a time.
+        attempts: all trajectories or their digests; iterated once, one in memory at a time.
         tasks: as drawn; one that was drawn twice is listed twice.
         samples: number of samples per listed task.
         seed: of the run.
@@ -551,8 +557,8 @@ def summarise(
         elsewhere: number of samples that other collectors of a shared list have taken, by task.
     """
     tally = Tally(tasks, samples)
-    for trajectory in trajectories:
-        tally.add(digest_of(trajectory))
+    for attempt in attempts:
+        tally.add(attempt if isinstance(attempt, Digest) else digest_of(attempt))
     return tally.summary(
         seed=seed, policy=policy, judge=judge, wall_seconds=wall_seconds, elsewhere=elsewhere
     )

@@ -38,7 +38,7 @@ from webgym.rollout.driver import BrowserSession
 from webgym.rollout.judging import TAKEN_OVER, JudgedEpisode, judge_episode
 from webgym.rollout.plan import Plan, Planned
 from webgym.rollout.progress import queues_of
-from webgym.rollout.sessions import is_of_server, longest_pause, open_patiently
+from webgym.rollout.sessions import is_of_server, longest_pause, patiently
 from webgym.store.runs import RunWriter
 
 _RESUMED: Final = "what was collected is kept; fix the cause, then resume with --resume"
@@ -193,19 +193,16 @@ class Collector:
         def held() -> float:
             return time.monotonic() if self._running else self._last_held
 
+        async def open_session() -> BrowserSession:
+            await attempt.reach_site_state()
+            return await self._context.client.open(attempt.options())
+
         progress.move(None, "opening", attempt.planned.attempt_id)
         try:
             if attempt.planned.retry:  # at once, it could end as before
                 rest = self._server_failed + longest_pause(self._config) - time.monotonic()
                 await asyncio.sleep(max(0.0, rest))
-            return await open_patiently(
-                self._context.client,
-                attempt.options(),
-                self._config,
-                tell=tell,
-                held=held,
-                ready=attempt.reach_site_state,
-            )
+            return await patiently(open_session, self._config, tell=tell, held=held)
         finally:
             progress.move("opening", None, attempt.planned.attempt_id)
 

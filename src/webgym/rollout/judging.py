@@ -11,7 +11,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -97,6 +97,62 @@ def _as_judge_error(error: BaseException, seconds: float, delays: list[str]) -> 
     return JudgeError(f"the judge failed: {type(error).__name__}: {error}")
 
 
+@dataclass
+class Rejudging:
+    """Judges stored attempts again, several at the same time.
+
+    Attributes:
+        reader: of the run.
+        tasks: of the run, by id.
+        decide: judges one.
+        record: stores what came of it.
+        judges: attempts being judged at the same time.
+        give_up_after: attempts in a row without a verdict after which no more are judged: the endpoint has
+            failed, or the model cannot judge.
+        is_stopped: whether no more are to be judged for another reason.
+        failed_in_a_row: the latest attempts in a row without a verdict.
+        failure: why the last of them had none.
+    """
+
+    reader: RunReader
+    tasks: Mapping[str, Task]
+    decide: Callable[[Task, Episode], Awaitable[JudgedEpisode]]
+    record: Callable[[Trajectory, JudgedEpisode], Awaitable[object]]
+    judges: int
+    give_up_after: int
+    is_stopped: Callable[[], bool] = lambda: False
+    failed_in_a_row: int = 0
+    failure: Failure | None = None
+
+    @property
+    def may_continue(self) -> bool:
+        """Whether another attempt is judged."""
+        return not self.is_stopped() and self.failed_in_a_row < self.give_up_after
+
+    async def round(self, attempts: Iterable[str]) -> list[str]:
+        """Judge attempts once; those that have no verdict after it."""
+        waiting, unjudged = deque(attempts), list[str]()
+
+        async def work() -> None:
+            while waiting and self.may_continue:
+                trajectory = await asyncio.to_thread(self.reader.trajectory, waiting.popleft())
+                episode = trajectory.episode
+                if (task := self.tasks.get(episode.task_id)) is None:
+                    continue
+                judged = await self.decide(task, episode)
+                await self.record(trajectory, judged)
+                if judged.outcome is not Outcome.JUDGE_ERROR:
+                    self.failed_in_a_row = 0
+                    continue
+                unjudged.append(episode.attempt_id)
+                self.failed_in_a_row, self.failure = self.failed_in_a_row + 1, judged.failure
+
+        async with task_group() as group:
+            for _ in range(min(self.judges, len(waiting))):
+                group.create_task(work())
+        return unjudged
+
+
 async def judge_again(
     context: AttemptContext[RunWriter],
     tasks: Iterable[Task],
@@ -126,80 +182,40 @@ async def judge_again(
         StoreError: a verdict cannot be stored, a record is damaged, or a disk shared with other collectors
             cannot be read.
     """
-    by_id = {task.id: task for task in tasks}
-    again = _Rejudging(context, by_id, judge, pictures, config, blocklist, plan, finishing)
-    for _ in range(config.judge_again):
-        if not await again.round():
-            return
+    store, progress = context.store, context.progress
 
+    async def holds(episode: Episode) -> bool:
+        return plan is None or await plan.holds(episode.task_id, episode.sample)
 
-@dataclass
-class _Rejudging:
-    context: AttemptContext[RunWriter]
-    tasks: Mapping[str, Task]
-    judge: Judge
-    pictures: Pictures
-    config: CollectorConfig
-    blocklist: Blocklist | None
-    plan: Plan | None
-    finishing: asyncio.Event | None
-    failed_in_a_row: int = 0
-
-    async def round(self) -> bool:
-        """Judge all attempts without a verdict once; returns whether another round may help."""
-        entries = self.context.store.attempts.values()
-        waiting = deque(entry.attempt_id for entry in entries if entry.outcome is Outcome.JUDGE_ERROR)
-        if not waiting or not self._may_continue:
-            return False
-        reader = RunReader(self.context.store.path, skip_corrupt=True)
-        await asyncio.to_thread(reader.refresh)
-        async with task_group() as group:
-            for _ in range(min(self.config.judges, len(waiting))):
-                group.create_task(self._work(waiting, reader))
-        return self._may_continue
-
-    @property
-    def _may_continue(self) -> bool:
-        is_finishing = self.finishing is not None and self.finishing.is_set()
-        return not is_finishing and self.failed_in_a_row < self.config.give_up_after
-
-    async def _work(self, waiting: deque[str], reader: RunReader) -> None:
-        while waiting and self._may_continue:
-            trajectory = await asyncio.to_thread(reader.trajectory, waiting.popleft())
-            task = self.tasks.get(trajectory.episode.task_id)
-            if task is None:
-                continue
-            result = await self._judge_task(task, trajectory.episode)
-            if result.outcome is Outcome.JUDGE_ERROR:
-                self.failed_in_a_row += 1
-                continue
-            self.failed_in_a_row = 0
-            judged = await self._record(trajectory, result)
-            if self.blocklist is not None:
-                await asyncio.to_thread(self.blocklist.note, task.website, judged)
-
-    async def _judge_task(self, task: Task, episode: Episode) -> JudgedEpisode:
-        if not await self._holds(episode):
+    async def decide(task: Task, episode: Episode) -> JudgedEpisode:
+        if not await holds(episode):
             return TAKEN_OVER
-        self.context.progress.move(None, "judging")
+        progress.move(None, "judging")
         try:
-            seconds = self.config.judge_seconds
-            result = await judge_episode(self.judge, task, episode, self.pictures, seconds)
+            judged = await judge_episode(judge, task, episode, pictures, config.judge_seconds)
         finally:
-            self.context.progress.move("judging", None)
-        return result if await self._holds(episode) else TAKEN_OVER
+            progress.move("judging", None)
+        return judged if await holds(episode) else TAKEN_OVER
 
-    async def _holds(self, episode: Episode) -> bool:
-        return self.plan is None or await self.plan.holds(episode.task_id, episode.sample)
+    async def record(trajectory: Trajectory, judged: JudgedEpisode) -> None:
+        if judged.outcome is Outcome.JUDGE_ERROR:
+            return
+        seconds = trajectory.judge_seconds + judged.seconds
+        recorded = msgspec.structs.replace(judged.of(trajectory.episode), judge_seconds=seconds)
+        await store.append(recorded)
+        progress.judged_again(trajectory, recorded)
+        if blocklist is not None:
+            await asyncio.to_thread(blocklist.note, by_id[trajectory.episode.task_id].website, recorded)
 
-    async def _record(self, trajectory: Trajectory, result: JudgedEpisode) -> Trajectory:
-        judged = msgspec.structs.replace(
-            trajectory,
-            outcome=result.outcome,
-            verdict=result.verdict,
-            judge_failure=result.failure,
-            judge_seconds=trajectory.judge_seconds + result.seconds,
-        )
-        await self.context.store.append(judged)
-        self.context.progress.judged_again(trajectory, judged)
-        return judged
+    by_id = {task.id: task for task in tasks}
+    waiting = [entry.attempt_id for entry in store.attempts.values() if entry.outcome is Outcome.JUDGE_ERROR]
+    if not waiting:
+        return
+    reader = RunReader(store.path, skip_corrupt=True)
+    await asyncio.to_thread(reader.refresh)
+    is_finishing = finishing.is_set if finishing is not None else lambda: False
+    again = Rejudging(reader, by_id, decide, record, config.judges, config.give_up_after, is_finishing)
+    for _ in range(config.judge_again):
+        waiting = await again.round(waiting)
+        if not again.may_continue:
+            return

@@ -14,9 +14,9 @@ import msgspec
 from webgym.core.calls import CallQueue, LoopLag
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Level
-from webgym.core.trajectory import Trajectory
+from webgym.core.trajectory import Failure, Trajectory
 from webgym.results.rates import Successes
-from webgym.results.summary import form_notes
+from webgym.results.summary import Digest, digest_of, form_notes
 
 State: TypeAlias = Literal["opening", "acting", "thinking", "judging"]
 STATES: tuple[State, ...] = ("opening", "acting", "thinking", "judging")
@@ -190,39 +190,38 @@ class Progress:
         if attempt_id is not None and (cell := self.cells.get(attempt_id)) is not None:
             cell.steps += 1
 
-    def recorded(self, trajectory: Trajectory) -> None:
+    def recorded(self, attempt: Digest) -> None:
         """Count an attempt of an earlier session, which adds nothing to the rates over time."""
-        self._count(trajectory, 1)
-        self.steps += len(trajectory.episode.steps)
-        self.invalid += sum(step.action is None for step in trajectory.episode.steps)
+        self._count(attempt, attempt.error, 1)
+        self.steps += attempt.steps
+        self.invalid += attempt.invalid
 
     def ended(self, trajectory: Trajectory) -> None:
         """Count a recorded attempt and remove its cell."""
-        episode = trajectory.episode
-        self._count(trajectory, 1)
+        attempt, failure = digest_of(trajectory), _failure_of(trajectory)
+        self._count(attempt, failure.code, 1)
         self._ended.count()
-        self.last.appendleft((trajectory.outcome, episode.task_id, len(episode.steps)))
-        failure = episode.failure or trajectory.judge_failure
-        if trajectory.outcome.is_error and failure is not None:
+        self.last.appendleft((attempt.outcome, attempt.task_id, attempt.steps))
+        if attempt.outcome.is_error and failure.code:
             self._faults, self._fault = self._faults + 1, failure.message
-        elif trajectory.outcome is not Outcome.CANCELLED:
+        elif attempt.outcome is not Outcome.CANCELLED:
             self._faults = 0
-        if (cell := self.cells.pop(episode.attempt_id, None)) is not None:
+        if (cell := self.cells.pop(attempt.attempt_id, None)) is not None:
             heapq.heappush(self._free, cell.place)
 
     def judged_again(self, before: Trajectory, after: Trajectory) -> None:
         """Replace the counts of an attempt that was judged again."""
-        self._count(before, -1)
-        self._count(after, 1)
+        self._count(digest_of(before), _failure_of(before).code, -1)
+        self._count(digest_of(after), _failure_of(after).code, 1)
 
-    def _count(self, trajectory: Trajectory, by: int) -> None:
-        self.outcomes[trajectory.outcome] += by
-        if level := self.levels.get(trajectory.episode.task_id):
-            self.by_level[level, trajectory.outcome] += by
-        if trajectory.verdict is not None and (fault := trajectory.verdict.fault):
-            self.faults[fault] += by
-        if failure := trajectory.episode.failure or trajectory.judge_failure:
-            self.errors[failure.code] += by
+    def _count(self, attempt: Digest, error: str, by: int) -> None:
+        self.outcomes[attempt.outcome] += by
+        if level := self.levels.get(attempt.task_id):
+            self.by_level[level, attempt.outcome] += by
+        if attempt.fault:
+            self.faults[attempt.fault] += by
+        if error:
+            self.errors[error] += by
 
     @property
     def seconds(self) -> float:
@@ -305,6 +304,11 @@ class Progress:
                 for cell in self.cells.values()
             ],
         }
+
+
+def _failure_of(trajectory: Trajectory) -> Failure:
+    """What ended an attempt or prevented its verdict; without a code if nothing did."""
+    return trajectory.episode.failure or trajectory.judge_failure or Failure("", "")
 
 
 def _successes(ended: Mapping[Outcome, int], done: int) -> Successes:

@@ -19,9 +19,11 @@ from webgym.core.background import task_group
 from webgym.core.errors import JudgeError
 from webgym.core.outcome import Outcome
 from webgym.core.settings import Settings
+from webgym.core.task import Task
+from webgym.core.trajectory import Episode, Trajectory
 from webgym.core.verdict import Cost, Verdict
 from webgym.judge.base import Judge
-from webgym.rollout.judging import judge_episode
+from webgym.rollout.judging import JudgedEpisode, Rejudging, judge_episode
 from webgym.store.runs import RunReader
 from webgym.store.verdicts import Judged, VerdictLog
 
@@ -63,7 +65,6 @@ class Judging:
         outcomes: number of judged attempts by outcome.
         cost: of all verdicts.
         spent: cost of the verdicts made in this session.
-        failed_in_a_row: number of latest attempts in a row without a verdict.
         failures: number of attempts without a verdict, by reason.
         policies: whose attempts they are.
     """
@@ -77,7 +78,6 @@ class Judging:
     outcomes: Counter[Outcome] = field(default_factory=Counter)
     cost: Cost = field(default_factory=Cost)
     spent: Cost = field(default_factory=Cost)
-    failed_in_a_row: int = 0
     failures: Counter[str] = field(default_factory=Counter)
     policies: set[str] = field(default_factory=set)
 
@@ -128,11 +128,39 @@ async def judge_run(
         waiting = await asyncio.to_thread(_waiting, reader, verdict_log, state, config)
         if show:
             show(state)
-        waiting = waiting[: config.limit]
         made: dict[str, Judged] = {}
-        for _ in range(1 + config.judge_again):
-            await _judge_all(reader, judge, verdict_log, made, waiting, state, config, show)
-            waiting = [attempt for attempt in waiting if made[attempt].verdict is None]
+        writing = asyncio.Lock()
+
+        async def pictures(name: str) -> bytes:
+            return await asyncio.to_thread(reader.image, name)
+
+        async def decide(task: Task, episode: Episode) -> JudgedEpisode:
+            return await judge_episode(judge, task, episode, pictures, config.judge_seconds)
+
+        async def record(trajectory: Trajectory, found: JudgedEpisode) -> None:
+            attempt_id, now = trajectory.episode.attempt_id, time.time()
+            ended = (found.outcome, now, found.seconds, found.verdict, found.failure)
+            judged = Judged(attempt_id, judge.name, *ended)
+            async with writing:
+                if (before := made.get(attempt_id)) is not None:
+                    state.discount(before)
+                earlier = verdict_log.latest.get(attempt_id)
+                if judged.verdict or not (earlier and earlier.verdict):  # a failure replaces no verdict
+                    await asyncio.to_thread(verdict_log.append, judged)
+            made[attempt_id] = judged
+            state.count(judged, now=True)
+            if show:
+                show(state)
+
+        again = Rejudging(reader, reader.tasks, decide, record, config.judges, config.give_up_after)
+        waiting = await again.round(waiting[: config.limit])
+        if not again.may_continue and again.failure is not None:
+            raise JudgeError(
+                f"{again.failed_in_a_row} attempts in a row had no verdict: {again.failure.message}",
+                hint="the verdicts so far are stored; fix the cause, then call again",
+            )
+        for _ in range(config.judge_again):
+            waiting = await again.round(waiting)
     return state
 
 
@@ -157,64 +185,6 @@ def _waiting(reader: RunReader, verdict_log: VerdictLog, state: Judging, config:
             waiting.append(episode.attempt_id)
     state.left_out += map(str, reader.skipped)
     return waiting
-
-
-async def _judge_all(
-    reader: RunReader,
-    judge: Judge,
-    verdict_log: VerdictLog,
-    made: dict[str, Judged],
-    waiting: list[str],
-    state: Judging,
-    config: RejudgeConfig,
-    show: Callable[[Judging], None] | None,
-) -> None:
-    """Judge attempts, and add the judgements to ``made``; those of this session in it are made again."""
-    remaining = iter(waiting)
-    writing = asyncio.Lock()
-
-    async def pictures(name: str) -> bytes:
-        return await asyncio.to_thread(reader.image, name)
-
-    async def work() -> None:
-        for attempt_id in remaining:
-            episode = (await asyncio.to_thread(reader.trajectory, attempt_id)).episode
-            result = await judge_episode(
-                judge, reader.tasks[episode.task_id], episode, pictures, config.judge_seconds
-            )
-            judged = Judged(
-                attempt_id,
-                judge.name,
-                result.outcome,
-                time.time(),
-                result.seconds,
-                result.verdict,
-                result.failure,
-            )
-            is_again = attempt_id in made
-            async with writing:
-                if is_again:
-                    state.discount(made[attempt_id])
-                earlier = verdict_log.latest.get(attempt_id)
-                if judged.verdict or not (earlier and earlier.verdict):  # a failure replaces no verdict
-                    await asyncio.to_thread(verdict_log.append, judged)
-            made[attempt_id] = judged
-            state.count(judged, now=True)
-            if show:
-                show(state)
-            failed = judged.failure
-            state.failed_in_a_row = state.failed_in_a_row + 1 if failed else 0
-            if failed and state.failed_in_a_row >= config.give_up_after:
-                if is_again:
-                    return
-                raise JudgeError(
-                    f"{state.failed_in_a_row} attempts in a row had no verdict: {failed.message}",
-                    hint="the verdicts so far are stored; fix the cause, then call again",
-                )
-
-    async with task_group() as group:
-        for _ in range(min(config.judges, len(waiting))):
-            group.create_task(work())
 
 
 @dataclass(frozen=True)

@@ -103,7 +103,11 @@ def tracking(
 
     with ExitStack() as stack:
         for name in names:
-            tracker = _Tracker(name, *_OPEN[name](path, project), failed)
+            try:
+                opened = _OPEN[name](path, project)
+            except ImportError as error:
+                raise _missing(name) from error
+            tracker = _Tracker(name, *opened, failed)
             stack.callback(tracker.close)
             trackers.append(tracker)
         for row in rows:
@@ -119,7 +123,7 @@ def check_installed(names: Sequence[TrackerName]) -> None:
     """
     for name in names:
         if importlib.util.find_spec(name) is None:
-            raise _MISSING[name]()
+            raise _missing(name)
 
 
 def numbers_in(row: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, float]]:
@@ -135,27 +139,20 @@ def numbers_in(row: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
             yield name, float(value)
 
 
-def _no_tensorboard() -> ConfigError:
-    hint = "pip install 'webgym-rl[train]', or leave it out of `trackers`"
-    return ConfigError("TensorBoard is not installed", hint=hint)
-
-
-def _no_wandb() -> ConfigError:
-    hint = "pip install wandb, or leave it out of `trackers`"
-    return ConfigError("Weights & Biases is not installed", hint=hint)
-
-
-_MISSING: Final[dict[TrackerName, Callable[[], ConfigError]]] = {
-    "tensorboard": _no_tensorboard,
-    "wandb": _no_wandb,
+_INSTALLED_BY: Final[dict[TrackerName, tuple[str, str]]] = {
+    "tensorboard": ("TensorBoard", "pip install 'webgym-rl[train]', or leave it out of `trackers`"),
+    "wandb": ("Weights & Biases", "pip install wandb, or leave it out of `trackers`"),
 }
 
 
+def _missing(name: TrackerName) -> ConfigError:
+    product, hint = _INSTALLED_BY[name]
+    return ConfigError(f"{product} is not installed", hint=hint)
+
+
 def _tensorboard(path: Path, project: str) -> tuple[Log, Callable[[], object]]:  # noqa: ARG001
-    try:
-        from torch.utils.tensorboard import SummaryWriter
-    except ImportError as error:
-        raise _no_tensorboard() from error
+    from torch.utils.tensorboard import SummaryWriter
+
     shutil.rmtree(path / FOLDER, ignore_errors=True)
     with disk_errors("writing figures for TensorBoard"):
         writer: Any = SummaryWriter(str(path / FOLDER))
@@ -172,10 +169,7 @@ def _tensorboard(path: Path, project: str) -> tuple[Log, Callable[[], object]]: 
 
 
 def _wandb(path: Path, project: str) -> tuple[Log, Callable[[], object]]:
-    try:
-        wandb = importlib.import_module("wandb")
-    except ImportError as error:
-        raise _no_wandb() from error
+    wandb = importlib.import_module("wandb")
     run_id = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:16]
     try:
         run = wandb.init(project=project, name=path.resolve().name, id=run_id, resume="allow", dir=str(path))

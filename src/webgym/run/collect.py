@@ -11,8 +11,9 @@ This is what ``webgym rollout`` and ``webgym demo`` call::
 from __future__ import annotations
 
 import asyncio
+import sys
 import uuid
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import (
     AbstractAsyncContextManager,
@@ -29,6 +30,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import msgspec
+from rich.console import Console
 
 from webgym.agent.agent import Agent
 from webgym.agent.openai_policy import OpenAIPolicy
@@ -39,20 +41,23 @@ from webgym.core.calls import CallQueue, call_queues
 from webgym.core.errors import RunFolderError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
+from webgym.core.text import plain
 from webgym.judge.base import Judge
 from webgym.judge.factory import check_judge, open_judge, refuse_unjudgeable
 from webgym.llm.health import report_problems, watch_clients
+from webgym.results.run_index import RunIndex
 from webgym.results.summary import Summary, oracle_notes, summarise
 from webgym.rollout.attempt import AttemptContext
 from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.collector import Collector
 from webgym.rollout.driver import Browsers, SiteState
 from webgym.rollout.judging import judge_again
-from webgym.rollout.live_file import feeding
+from webgym.rollout.live import showing
+from webgym.rollout.live_file import exposing, feeding
 from webgym.rollout.lockstep import Lockstep
 from webgym.rollout.plan import Plan
 from webgym.rollout.progress import Progress
-from webgym.rollout.prometheus import exposing
+from webgym.rollout.sessions import KeptLeases
 from webgym.rollout.sharing import Claims, sharing
 from webgym.rollout.trackers import check_installed, tracking
 from webgym.run.choice import choose_tasks, given_tasks, tell_left_out
@@ -69,12 +74,22 @@ from webgym.run.config import (
 )
 from webgym.run.services import open_services
 from webgym.server.client import BrowserClient
-from webgym.store.files import METRICS
+from webgym.store.files import LEASES, METRICS
 from webgym.store.runs import RunReader, RunWriter, refuse_taken
 from webgym.tasks.files import NEEDS_PICTURES
 from webgym.tasks.selection import BLOCKED
 
 Show: TypeAlias = Callable[[Progress], AbstractAsyncContextManager[None]]
+
+
+def show_on_stderr(progress: Progress) -> AbstractAsyncContextManager[None]:
+    """Show a run's progress on stderr: a panel in a terminal, else a line at intervals."""
+    return showing(progress, Console(stderr=True))
+
+
+def print_on_stderr(line: str) -> None:
+    """Print a line that the user should read."""
+    print(f"webgym: {plain(line)}", file=sys.stderr, flush=True)
 
 
 async def collect(
@@ -84,8 +99,8 @@ async def collect(
     tasks: Sequence[Task] | None = None,
     policy: Policy | None = None,
     secrets: Secrets | None = None,
-    show: Show | None = None,
-    tell: Tell | None = None,
+    show: Show | None = show_on_stderr,
+    tell: Tell | None = print_on_stderr,
     finishing: asyncio.Event | None = None,
 ) -> Summary:
     """Collect a run: every task is attempted, judged and on disk when this returns.
@@ -96,8 +111,8 @@ async def collect(
         tasks: replace those that ``config.tasks`` would choose; they must belong to its split.
         policy: one of your own, in place of the one that ``config.policy`` names.
         secrets: tokens of servers that run elsewhere.
-        show: shows the progress while the run goes on.
-        tell: called with each line that the user should read, such as a warning.
+        show: shows the progress while the run goes on; ``None`` for no display.
+        tell: called with each line that the user should read, such as a warning; ``None`` for none.
         finishing: once set, no new attempt starts, and the run ends when those in progress have ended.
 
     Raises:
@@ -111,6 +126,8 @@ async def collect(
     if policy is not None:
         own = PolicyChoice(name=policy.name, check=config.policy.check)
         config = config.model_copy(update={"policy": own})
+    elif "name" not in config.policy.model_fields_set:
+        say(tell, f"no policy is named: {''.join(oracle_notes([config.policy.name]))}")
     config = resolved(config, policy, tell)
     requested = tasks
     # A file of hundreds of thousands of tasks takes seconds, and the caller's loop has others to serve.
@@ -160,8 +177,8 @@ async def resume(
     server: ServerChoice | None = None,
     skip_corrupt: bool = False,
     retry_errors: bool = False,
-    show: Show | None = None,
-    tell: Tell | None = None,
+    show: Show | None = show_on_stderr,
+    tell: Tell | None = print_on_stderr,
     finishing: asyncio.Event | None = None,
 ) -> Summary:
     """Continue an interrupted run: attempts on disk are kept and not repeated.
@@ -174,8 +191,8 @@ async def resume(
         skip_corrupt: continue without records whose checksum does not match.
         retry_errors: attempt again what ended in an error of the environment or the policy as often as the
             run allows; else what has exhausted its retries stays as it is.
-        show: shows the progress while the run goes on.
-        tell: called with each line that the user should read, such as a warning.
+        show: shows the progress while the run goes on; ``None`` for no display.
+        tell: called with each line that the user should read, such as a warning; ``None`` for none.
         finishing: once set, no new attempt starts, and the run ends when those in progress have ended.
 
     Raises:
@@ -321,9 +338,15 @@ async def _carry_out(
     retry_errors: bool = False,
 ) -> Summary:
     shared, is_resumed = config.collector.sharing, bool(store.attempts)
-    async with sharing(shared, run_id, tasks, store.path, is_resumed=is_resumed) as claims:
+    async with AsyncExitStack() as stack:
+        client = run_services.client
+        if config.server.url is not None and isinstance(client, BrowserClient):
+            client = await stack.enter_async_context(KeptLeases(client, store.path / LEASES))
+        claims = await stack.enter_async_context(
+            sharing(shared, run_id, tasks, store.path, is_resumed=is_resumed)
+        )
         plan = _plan(config, tasks, store, retry_errors=retry_errors, claims=claims)
-        return await _collected(config, tasks, run_services, store, plan, show, finishing)
+        return await _collected(config, tasks, run_services, client, store, plan, show, finishing)
 
 
 def _plan(
@@ -350,6 +373,7 @@ async def _collected(
     config: RunConfig,
     tasks: Sequence[Task],
     run_services: _RunServices,
+    client: Browsers,
     store: RunWriter,
     plan: Plan,
     show: Show | None,
@@ -362,11 +386,16 @@ async def _collected(
         problem=run_services.problem,
     )
     if store.attempts:
-        recorded = RunReader(store.path, skip_corrupt=True).trajectories()
-        await asyncio.to_thread(lambda: deque(map(progress.recorded, recorded), maxlen=0))
+
+        def count_recorded() -> None:
+            with _index_of(store, tasks) as index:
+                for attempt in index.digests(0):
+                    progress.recorded(attempt)
+
+        await asyncio.to_thread(count_recorded)
     judge = run_services.judge
     context = AttemptContext(
-        client=run_services.client,
+        client=client,
         agent=run_services.agent,
         store=store,
         config=config.attempt,
@@ -437,16 +466,24 @@ async def _summarised(
     elsewhere: Mapping[str, int] | None = None,
 ) -> Summary:
     def of_disk() -> Summary:
-        return summarise(
-            RunReader(store.path, skip_corrupt=True).trajectories(),
-            tasks,
-            config.samples,
-            seed=config.seed,
-            policy=config.policy.chat.model if config.policy.chat else config.policy.name,
-            judge=judge.name,
-            elsewhere=elsewhere,
-        )
+        with _index_of(store, tasks) as index:
+            return summarise(
+                index.digests(0),
+                tasks,
+                config.samples,
+                seed=config.seed,
+                policy=config.policy.chat.model if config.policy.chat else config.policy.name,
+                judge=judge.name,
+                elsewhere=elsewhere,
+            )
 
     summary = await asyncio.to_thread(of_disk)
     await store.write_summary(summary)
     return summary
+
+
+def _index_of(store: RunWriter, tasks: Sequence[Task]) -> RunIndex:
+    """The index of a run's records on disk, which the run's report and viewer then need not make."""
+    index = RunIndex(store.path, {task.id: task for task in tasks})
+    index.refresh()
+    return index

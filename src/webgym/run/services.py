@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Mapping, Sequence, Set
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence, Set
 from contextlib import (
     AsyncExitStack,
     asynccontextmanager,
 )
 from dataclasses import replace
 from importlib import import_module
-from typing import Any, Final
+from typing import Any, Final, TypeAlias, TypeVar
 
 import httpx
 import msgspec
@@ -23,11 +23,15 @@ from webgym.core.task import Task
 from webgym.core.websites import host_or_text
 from webgym.offline.app import SitesClient, serving
 from webgym.offline.web import OfflineWeb
+from webgym.rollout.config import CollectorConfig
 from webgym.rollout.driver import Browsers, SiteState
+from webgym.rollout.sessions import patiently
 from webgym.run.config import RunConfig, Secrets, ServerChoice, Tell, say
 from webgym.server.client import BrowserClient
 from webgym.server.config import Admission, ServerConfig
 from webgym.server.run_worker import running_server
+
+T = TypeVar("T")
 
 _STATIC_BROWSERS: Final = ("webgym.study.static_browsers", "StaticBrowsers")
 """Module and class of browsers without Chromium. They stand beside runs, for studies: no run needs them."""
@@ -53,11 +57,12 @@ async def open_services(
         tell: called with each line that the user should read, such as a warning.
         calls: queues that limit concurrent calls, by kind of call.
         attempts: how many there are, if that is known: no more browsers are started.
-        are_recorded: the tasks are those of a run that is resumed.
+        are_recorded: the tasks are those of a run that is resumed. What it has reached before is waited for.
 
     Raises:
         WebGymError: they cannot be started or reached, or do not serve these tasks.
     """
+    patience = (config.collector if are_recorded else None, tell)
     are_recorded = are_recorded or config.tasks.file is not None
     if config.server.static:
         if config.sites.collection != "small" or config.tasks.file is not None:
@@ -73,8 +78,8 @@ async def open_services(
             yield browsers, browsers
         return
     async with (
-        _sites(config, secrets, tasks, are_recorded=are_recorded) as (site_state, allowed),
-        _browsers(config, secrets, allowed, tell, attempts, calls) as client,
+        _sites(config, secrets, tasks, patience, are_recorded=are_recorded) as (site_state, allowed),
+        _browsers(config, secrets, allowed, patience, attempts, calls) as client,
     ):
         yield site_state, client
 
@@ -110,6 +115,20 @@ async def services(config: RunConfig, secrets: Secrets) -> AsyncIterator[tuple[S
         yield choice, replace(secrets, server_token=token)
 
 
+_Patience: TypeAlias = tuple[CollectorConfig | None, Tell | None]
+"""For how long services elsewhere are waited for, not at all if ``None``, and who is told."""
+
+
+async def _reached(call: Callable[[], Awaitable[T]], patience: _Patience) -> T:
+    """The first answer of a service that runs elsewhere."""
+    config, tell = patience
+    if config is None:
+        return await call()
+    return await patiently(
+        call, config, tell=lambda problem: say(tell, f"waiting: {problem}") if problem else None
+    )
+
+
 class ServedState:
     """The :class:`SiteState` of a served offline web.
 
@@ -132,7 +151,7 @@ class ServedState:
 
 @asynccontextmanager
 async def _sites(
-    config: RunConfig, secrets: Secrets, tasks: Sequence[Task], *, are_recorded: bool
+    config: RunConfig, secrets: Secrets, tasks: Sequence[Task], patience: _Patience, *, are_recorded: bool
 ) -> AsyncIterator[tuple[SiteState | None, tuple[str, ...]]]:
     """The offline web, here or elsewhere, and the egress rules that let browsers reach it."""
     if not any(task.truth for task in tasks):
@@ -146,7 +165,8 @@ async def _sites(
         token = secrets.sites_token.get_secret_value()
         async with SitesClient(config.server.sites_url, token) as client:
             # Fails now, in one line, rather than once per attempt.
-            served = {site["host"]: site.get("digest") for site in await client.websites()}
+            websites = await _reached(client.websites, patience)
+            served = {site["host"]: site.get("digest") for site in websites}
             _check_served(tasks, served.keys())
             _check_digests(config, tasks, served)
             if are_recorded:
@@ -233,12 +253,12 @@ async def _browsers(
     config: RunConfig,
     secrets: Secrets,
     allowed: tuple[str, ...],
-    tell: Tell | None,
+    patience: _Patience,
     attempts: int | None,
     calls: dict[str, CallQueue],
 ) -> AsyncIterator[BrowserClient]:
     """A client of the configured browser server, or of one started here with as many slots as needed."""
-    sessions = config.collector.sessions
+    sessions, (_, tell) = config.collector.sessions, patience
     if attempts is not None:
         sessions = max(1, min(sessions, attempts))
     if config.server.url is not None:
@@ -250,13 +270,14 @@ async def _browsers(
         async with BrowserClient(
             config.server.url, token=token.get_secret_value(), limits=config.limits, calls=calls
         ) as client:
-            info = await client.info()  # fails now, in one line, rather than once per attempt
+            info = await _reached(client.info, patience)
             if sessions > info.slots:
                 say(
                     tell, f"the server has {info.slots} slots so far, for {sessions} sessions: some will wait"
                 )
             yield client
         return
+    say(tell, f"starting the browser server for {sessions} sessions, which takes some seconds")
     browser = config.browser.allowing(*allowed)
     admission = Admission(queues=config.server.queues)
     async with (

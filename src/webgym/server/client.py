@@ -227,13 +227,19 @@ class BrowserClient:
         try:
             route = await self._router.find(grant)
         except asyncio.CancelledError:
-            await asyncio.shield(self._give_back(grant))
+            await asyncio.shield(self.give_back(grant))
             raise
         session = Session(self, grant, route)
         self._sessions.add(session)
         return session
 
-    async def _give_back(self, grant: SessionGrant) -> None:
+    @property
+    def grants(self) -> list[SessionGrant]:
+        """The leases of the open sessions."""
+        return [session.grant for session in self._sessions]
+
+    async def give_back(self, grant: SessionGrant) -> None:
+        """End the session of a lease, if it still exists."""
         with contextlib.suppress(WebGymError):  # the lease expires by itself
             await self.call(RELEASE, Closed, grant=grant, seconds=RELEASE_SECONDS)
 

@@ -33,6 +33,7 @@ EVALUATIONS = "evaluations"
 """Subfolders of a training folder (webgym.train.folder): its iterations, and its evaluations, which are
 runs."""
 LOCK = ".lock"
+LEASES = ".leases"
 TORN = ".tmp"
 """Suffix of a temporary file that is being written."""
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}

@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Final
 
 from rich.console import Console
 
@@ -23,13 +24,16 @@ from webgym.core.action import Answer
 from webgym.core.outcome import Ending, Outcome
 from webgym.core.task import StepBudget, Task
 from webgym.core.trajectory import Episode, Reply, Step
+from webgym.judge.base import no_picture
 from webgym.judge.offline import OfflineJudge
 from webgym.offline.small.site import SmallWebsite
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Website
+from webgym.rollout.judging import judge_episode
 from webgym.rollout.live import showing
 from webgym.study.static_pages import StaticBrowser
-from webgym.testing.adapters import (
+from webgym.testing.environments import (
+    FAULTS,
     Adapt,
     Adapted,
     Begin,
@@ -38,11 +42,11 @@ from webgym.testing.adapters import (
     Rows,
     Told,
     check_adapter,
+    check_environment,
+    stand_in_environment,
     stand_in_pool,
 )
-from webgym.testing.browser_check import check_in_browsers
-from webgym.testing.environments import FAULTS, check_environment, stand_in_environment
-from webgym.testing.solutions import judged
+from webgym.testing.solutions import check_in_browsers, faults_of
 
 __all__ = [
     "FAULTS",
@@ -61,6 +65,9 @@ __all__ = [
     "stand_in_environment",
     "stand_in_pool",
 ]
+
+
+_JUDGE_SECONDS: Final = 300.0
 
 
 def play(site: Website, task: Task, viewport: tuple[int, int]) -> Episode:
@@ -108,7 +115,8 @@ async def check_tasks(site: Website, tasks: Iterable[Task], viewport: tuple[int,
     judge, faults = OfflineJudge(), list[str]()
     for task in tasks:
         episode = play(site, task, viewport)
-        trajectory, found = await judged(task, episode, judge)
+        trajectory = (await judge_episode(judge, task, episode, no_picture, _JUDGE_SECONDS)).of(episode)
+        found = await faults_of(task, trajectory, judge)
         if trajectory.outcome is Outcome.SUCCESS:
             found += [f"{task.id}: {line}" for line in _weaknesses(task, episode)]
         faults += found
@@ -172,7 +180,7 @@ async def check_family(
         return faults + await check_in_browsers(
             web,
             played,
-            Path(scratch) / "results.jsonl",
+            Path(scratch) / "run",
             sessions=os.cpu_count() or 2,
             show=partial(showing, console=console) if console.is_terminal else None,
         )

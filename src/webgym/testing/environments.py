@@ -1,4 +1,8 @@
-"""Conformance checks for environments and for wrappers of them. They take seconds and need no browser."""
+"""Conformance checks for environments and wrappers of them, and for adapters that present an episode in a
+framework's own way: what that is told is compared with the promises of an environment.
+
+They take seconds and need no browser, unless the browsers are the framework's.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +11,15 @@ import gc
 import hashlib
 import inspect
 import math
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+import tempfile
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Sequence
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from io import BytesIO
-from typing import Any, Final
+from pathlib import Path
+from typing import Any, Final, Protocol, TypeAlias
 
+import msgspec
 from PIL import Image
 
 from webgym.core.action import Action, Answer, BrowserAction, Scroll
@@ -25,6 +33,7 @@ from webgym.judge.base import Pictures
 from webgym.rollout.config import AttemptConfig
 from webgym.run.config import PolicyChoice, RunConfig
 from webgym.server.messages import SessionOptions, View
+from webgym.tasks.formats import write_tasks
 
 _SIZE: Final = (64, 48)
 BUDGET: Final = 4
@@ -128,19 +137,19 @@ and, if it owns resources, ``close()``; each may be a coroutine function."""
 
 
 class _Check:
-    """The rules, one method each, and a line for every violation."""
+    """The rules for environments, and a line for every violation."""
 
     def __init__(self, adapt: EnvironmentAdapter) -> None:
         self._adapt = adapt
         self.faults: list[str] = []
 
     @asynccontextmanager
-    async def _opened(self) -> AsyncIterator[tuple[Any, StandInBrowsers, StandInJudge]]:
-        browsers, judge = StandInBrowsers(), StandInJudge()
-        async with _environment(browsers, judge) as env:
+    async def _opened(self) -> AsyncIterator[tuple[Any, StandInBrowsers]]:
+        browsers = StandInBrowsers()
+        async with _environment(browsers, StandInJudge()) as env:
             adapted = self._adapt(env)
             try:
-                yield adapted, browsers, judge
+                yield adapted, browsers
             finally:
                 await _close(adapted)
 
@@ -148,111 +157,81 @@ class _Check:
         if not holds:
             self.faults.append(rule)
 
-    async def rewards(self) -> None:
-        """The reward comes once, at the end."""
-        for answer, wanted in ((_RIGHT, 1.0), ("wrong", 0.0), (None, 0.0)):
-            async with self._opened() as (env, _, _):
-                await _call(env.reset, seed=1)
-                last: Action | str = "I would click there." if answer is None else Answer(answer)
-                actions: list[Action | str] = [*[Scroll("down")] * (BUDGET - 1), last]
-                results = [await _call(env.step, action) for action in actions]
-                rewards = [each[1] for each in results]
-                self.expect(rewards[:-1] == [0.0] * (BUDGET - 1), f"a reward before the end: {rewards}")
-                self.expect(rewards[-1] == wanted, f"the reward for the answer {answer!r} is {rewards[-1]}")
-                ends = [(bool(each[2]), bool(each[3])) for each in results]
-                self.expect(not any(map(any, ends[:-1])), "an episode is over before its end")
-                rule = "an answer terminates an episode" if answer else "a budget that is spent truncates one"
-                self.expect(ends[-1] == ((True, False) if answer else (False, True)), rule)
-                self.expect(await _raises(env.step, Scroll("down")), "a step after the end raises no error")
+    async def promises(self) -> None:
+        """What every adapter promises (:func:`check_adapter`), and how an environment says it."""
+        step = self._adapt(_environment(StandInBrowsers(), StandInJudge())).step
+        self.faults += await check_adapter(self._adapted, cancels=inspect.iscoroutinefunction(step))
 
-    async def faults_are_no_rewards(self) -> None:
-        """A fault never gives the reward 0."""
-        for fault in FAULTS:
-            async with self._opened() as (env, browsers, judge):
-                await _call(env.reset, seed=1)
-                judge.fault, browsers.fails = fault, fault == "browser"
-                actions: list[Action] = [Scroll("down"), Answer(_RIGHT)]
-                if fault in ("judge", "no_reward", "blocked"):
-                    actions = [Answer(_RIGHT)]
-                reward, terminated, truncated, info = 0.0, False, False, {}
-                for action in actions:
-                    _, reward, terminated, truncated, info = await _call(env.step, action)
-                    if terminated or truncated:
-                        break
-                prefix = f"an episode without a reward ({fault})"
-                self.expect(math.isnan(reward), f"{prefix} has the reward {reward}, not NaN")
-                self.expect(not terminated and bool(truncated), f"{prefix} is not truncated")
-                self.expect(
-                    str(info.get("outcome")) not in ("success", "failure", "truncated", "None"),
-                    f"{prefix} has the outcome {info.get('outcome')}",
-                )
+    @asynccontextmanager
+    async def _adapted(self, given: dict[str, Any]) -> AsyncIterator[Adapted]:
+        async def begin(task_id: str) -> Any:
+            env = _environment(given["browsers"], given["judge"])
+            await env.__aenter__()
+            adapted = self._adapt(env)
+            await _call(adapted.reset, options={"task_id": task_id})
+            return adapted
+
+        async def play(task_id: str, actions: Sequence[Action | str]) -> Told:
+            adapted, told = await begin(task_id), Told()
+            try:
+                await self._play(adapted, actions, told)
+            except Exception as error:
+                self.expect(False, f"an episode fails: {type(error).__name__}: {error}")
+            await _close(adapted)
+            return told
+
+        yield Adapted(play, begin)
+
+    async def _play(self, env: Any, actions: Sequence[Action | str], told: Told) -> None:
+        for action in actions:
+            _, reward, terminated, truncated, info = await _call(env.step, action)
+            if not (terminated or truncated):
+                told.early.append(reward)
+                continue
+            ended = (bool(terminated), bool(truncated))
+            if math.isnan(reward):
+                self.expect(ended == (False, True), "an episode without a reward is not truncated")
+                is_named = str(info.get("outcome")) not in ("success", "failure", "truncated", "None")
+                self.expect(is_named, f"an episode without a reward has the outcome {info.get('outcome')}")
+            else:
+                told.final.append(reward)
+                self.expect(action is actions[-1], "an episode is over before its end")
+                is_answered = isinstance(action, Answer)
+                rule = "an answer terminates an episode" if is_answered else "a spent budget truncates one"
+                self.expect(ended == (is_answered, not is_answered), rule)
+            self.expect(await _raises(env.step, Scroll("down")), "a step after the end raises no error")
+            return
 
     async def seeds(self) -> None:
         """The same seed gives the same tasks."""
         orders = []
         for seed in (5, 5, 6):
-            async with self._opened() as (env, _, _):
+            async with self._opened() as (env, _):
                 first = (await _call(env.reset, seed=seed))[1]["task_id"]
                 orders.append([first, *[(await _call(env.reset))[1]["task_id"] for _ in range(4)]])
         self.expect(orders[0] == orders[1], "the same seed gives other tasks")
         self.expect(orders[0] != orders[2], "another seed gives the same tasks")
-        async with self._opened() as (env, _, _):
+        async with self._opened() as (env, _):
             chosen = (await _call(env.reset, options={"task_id": "check-7"}))[1]["task_id"]
             self.expect(chosen == "check-7", "options={'task_id': …} is ignored")
 
-    async def sessions_are_given_back(self) -> None:
-        """A browser session is closed however an episode ends."""
-        async with self._opened() as (env, browsers, _):
+    async def abandoned(self) -> None:
+        """A browser session is closed when another episode begins, and with the environment."""
+        async with self._opened() as (env, browsers):
             for _ in range(3):
                 await _call(env.reset)
             self.expect(len(browsers.open_now) <= 1, "an episode that is abandoned keeps its browser")
-            await _call(env.step, Answer(_RIGHT))
-            self.expect(not browsers.open_now, "an episode that is over keeps its browser")
-            await _call(env.reset)
-            browsers.fails = True
-            await _call(env.step, Scroll("down"))
-            self.expect(not browsers.open_now, "an episode that failed keeps its browser")
-            browsers.fails = False
-            await _call(env.reset)
         self.expect(not browsers.open_now, "an environment that is closed keeps its browser")
-        async with self._opened() as (env, browsers, _):
-            if inspect.iscoroutinefunction(env.step):
-                await _call(env.reset)
-                browsers.hangs = True
-                step = asyncio.create_task(env.step(Scroll("down")))
-                await browsers.entered.wait()
-                step.cancel()
-                await asyncio.wait({step})
-                self.expect(step.cancelled(), "a step that is cancelled goes on")
-                self.expect(not browsers.open_now, "a step that is cancelled keeps its browser")
-        await self._forgotten()
-
-    async def _forgotten(self) -> None:
-        browsers = StandInBrowsers()
-        env = _environment(browsers, StandInJudge())
-        await env.__aenter__()
-        adapted = self._adapt(env)
-        await _call(adapted.reset)
-        del env, adapted
-        for _ in range(3):
-            gc.collect()
-            await asyncio.sleep(0)
-        self.expect(not browsers.open_now, "an environment that is forgotten keeps its browser")
 
     async def isolation(self) -> None:
         """Two environments never see each other's state."""
-        async with (
-            self._opened() as (first, first_browsers, _),
-            self._opened() as (second, second_browsers, _),
-        ):
+        async with self._opened() as (first, browsers), self._opened() as (second, others):
             await _call(first.reset, seed=1)
             await _call(second.reset, seed=1)
             for _ in range(BUDGET - 1):
                 info = (await _call(first.step, Scroll("down")))[4]
-            second_steps = max(second_browsers.steps.values(), default=-1)
-            first_steps = max(first_browsers.steps.values(), default=-1)
-            steps = (first_steps, second_steps)
-            self.expect(steps == (BUDGET - 1, 0), "a step in one environment reaches another")
+            steps = [max(each.steps.values(), default=-1) for each in (browsers, others)]
+            self.expect(steps == [BUDGET - 1, 0], "a step in one environment reaches another")
             self.expect(info["step"] == BUDGET - 1, "an environment does not count its own steps")
 
 
@@ -268,14 +247,7 @@ async def check_environment(adapt: EnvironmentAdapter = lambda env: env) -> list
         A line for every violation; empty if there is none.
     """
     check = _Check(adapt)
-    rules = (
-        check.rewards,
-        check.faults_are_no_rewards,
-        check.seeds,
-        check.sessions_are_given_back,
-        check.isolation,
-    )
-    for rule in rules:
+    for rule in (check.promises, check.seeds, check.abandoned, check.isolation):
         try:
             await rule()
         except Exception as error:
@@ -300,3 +272,241 @@ async def _raises(function: Callable[..., Any], *given: Any) -> bool:
     except Exception:
         return True
     return False
+
+
+class Told(msgspec.Struct):
+    """What a framework was told of an episode.
+
+    Attributes:
+        final: its rewards, one for each row, or a single one; empty if the framework was told that there is
+            no reward, in whatever way it has for that.
+        early: numbers that were given as rewards before the end.
+    """
+
+    final: list[float] = msgspec.field(default_factory=list)
+    early: list[float] = msgspec.field(default_factory=list)
+
+
+Play: TypeAlias = Callable[[str, Sequence[Action | str]], Awaitable[Told]]
+"""Plays the task of an id with these actions, or model replies, and returns what the framework was told."""
+
+Begin: TypeAlias = Callable[[str], Awaitable[object]]
+"""Begins an episode of the task of an id, and returns all that the framework holds of it."""
+
+
+class Adapted(msgspec.Struct):
+    """An adapter that is open.
+
+    Attributes:
+        play: plays an episode.
+        begin: begins an episode as the framework does, where it holds an object of each episode: the
+            environment. ``None`` where an episode is a coroutine that the framework awaits.
+    """
+
+    play: Play
+    begin: Begin | None = None
+
+
+Adapt: TypeAlias = Callable[[dict[str, Any]], AbstractAsyncContextManager[Adapted]]
+"""Opens an adapter on a pool of browsers, given the arguments of :class:`webgym.EnvironmentPool`, or what
+another backend gives."""
+
+_COLLECTED_SECONDS: Final = 10.0
+"""Longest time from the last reference to an episode to its browser's end."""
+
+Rows: TypeAlias = Callable[[str, RunConfig], Sequence[str]]
+"""Ids of the tasks in the adapter's dataset, for a name of tasks and the settings they are drawn with."""
+
+
+def stand_in_pool(folder: Path, size: int = 4, *, fails: bool = False, fault: str = "") -> dict[str, Any]:
+    """Arguments of a :class:`webgym.EnvironmentPool` of stand-ins, as in
+    :func:`~webgym.testing.stand_in_environment`.
+
+    Args:
+        folder: an empty folder for the task file.
+        size: number of browsers.
+        fails: whether browsers crash at the first scroll.
+        fault: what keeps the judge from a reward: ``judge``, ``no_reward`` or ``blocked``; empty for nothing.
+    """
+    write_tasks(folder / "tasks.jsonl", STAND_IN_TASKS)
+    browsers, judge = StandInBrowsers(), StandInJudge()
+    browsers.fails, judge.fault = fails, fault
+    return {
+        "name": str(folder / "tasks.jsonl"),
+        "size": size,
+        "split": "all",
+        "config": stand_in_environment().config,
+        "browsers": browsers,
+        "judge": judge,
+    }
+
+
+class CheckBackend(Protocol):
+    """Browsers, tasks and judge of a check. Write one for an adapter whose browsers are its framework's.
+
+    Attributes:
+        given: what the adapter is opened with; its ``name`` and ``config`` are given to ``rows``, too.
+    """
+
+    given: dict[str, Any]
+
+    def prepare(self, case: str) -> tuple[str, Sequence[Action | str]]:
+        """Prepare an episode, and undo what an earlier one of a fault needed.
+
+        Args:
+            case: ``right``: the last action is an answer with the reward 1. ``wrong``: an answer with the
+                reward 0. ``spent``: no answer, and the budget is spent, for the reward 0. ``cancelled``: it
+                hangs in a step. Each of ``FAULTS``: it would be right, but meets that fault.
+                ``right`` and ``wrong`` are also played concurrently, and one that is to be forgotten is begun
+                as ``cancelled``, or as ``right`` where the adapter has a ``begin``.
+
+        Returns:
+            Id of its task, and the actions to play.
+        """
+
+    def open_browsers(self) -> int:
+        """Number of browsers that are not closed."""
+
+    def steps(self) -> list[int]:
+        """For each episode so far, the number of actions, without the answer, that a browser carried out."""
+
+    async def hangs(self) -> None:
+        """Wait until a ``cancelled`` episode hangs; not called if there is none."""
+
+
+class _StandIns:
+    """Stand-ins for WebGym's browsers, on which everything can go wrong."""
+
+    def __init__(self, folder: Path) -> None:
+        self.given = stand_in_pool(folder, 16)
+        self._browsers: StandInBrowsers = self.given["browsers"]
+        self._judge: StandInJudge = self.given["judge"]
+
+    def prepare(self, case: str) -> tuple[str, Sequence[Action | str]]:
+        self._judge.fault = case if case in FAULTS else ""
+        self._browsers.fails, self._browsers.hangs = case == "browser", case == "cancelled"
+        self._browsers.entered.clear()
+        if case == "wrong":
+            return "check-2", [*[Scroll("down")] * 3, Answer("wrong")]
+        if case == "spent":
+            return "check-3", [Scroll("down")] * BUDGET
+        return "check-1", [Scroll("down"), Answer("right")]
+
+    def open_browsers(self) -> int:
+        return len(self._browsers.open_now)
+
+    def steps(self) -> list[int]:
+        return list(self._browsers.steps.values())
+
+    async def hangs(self) -> None:
+        await self._browsers.entered.wait()
+
+
+async def check_adapter(
+    adapt: Adapt,
+    *,
+    backend: CheckBackend | None = None,
+    rows: Rows | None = None,
+    faults: Collection[str] = FAULTS,
+    cancels: bool = True,
+    forgets: bool = True,
+) -> list[str]:
+    """Check an adapter for a trainer: an episode has one reward, at its end; a fault is never a reward;
+    browsers are closed after an end, a failure and a cancelled episode, and when all that the framework
+    holds of an episode is garbage-collected; concurrent episodes share no state; the same seed gives the same
+    tasks.
+
+    Args:
+        adapt: opens the adapter.
+        backend: what the episodes are played on; by default stand-ins for WebGym's browsers and judge.
+        rows: of its dataset, if it has one.
+        faults: what can keep its episodes from a reward; by default everything.
+        cancels: whether its framework can cancel an episode.
+        forgets: whether an episode that its framework has dropped can be garbage-collected.
+
+    Returns:
+        A line for every violation; empty if there is none.
+    """
+    if backend is not None:
+        return await _check(adapt, backend, rows, faults, cancels, forgets)
+    with tempfile.TemporaryDirectory(prefix="webgym-check-") as folder:
+        return await _check(adapt, _StandIns(Path(folder)), rows, faults, cancels, forgets)
+
+
+async def _check(
+    adapt: Adapt,
+    backend: CheckBackend,
+    rows: Rows | None,
+    faults: Collection[str],
+    cancels: bool,
+    forgets: bool,
+) -> list[str]:
+    found: list[str] = []
+
+    def expect(holds: bool, rule: str) -> None:
+        if not holds:
+            found.append(rule)
+
+    async with adapt(backend.given) as adapted:
+        play = adapted.play
+        for case, wanted in (("right", 1.0), ("wrong", 0.0), ("spent", 0.0)):
+            task_id, actions = backend.prepare(case)
+            told = await play(task_id, actions)
+            expect(not any(told.early), f"a reward before the end: {told.early}")
+            expect(set(told.final) == {wanted}, f"{actions[-1]} is told as {told.final}, not as {wanted}")
+            expect(not backend.open_browsers(), "an episode that is over keeps its browser")
+        for fault in faults:
+            told = await play(*backend.prepare(fault))
+            expect(not told.final and not any(told.early), f"a fault ({fault}) is told as {told}")
+            expect(not backend.open_browsers(), f"an episode that failed ({fault}) keeps its browser")
+        before = len(backend.steps())
+        cases = [backend.prepare("right"), backend.prepare("wrong")]
+        both = await asyncio.gather(*(play(*case) for case in cases))
+        expect([set(told.final) for told in both] == [{1.0}, {0.0}], f"two episodes are told as {both}")
+        played = sorted(len(actions) - 1 for _, actions in cases)
+        steps = sorted(backend.steps()[before:])
+        expect(steps == played, f"two episodes of {played} steps have taken {steps}")
+        if cancels:
+            playing = asyncio.ensure_future(play(*backend.prepare("cancelled")))
+            await backend.hangs()
+            playing.cancel()
+            await asyncio.wait({playing})
+            expect(playing.cancelled(), "an episode that is cancelled goes on")
+            expect(not backend.open_browsers(), "an episode that is cancelled keeps its browser")
+        if forgets:
+            held = [await _begun(adapted, backend)]
+            expect(backend.open_browsers() > 0, "an episode that has begun has no browser")
+            await _forget(held, backend)
+            expect(not backend.open_browsers(), "an episode that is forgotten keeps its browser")
+    expect(not backend.open_browsers(), "an adapter that is closed keeps its browsers")
+    if rows is not None:
+        name, config = backend.given["name"], backend.given["config"]
+        drawn = [list(rows(name, config.model_copy(update={"seed": seed}))) for seed in (5, 5, 6)]
+        expect(len(drawn[0]) > 1, "the dataset has no rows")
+        expect(drawn[0] == drawn[1], "the same seed gives other tasks")
+        expect(drawn[0] != drawn[2], "another seed gives the same tasks")
+    return found
+
+
+async def _begun(adapted: Adapted, backend: CheckBackend) -> object:
+    """What a framework holds of an episode that is not over."""
+    if adapted.begin is not None:
+        return await adapted.begin(backend.prepare("right")[0])
+    playing = asyncio.ensure_future(adapted.play(*backend.prepare("cancelled")))
+    await backend.hangs()
+    return playing
+
+
+async def _forget(held: list[object], backend: CheckBackend) -> None:
+    """Drop it, and wait until its browser is closed, but not for ever."""
+    loop = asyncio.get_running_loop()
+    handler = loop.get_exception_handler()
+    loop.set_exception_handler(lambda *_: None)  # asyncio's: a pending task was destroyed, as it should be
+    try:
+        held.clear()
+        until = time.monotonic() + _COLLECTED_SECONDS
+        while backend.open_browsers() and time.monotonic() < until:
+            gc.collect()
+            await asyncio.sleep(0.01)
+    finally:
+        loop.set_exception_handler(handler)

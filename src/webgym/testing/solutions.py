@@ -1,18 +1,23 @@
 """Validation of the offline web's tasks: the known solution must pass, and degraded versions of it must not.
 
-``webgym sites check`` plays every solution in real browsers (:mod:`webgym.testing.browser_check`) and
-evaluates the results with this module.
+``webgym sites check`` has the scripted policy play every solution in real browsers, as a run, and evaluates
+the attempts with this module.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import AsyncIterator, Iterable, Iterator, Mapping
+from collections.abc import AsyncIterator, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import msgspec
+from pydantic import SecretStr
 
-from webgym.core.errors import JudgeError
+from webgym.agent.config import AgentConfig
+from webgym.browser.config import BrowserConfig
+from webgym.core.action import Mode
+from webgym.core.errors import JudgeError, RunFolderError
 from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, Outcome
 from webgym.core.task import Task
@@ -20,11 +25,82 @@ from webgym.core.text import fold, says
 from webgym.core.trajectory import Episode, Trajectory
 from webgym.core.truth import Evidence, Truth
 from webgym.judge.base import Judge, no_picture
+from webgym.judge.offline import OfflineJudge
+from webgym.offline.app import serving
+from webgym.offline.config import SitesConfig
 from webgym.offline.proofs import repeating_pages, typed_proofs
-from webgym.offline.web import OfflineWeb
-from webgym.rollout.judging import judge_episode
+from webgym.offline.web import COLLECTIONS, OfflineWeb
+from webgym.rollout.config import AttemptConfig, CollectorConfig
+from webgym.run.collect import Show, collect, resume
+from webgym.run.config import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice
+from webgym.store.files import CONFIG
+from webgym.store.runs import RunReader
 
-_JUDGE_SECONDS = 300.0
+
+async def check_in_browsers(
+    web: OfflineWeb,
+    tasks: Sequence[Task],
+    run: Path,
+    *,
+    mode: Mode = "coordinates",
+    sessions: int = 4,
+    latency: float = 0.0,
+    show: Show | None = None,
+) -> list[str]:
+    """Have the scripted policy play every task in real browsers, and check what came of it.
+
+    Args:
+        web: the websites; they are served here.
+        tasks: on these websites.
+        run: the run folder. One that holds a check of these tasks is resumed: what was played counts.
+        mode: the agent's action mode.
+        sessions: number of browsers.
+        latency: factor on the simulated latency; 0 for none.
+        show: as for :func:`webgym.run.collect.collect`.
+
+    Returns:
+        A line for every task whose solution fails, whose evidence is truncated on the page or could be typed,
+        or for which a degraded solution passes.
+
+    Raises:
+        RunFolderError: the folder holds something else.
+        WebGymError: browsers or websites failed.
+    """
+    shipped = (name for name, collection in COLLECTIONS.items() if collection is web.collection)
+    made = SitesConfig(
+        collection=next(shipped, "large"), seed=web.seed, per_family=web.per_family, latency=latency
+    )
+    async with serving(made, web) as sites:
+        server = ServerChoice(sites_url=sites.url)
+        secrets = Secrets(sites_token=SecretStr(sites.token))
+        if (run / CONFIG).exists():
+            if RunReader(run).drawn != list(tasks):
+                raise RunFolderError(f"{run} holds a check of other tasks", hint="give another folder")
+            await resume(run, secrets=secrets, server=server, show=show, tell=None)
+        else:
+            config = RunConfig(
+                tasks=TaskChoice(split="all"),
+                policy=PolicyChoice(name="scripted"),
+                agent=AgentConfig(mode=mode),
+                server=server,
+                browser=BrowserConfig().allowing(*sites.allowed_hosts),
+                sites=made,
+                attempt=AttemptConfig(viewport=web.collection.viewport, record_cuts=True),
+                collector=CollectorConfig(sessions=sessions, straggler_share=1.0),
+            )
+            await collect(config, run, tasks=tasks, secrets=secrets, show=show, tell=None)
+    return await check_run(web, run)
+
+
+async def check_run(web: OfflineWeb, run: Path) -> list[str]:
+    """The faults of a run of the scripted policy, one line each; see :func:`check_in_browsers`."""
+    reader, judge = RunReader(run), OfflineJudge()
+    last = {entry.task_id: entry.attempt_id for entry in reader.attempts.values()}
+    faults = [f"{task_id}: was not attempted" for task_id in reader.tasks if task_id not in last]
+    for trajectory in reader.trajectories(last.values()):
+        task = reader.tasks[trajectory.episode.task_id]
+        faults += await faults_of(task, trajectory, judge)
+    return list(dict.fromkeys([*faults, *typed(web, reader.drawn)]))
 
 
 def unexpected(tasks: Mapping[str, Task], trajectories: Iterable[Trajectory]) -> Iterator[str]:
@@ -68,20 +144,6 @@ def cut_off(tasks: Mapping[str, Task], trajectories: Iterable[Trajectory]) -> It
             for url, text, shown in _cuts(task.truth, evidence, trajectory.episode)
         }
         yield from sorted(lines)
-
-
-def may_be_cut_off(truth: Truth, observation: Observation) -> bool:
-    """Whether evidence belongs on this page that the observation does not show, so that :func:`cut_off` needs
-    the lines that the page truncates."""
-    host, path = _address(observation)
-    visible = fold(observation.text or "")
-    return any(
-        not says(visible, text)
-        for fact in truth.facts
-        for evidence in fact.evidence
-        if host == (evidence.host or truth.host) and re.match(evidence.path, path)
-        for text in evidence.texts
-    )
 
 
 def _address(observation: Observation) -> tuple[str | None, str]:
@@ -145,17 +207,12 @@ def degraded_solutions(task: Task, solved: Episode) -> Iterator[tuple[str, Episo
         yield "nothing done on the server", change(solved, final_state={})
 
 
-async def judged(task: Task, episode: Episode, judge: Judge) -> tuple[Trajectory, list[str]]:
-    """Judge an episode in which a solution was carried out.
-
-    Returns:
-        The trajectory, and a line for everything that is wrong with task or solution: another outcome than
-        expected, evidence that a page truncates, degraded solutions that pass.
-    """
-    found = await judge_episode(judge, task, episode, no_picture, _JUDGE_SECONDS)
-    trajectory, tasks = found.of(episode), {task.id: task}
+async def faults_of(task: Task, trajectory: Trajectory, judge: Judge) -> list[str]:
+    """A line for everything that is wrong with a task or its solution, which was carried out: another outcome
+    than expected, evidence that a page truncates, degraded solutions that pass."""
+    tasks = {task.id: task}
     faults = [*unexpected(tasks, [trajectory]), *cut_off(tasks, [trajectory])]
-    return trajectory, faults + [line async for line in wrongly_accepted(tasks, [trajectory], judge)]
+    return faults + [line async for line in wrongly_accepted(tasks, [trajectory], judge)]
 
 
 async def wrongly_accepted(

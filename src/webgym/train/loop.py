@@ -185,9 +185,9 @@ async def make_run(
     if (out / CONFIG).exists():
         # What failed before the training stopped, often for the same cause, gets all of its tries again.
         return await resume(
-            out, policy=policy, server=config.server, secrets=secrets, retry_errors=True, show=show
+            out, policy=policy, server=config.server, secrets=secrets, retry_errors=True, show=show, tell=None
         )
-    return await collect(config, out, tasks=tasks, policy=policy, secrets=secrets, show=show)
+    return await collect(config, out, tasks=tasks, policy=policy, secrets=secrets, show=show, tell=None)
 
 
 class Training:

@@ -16,6 +16,7 @@ class TrainingProgress:
         iterations: number of planned iterations.
         finished: number of finished iterations, including earlier sessions.
         doing: current stages ("collect", "update", ...) by iteration; several if iterations overlap.
+        since: when these began, on the monotonic clock, seconds.
         collected: a line about the success of the newest collected iteration.
         evaluated: a line about the success of the newest evaluation.
     """
@@ -23,6 +24,7 @@ class TrainingProgress:
     iterations: int
     finished: int = 0
     doing: dict[int, str] = field(default_factory=dict)
+    since: dict[int, float] = field(default_factory=dict)
     collected: str = ""
     evaluated: str = ""
     _started: float = field(default_factory=time.monotonic)
@@ -36,7 +38,7 @@ class TrainingProgress:
     @contextmanager
     def stage(self, number: int, name: str) -> Iterator[None]:
         """Show an iteration as in a stage for the duration of the block."""
-        self.doing[number] = name
+        self.doing[number], self.since[number] = name, time.monotonic()
         try:
             yield
         finally:

@@ -99,7 +99,8 @@ async def measure(plan: RolloutPlan, cell: Cell, scratch: Path) -> Measured:
         try:
             with suppress(TimeoutError):
                 async with asyncio.timeout(cell.seconds):
-                    await collect(config, scratch, tasks=[script.task for script in scripts], secrets=secrets)
+                    tasks = [script.task for script in scripts]
+                    await collect(config, scratch, tasks=tasks, secrets=secrets, show=None, tell=None)
             seconds = time.monotonic() - began
         finally:
             watch.cancel()

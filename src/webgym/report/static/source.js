@@ -4,16 +4,37 @@ const embeddedRows = JSON.parse(byId("rows").textContent);   // rows; of a live 
 const list = settings.live ? embeddedRows
   : { count: embeddedRows.length, options: Object.fromEntries(["outcome", "level", "domain", "site"].map((key) => [key, [...new Set(embeddedRows.map((row) => row[key]))].filter(Boolean)])) };
 
-/** The first `count` matching rows, in order, and the number of all matching ones. */
-async function find(state, count) {
-  if (!settings.live) {
-    const fitting = choose(embeddedRows);
-    return { total: fitting.length, rows: fitting.slice(0, count) };
-  }
-  const parameters = Object.entries(state).filter(([, value]) => value).map(([key, value]) => [key, String(value)]);
-  const reply = await fetch(`api/rows?${new URLSearchParams([...parameters, ["after", "0"], ["count", String(count)]])}`);
-  if (!reply.ok) throw new Error(await reply.text());
-  return reply.json();
+const LEVELS = { easy: 0, medium: 1, hard: 2 };
+const OUTCOMES = Object.keys(settings.outcomes);
+const FILTERS = {
+  outcome: { name: outcomeName, order: (a, b) => OUTCOMES.indexOf(a) - OUTCOMES.indexOf(b) },
+  level: { name: capital, order: (a, b) => LEVELS[a] - LEVELS[b] },
+  domain: { name: String, order: (a, b) => a.localeCompare(b) },
+  site: { name: String, order: (a, b) => a.localeCompare(b) },
+};
+const ORDERS = { outcome: (row) => OUTCOMES.indexOf(row.outcome), task: (row) => row.task.toLowerCase(), domain: (row) => row.domain + row.subdomain };
+
+function fits(row, state) {
+  if (Object.keys(FILTERS).some((key) => state[key] && row[key] !== state[key])) return false;
+  const text = `${row.id}\n${row.task}\n${row.site}\n${row.domain}\n${row.subdomain}\n${row.answer}\n${row.code}`.toLowerCase();
+  return state.q.toLowerCase().split(/\s+/).every((word) => text.includes(word));
+}
+
+/** The matching rows of the file, in order. */
+function choose(state) {
+  const found = embeddedRows.filter((row) => fits(row, state));
+  if (!state.sort) return found;
+  const by = ORDERS[state.sort] || ((row) => row[state.sort]), sign = state.down ? -1 : 1;
+  const keyed = found.map((row) => [by(row), row]);
+  keyed.sort(([a], [b]) => (a < b ? -sign : a > b ? sign : 0));
+  return keyed.map(([, row]) => row);
+}
+
+/** The number of matching rows, and `count` of them from `after` on, in order. */
+async function find(state, after, count) {
+  if (settings.live) return ask(`api/rows?${question(state, after, count)}`);
+  const matching = choose(state);
+  return { total: matching.length, rows: matching.slice(after, after + count) };
 }
 
 /** Resolves once the whole file has been read: its data come after this script. */
@@ -23,16 +44,13 @@ const whole = new Promise((done) => {
 });
 
 async function trajectory(id) {
-  if (settings.live) {
-    const reply = await fetch(`api/trajectory?id=${encodeURIComponent(id)}`);
-    if (!reply.ok) throw new Error(reply.status === 404 ? "This run has no such trajectory." : await reply.text());
-    return reply.json();
-  }
+  if (settings.live) return ask(`api/trajectory?id=${encodeURIComponent(id)}`);
   await whole;
-  const number = embeddedRows.findIndex((row) => row.id === id), size = settings.chunk;
-  const element = byId(`c-${Math.floor(number / size)}`);
-  if (number < 0 || !element) throw new Error("This report has no such trajectory.");
-  return (await unpacked(element))[number % size];
+  const row = embeddedRows.find((each) => each.id === id), size = settings.chunk;
+  if (row && row.page === undefined) throw new Error("A report holds a part of a large run's trajectories; “webgym view” shows this one.");
+  const element = row && byId(`c-${Math.floor(row.page / size)}`);
+  if (!element) throw new Error("This report has no such trajectory.");
+  return (await unpacked(element))[row.page % size];
 }
 
 /** The values of an element with compressed data. */

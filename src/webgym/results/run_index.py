@@ -1,8 +1,9 @@
-"""An index of a run's trajectories for the viewer, in SQLite in the run folder: ``.index.sqlite``.
+"""An index of a run's trajectories, in SQLite in the run folder: ``.index.sqlite``.
 
-It is built from the shards and may be deleted at any time. It is updated by reading only new records; if the
-shards were changed otherwise, as by ``webgym verify --set-aside``, it is built again. If it cannot be
-written, it is kept in memory.
+Summary, report and viewer read it in place of the records. It is built from the shards, at the latest when
+the run ends, and may be deleted at any time. It is updated by reading only new records; if the shards were
+changed otherwise, as by ``webgym verify --set-aside``, it is built again. If it cannot be written, it is kept
+in memory.
 """
 
 from __future__ import annotations
@@ -11,20 +12,66 @@ import hashlib
 import sqlite3
 import threading
 import uuid
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, Final, NamedTuple, Self, TypedDict, TypeVar
 
 import msgspec
 
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
-from webgym.report.content import Row, row
+from webgym.core.trajectory import Trajectory
+from webgym.core.websites import host_or_text
 from webgym.results.summary import Digest, digest_of
 from webgym.store.files import TASKS, TRAJECTORIES
 from webgym.store.records import CorruptLine, Entry, decode
 
 INDEX: Final = ".index.sqlite"
+_SNIPPET: Final = 200
+"""Characters of an answer that the search covers."""
+
+
+class Row(TypedDict):
+    """A row of the table of trajectories."""
+
+    id: str
+    outcome: str
+    task: str
+    site: str
+    domain: str
+    subdomain: str
+    level: str
+    difficulty: int
+    steps: int
+    seconds: float
+    started: float
+    answer: str
+    code: str
+
+
+def row(trajectory: Trajectory, task: Task | None) -> Row:
+    """The row of a trajectory; ``task`` is ``None`` if the run does not contain it."""
+    episode = trajectory.episode
+    failure = episode.failure or trajectory.judge_failure
+    return {
+        "id": episode.attempt_id,
+        "outcome": trajectory.outcome.value,
+        "task": task.instruction if task else episode.task_id,
+        "site": host_or_text(task.website) if task else "",
+        "domain": task.domain if task else "",
+        "subdomain": task.subdomain if task else "",
+        "level": task.level if task else "",
+        "difficulty": task.difficulty if task else 0,
+        "steps": len(episode.steps),
+        "seconds": round(episode.seconds, 2),
+        "started": episode.started_at,
+        "answer": (episode.answer or "")[:_SNIPPET],
+        "code": failure.code if failure else "",
+    }
+
+
 _VERSION: Final = 1
 _BATCH: Final = 500
 """Trajectories per transaction: those that a killed viewer has committed are not read again."""
@@ -134,6 +181,12 @@ class RunIndex:
         """Close the database."""
         self._connection.close()
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
     # --- reading the index ------------------------------------------------------------------------------
 
     def __len__(self) -> int:
@@ -162,6 +215,16 @@ class RunIndex:
         """The existing values of each filter."""
         distinct = {name: self._connection.execute(f"SELECT DISTINCT {name} FROM rows") for name in _FILTERS}  # noqa: S608
         return {name: [value for (value,) in values if value] for name, values in distinct.items()}
+
+    def lengths(self) -> tuple[Counter[str], dict[str, list[tuple[int, str, int]]]]:
+        """The number of trajectories by outcome; and (steps, outcome, number) by level."""
+        outcomes, by_level = Counter[str](), defaultdict[str, list[tuple[int, str, int]]](list)
+        counted = "SELECT level, steps, outcome, count(*) FROM rows GROUP BY level, steps, outcome"
+        for level, steps, outcome, count in self._connection.execute(counted):
+            outcomes[outcome] += count
+            if level:
+                by_level[level].append((steps, outcome, count))
+        return outcomes, dict(by_level)
 
     def entry(self, attempt_id: str) -> Entry:
         """The position of a trajectory's record.
@@ -194,7 +257,11 @@ class RunIndex:
             return None
 
     def cache(self, name: str, value: Any) -> None:
-        """Store a value derived from the rows, for everyone who opens the index."""
+        """Store a value derived from the rows, for everyone who opens the index, if there is space."""
+        with suppress(sqlite3.OperationalError):
+            self._put(name, value)
+
+    def _put(self, name: str, value: Any) -> None:
         data = msgspec.json.encode(value)
         self._connection.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (name, data))
 
@@ -209,6 +276,14 @@ class RunIndex:
         Args:
             progress: called from time to time with the number of records read of the current shard.
         """
+        try:
+            self._refresh(progress)
+        except sqlite3.DatabaseError:  # the disk is full or cannot lock the file, or it was full before
+            self._connection.close()
+            self._connection = self._prepared(":memory:")
+            self._refresh(progress)
+
+    def _refresh(self, progress: Callable[[int], object]) -> None:
         shards = sorted((self._run / TRAJECTORIES).glob("*.jsonl"))
         self._connection.execute("BEGIN IMMEDIATE")
         try:
@@ -223,7 +298,7 @@ class RunIndex:
             self._connection.execute("COMMIT")  # even if interrupted: every line was added completely
 
     def _set_new_version(self) -> None:
-        self.cache("version", uuid.uuid4().hex)
+        self._put("version", uuid.uuid4().hex)
 
     def _made_for(self) -> bytes:
         """What the rows depend on in addition to the shards: the version and the file of tasks."""

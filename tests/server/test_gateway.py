@@ -45,7 +45,7 @@ from webgym.server.messages import (
     Watched,
 )
 from webgym.server.operations import METADATA, OPERATIONS, STEP
-from webgym.server.queue import SlotQueue
+from webgym.server.fleet import SlotQueue
 from webgym.server.routing import SessionRoute
 
 from .conftest import LOCAL, TOKEN, Site, quick

@@ -12,7 +12,6 @@ import asyncio
 import contextlib
 import logging
 import secrets
-import socket
 import time
 from collections import OrderedDict
 from collections.abc import Coroutine, Mapping
@@ -29,7 +28,7 @@ from webgym.core.calls import CallQueue, call_queues
 from webgym.core.errors import LeaseLost, ProtocolError, ServerUnreachable, WebGymError
 from webgym.core.observation import Probed
 from webgym.server.config import ClientLimits
-from webgym.server.listening import keep_alive_options
+from webgym.server.listening import connections
 from webgym.server.messages import (
     CLIENT_HEADER,
     GENERATION_HEADER,
@@ -116,25 +115,6 @@ class _Response(NamedTuple):
         return 200 <= self.status < 300
 
 
-def connections(limits: ClientLimits) -> aiohttp.ClientSession:
-    """An HTTP session that keeps connections open between calls, to any number of servers."""
-
-    def open_socket(address: aiohttp.AddrInfoType) -> socket.socket:
-        family, kind, protocol, _, _ = address
-        sock = socket.socket(family, kind, protocol)
-        for option in keep_alive_options(limits.dead_peer_seconds):
-            sock.setsockopt(*option)
-        return sock
-
-    return aiohttp.ClientSession(
-        connector=aiohttp.TCPConnector(
-            limit=0, keepalive_timeout=limits.keep_alive_seconds, socket_factory=open_socket
-        ),
-        timeout=aiohttp.ClientTimeout(total=None, sock_connect=limits.connect_seconds),
-        cookie_jar=aiohttp.DummyCookieJar(),
-    )
-
-
 class BrowserClient:
     """A client of one browser server, for any number of sessions at once.
 
@@ -175,7 +155,10 @@ class BrowserClient:
         self._connections: aiohttp.ClientSession | None = None
 
     async def __aenter__(self) -> BrowserClient:
-        self._connections = connections(self.limits)
+        limits = self.limits
+        self._connections = connections(
+            limits.connect_seconds, limits.keep_alive_seconds, limits.dead_peer_seconds
+        )
         self._router = SessionRouter(self._connections, self.base_url, self.limits)
         return self
 

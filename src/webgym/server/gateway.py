@@ -15,6 +15,7 @@ from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontext
 from importlib.metadata import version
 from typing import Any
 
+import aiohttp
 import msgspec
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
@@ -28,7 +29,7 @@ from webgym.core.errors import LeaseLost, ServerError, ServerUnreachable, Worker
 from webgym.server.audit import Audit, audit_to
 from webgym.server.config import GatewayConfig, RayConfig, ServerConfig
 from webgym.server.feed import Feed
-from webgym.server.fleet import Fleet, Hosts, Worker
+from webgym.server.fleet import Fleet, Header, Hosts, NoAnswer, SlotQueue, Worker
 from webgym.server.http import HttpFrontend, application, decode, while_connected
 from webgym.server.listening import listen, serving, url_of
 from webgym.server.messages import (
@@ -46,10 +47,8 @@ from webgym.server.messages import (
 )
 from webgym.server.metrics import CallMetrics
 from webgym.server.operations import ALLOCATE, METRICS, OPERATIONS, PRESSURE, Operation, openapi
-from webgym.server.queue import SlotQueue
 from webgym.server.quota import Quota, caller_of, client_of
 from webgym.server.ray_hosts import ray_hosts
-from webgym.server.relay import Answer, Header, Interrupted, NotSent
 from webgym.server.run_worker import TOKEN_BYTES, new_instance
 from webgym.server.subprocess_worker import LocalHosts
 from webgym.server.tokens import Tokens
@@ -57,8 +56,8 @@ from webgym.server.tokens import Tokens
 log = logging.getLogger(__name__)
 
 _SESSION = re.compile(r"(w\d{1,12})-[0-9a-f]{1,64}")
-_FORWARDED_HEADERS = (b"authorization", b"content-type")
-_FORWARDED_PREFIX = b"x-webgym-"
+_FORWARDED_HEADERS = ("authorization", "content-type")
+_FORWARDED_PREFIX = "x-webgym-"
 _NOT_RETURNED_HEADERS = (b"date", b"connection", b"keep-alive", b"transfer-encoding")
 _OPEN_ATTEMPTS = 3
 """How many workers may fail while a caller opens a session, before the call fails."""
@@ -105,7 +104,7 @@ class Gateway:
         client = client_of(request)
         self._asked += 1
         with self._quota.requesting(client):
-            headers = [header for header in _forwarded_headers(request) if header[0] != b"authorization"]
+            headers = [header for header in _forwarded_headers(request) if header[0] != "authorization"]
             work = self._open(headers, body, options.wait_at_most(self.config.allocate_seconds))
             worker, grant = await while_connected(request, work, self._undo)
             if not worker.is_lost:  # otherwise the session has ended already
@@ -128,7 +127,7 @@ class Gateway:
                 # The call itself is not cancelled: its session must be closed, and its slot counted.
                 self._endings.start(self._undo_when_open(worker, opening))
                 raise
-            except (NotSent, Interrupted) as error:
+            except NoAnswer as error:
                 await self.fleet.check(worker)
                 if attempt == _OPEN_ATTEMPTS:
                     raise ServerUnreachable(f"worker {worker.name} cannot be reached: {error}") from None
@@ -137,21 +136,20 @@ class Gateway:
     async def _open_on(self, worker: Worker, headers: list[Header], body: bytes) -> SessionGrant:
         worker.pending += 1
         try:
-            async with worker.allocate(headers, body) as answer:
-                reply = await answer.body()
-        except NotSent:
-            worker.sent -= 1
+            status, reply = await worker.allocate(headers, body)
+        except NoAnswer as error:
+            worker.sent -= not error.was_sent
             raise
         finally:
             worker.pending -= 1
-        if answer.status != 200:
-            raise error_of(reply, answer.status, worker.url)
+        if status != 200:
+            raise error_of(reply, status, worker.url)
         return msgspec.json.decode(reply, type=SessionGrant)
 
     async def _undo_when_open(self, worker: Worker, opening: asyncio.Task[SessionGrant]) -> None:
         try:
             grant = await opening
-        except (NotSent, Interrupted, ServerError):
+        except (NoAnswer, ServerError):
             return
         await self._undo((worker, grant))
 
@@ -160,7 +158,7 @@ class Gateway:
         worker, grant = opened
         try:
             await worker.release(grant)
-        except (NotSent, Interrupted, TimeoutError) as error:
+        except NoAnswer as error:
             log.warning("session %s was not released, it will expire: %s", grant.session_id, error)
 
     async def stop(self) -> None:
@@ -169,21 +167,22 @@ class Gateway:
 
     async def relay(self, operation: Operation, request: Request, front: HttpFrontend) -> Response:
         """Forward a session's call to the worker that holds it."""
-        worker, path = self._find(operation, request.path_params["id"])
+        session = request.path_params["id"]
+        worker = self._find(session)
         body = await front.body(request)
         async with AsyncExitStack() as stack:
-            call = worker.relay.call(operation.method, path, _forwarded_headers(request), body)
+            call = worker.call(operation, _forwarded_headers(request), body, session=session)
             try:
                 answer = await stack.enter_async_context(call)
-            except (NotSent, Interrupted) as error:
+            except NoAnswer as error:
                 raise await self._failure(worker, error) from None
             return _ForwardedResponse(answer, stack.pop_all())
 
-    def _find(self, operation: Operation, session: str) -> tuple[Worker, str]:
+    def _find(self, session: str) -> Worker:
         match = _SESSION.fullmatch(session)
         worker = self.fleet.workers.get(match[1]) if match else None
         if worker is not None:
-            return worker, operation.path.replace("{id}", session)
+            return worker
         if match and self.fleet.has_been(match[1]):
             raise _gone(match[1])
         raise LeaseLost("the session expired, was closed, or is not yours", hint="open a new one")
@@ -267,8 +266,8 @@ class Gateway:
 
         async def query(worker: Worker) -> bytes | None:
             try:
-                return await worker.get(operation.path)
-            except (NotSent, Interrupted, TimeoutError) as error:
+                return await worker.read(operation)
+            except NoAnswer as error:
                 log.warning("worker %s does not report its %s: %s", worker.name, operation.name, error)
                 return None
 
@@ -282,7 +281,7 @@ def _gone(name: str) -> WorkerLost:
 
 
 def _forwarded_headers(request: Request) -> Iterable[Header]:
-    for header in request.scope["headers"]:
+    for header in request.headers.items():
         if header[0] in _FORWARDED_HEADERS or header[0].startswith(_FORWARDED_PREFIX):
             yield header
 
@@ -290,7 +289,7 @@ def _forwarded_headers(request: Request) -> Iterable[Header]:
 class _ForwardedResponse(Response):
     """An answer that is forwarded while it arrives. Ends the call at its end."""
 
-    def __init__(self, answer: Answer, call: AsyncExitStack) -> None:
+    def __init__(self, answer: aiohttp.ClientResponse, call: AsyncExitStack) -> None:
         self.status_code = answer.status
         self.background = None
         self._answer = answer
@@ -298,11 +297,12 @@ class _ForwardedResponse(Response):
 
     async def __call__(self, _: Scope, __: Receive, send: Send) -> None:
         answer = self._answer
-        headers = [header for header in answer.headers if header[0] not in _NOT_RETURNED_HEADERS]
+        headers = [(name.lower(), value) for name, value in answer.raw_headers]
+        headers = [header for header in headers if header[0] not in _NOT_RETURNED_HEADERS]
         async with self._call:
             await send({"type": "http.response.start", "status": answer.status, "headers": headers})
             # If the worker dies now, the caller sees a truncated body.
-            async for chunk in answer.chunks():
+            async for chunk in answer.content.iter_any():
                 await send({"type": "http.response.body", "body": chunk, "more_body": True})
             await send({"type": "http.response.body", "body": b"", "more_body": False})
 

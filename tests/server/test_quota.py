@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from webgym.core.errors import TooManySessions
-from webgym.server.quota import Quota
+from webgym.server.callers import Quota
 
 
 def test_a_requested_session_counts() -> None:

@@ -11,11 +11,10 @@ import pytest
 from tests.server.conftest import TOKEN
 
 from webgym.core.errors import ConfigError, TooManySessions, Unauthorized
-from webgym.server.audit import Audit, audit_to
+from webgym.server.callers import SERVER_CALLER, Audit, Tokens, audit_to
 from webgym.server.client import BrowserClient
 from webgym.server.config import ClientLimits, GatewayConfig, ServerConfig
 from webgym.server.gateway import running_gateway
-from webgym.server.tokens import SERVER_CALLER, Tokens
 
 ALICE, BOB, NEW = ("a" * 16, "b" * 20, "c" * 40)
 

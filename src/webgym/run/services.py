@@ -27,7 +27,7 @@ from webgym.rollout.driver import Browsers, SiteState
 from webgym.run.config import RunConfig, Secrets, ServerChoice, Tell, say
 from webgym.server.client import BrowserClient
 from webgym.server.config import Admission, ServerConfig
-from webgym.server.run_worker import running_server
+from webgym.server.worker import running_server
 
 _STATIC_BROWSERS: Final = ("webgym.study.static_browsers", "StaticBrowsers")
 """Module and class of browsers without Chromium. They stand beside runs, for studies: no run needs them."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import ipaddress
 import logging
 import secrets
 import time
@@ -17,6 +18,7 @@ from collections import OrderedDict
 from collections.abc import Coroutine, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
+from urllib.parse import urlsplit
 
 import aiohttp
 import msgspec
@@ -32,6 +34,7 @@ from webgym.server.listening import connections
 from webgym.server.messages import (
     CLIENT_HEADER,
     GENERATION_HEADER,
+    INSTANCE_HEADER,
     SECRET_HEADER,
     UNHEALTHY_STATUS,
     Closed,
@@ -67,7 +70,6 @@ from webgym.server.operations import (
     Operation,
     QueueName,
 )
-from webgym.server.routing import SessionRoute, SessionRouter
 
 log = logging.getLogger(__name__)
 
@@ -544,3 +546,86 @@ class Session:
                 return  # the next call raises it
             except WebGymError as error:
                 log.warning("session %s was not renewed: %s", self.id, error)
+
+
+class SessionRoute:
+    """Where one session's calls are currently sent.
+
+    Attributes:
+        base_url: base URL of a worker or gateway.
+        is_direct: whether that is the worker's; then the gateway is the alternative.
+    """
+
+    def __init__(self, base_url: str, is_direct: bool) -> None:
+        self.base_url = base_url
+        self.is_direct = is_direct
+
+
+class SessionRouter:
+    """Chooses the route of every session of a client.
+
+    Args:
+        http: the client's connections.
+        base_url: the client's base URL.
+        limits: the client's limits.
+    """
+
+    def __init__(self, http: aiohttp.ClientSession, base_url: str, limits: ClientLimits) -> None:
+        self._http = http
+        self._base_url = base_url
+        self._limits = limits
+        self._checks: dict[tuple[str, str], asyncio.Task[bool]] = {}
+
+    async def find(self, grant: SessionGrant) -> SessionRoute:
+        """The better route to a session."""
+        endpoint = grant.endpoint
+        if not self._limits.direct or not may_connect_directly(self._base_url, endpoint):
+            return SessionRoute(self._base_url, False)
+        key = endpoint, grant.instance
+        if key not in self._checks:  # sessions that open at the same time share one check
+            self._checks[key] = asyncio.create_task(self._is_reachable(endpoint, grant.instance))
+        if await asyncio.shield(self._checks[key]):
+            return SessionRoute(endpoint, True)
+        return SessionRoute(self._base_url, False)
+
+    async def _is_reachable(self, endpoint: str, instance: str) -> bool:
+        """Whether this worker, and not some other server, answers there. No token is sent."""
+        try:
+            async with asyncio.timeout(self._limits.direct_seconds):
+                request = self._http.request(HEALTH.method, endpoint + HEALTH.path, allow_redirects=False)
+                async with request as response:
+                    return response.headers.get(INSTANCE_HEADER) == instance
+        except (aiohttp.ClientError, OSError, ValueError):
+            return False
+
+    async def close(self) -> None:
+        """Cancel checks that are still running."""
+        for task in self._checks.values():
+            task.cancel()
+        await asyncio.gather(*self._checks.values(), return_exceptions=True)
+
+
+def may_connect_directly(base_url: str, endpoint: str) -> bool:
+    """Whether an endpoint may be contacted directly.
+
+    A loopback address means something else on every machine; and a client that uses TLS for its base URL must
+    not send the token unencrypted to another.
+    """
+    if not endpoint or endpoint == base_url:
+        return False
+    try:
+        known, offered = urlsplit(base_url), urlsplit(endpoint)
+    except ValueError:
+        return False
+    if _is_loopback(offered.hostname) and not _is_loopback(known.hostname):
+        return False
+    return offered.scheme == "https" or known.scheme == "http"
+
+
+def _is_loopback(host: str | None) -> bool:
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host or "").is_loopback
+    except ValueError:
+        return False

@@ -26,11 +26,10 @@ from starlette.types import Receive, Scope, Send
 
 from webgym.core.background import BackgroundTasks
 from webgym.core.errors import LeaseLost, ServerError, ServerUnreachable, WorkerLost
-from webgym.server.audit import Audit, audit_to
+from webgym.server.callers import Audit, Quota, Tokens, audit_to, caller_of, client_of
 from webgym.server.config import GatewayConfig, RayConfig, ServerConfig
-from webgym.server.feed import Feed
 from webgym.server.fleet import Fleet, Header, Hosts, NoAnswer, SlotQueue, Worker
-from webgym.server.http import HttpFrontend, application, decode, while_connected
+from webgym.server.http import Feed, HttpFrontend, application, decode, while_connected
 from webgym.server.listening import listen, serving, url_of
 from webgym.server.messages import (
     HEALTHY,
@@ -47,11 +46,9 @@ from webgym.server.messages import (
 )
 from webgym.server.metrics import CallMetrics
 from webgym.server.operations import ALLOCATE, METRICS, OPERATIONS, PRESSURE, Operation, openapi
-from webgym.server.quota import Quota, caller_of, client_of
 from webgym.server.ray_hosts import ray_hosts
-from webgym.server.run_worker import TOKEN_BYTES, new_instance
 from webgym.server.subprocess_worker import LocalHosts
-from webgym.server.tokens import Tokens
+from webgym.server.worker import TOKEN_BYTES, new_instance
 
 log = logging.getLogger(__name__)
 

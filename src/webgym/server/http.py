@@ -1,8 +1,9 @@
-"""The common part of worker and gateway: authentication, limits, decoding, typed errors."""
+"""The common part of worker and gateway: authentication, limits, decoding, typed errors, streams of state."""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Mapping
@@ -27,10 +28,18 @@ from webgym.core.errors import (
     Unauthorized,
     WebGymError,
 )
-from webgym.server.messages import HEALTHY, INSTANCE_HEADER, UNHEALTHY_STATUS, ErrorBody, ErrorReply, Health
+from webgym.server.callers import Tokens
+from webgym.server.messages import (
+    HEALTHY,
+    INSTANCE_HEADER,
+    UNHEALTHY_STATUS,
+    ErrorBody,
+    ErrorReply,
+    Health,
+    Watched,
+)
 from webgym.server.metrics import CallMetrics
 from webgym.server.operations import JSON, MSGPACK, Operation
-from webgym.server.tokens import Tokens
 
 log = logging.getLogger(__name__)
 
@@ -227,3 +236,46 @@ def error_response(error: WebGymError, status: int | None = None) -> Response:
 
 def _status_of(cls: type[WebGymError]) -> int:
     return next(_STATUS_OF[ancestor] for ancestor in cls.__mro__ if ancestor in _STATUS_OF)
+
+
+class Feed:
+    """The subscribers of one server.
+
+    A line contains the state at the time of writing, so a slow subscriber misses intermediate states but
+    never the last.
+
+    Args:
+        read: returns the current state.
+        beat_seconds: longest time without a line. A subscriber without one for longer knows that the server
+            is gone.
+    """
+
+    def __init__(self, read: Callable[[], Watched], beat_seconds: float) -> None:
+        self._read = read
+        self._beat_seconds = beat_seconds
+        self._watchers: set[asyncio.Event] = set()
+        self._is_closed = False
+
+    def changed(self) -> None:
+        """Announce that the state may have changed."""
+        for watcher in self._watchers:
+            watcher.set()
+
+    def close(self) -> None:
+        """End every subscriber's stream."""
+        self._is_closed = True
+        self.changed()
+
+    async def lines(self) -> AsyncIterator[bytes]:
+        """One subscriber's stream, beginning with the current state."""
+        change = asyncio.Event()
+        self._watchers.add(change)
+        try:
+            while not self._is_closed:
+                change.clear()
+                yield msgspec.json.encode(self._read()) + b"\n"
+                with contextlib.suppress(TimeoutError):
+                    async with asyncio.timeout(self._beat_seconds):
+                        await change.wait()
+        finally:
+            self._watchers.discard(change)

@@ -30,7 +30,7 @@ from webgym.server.config import GatewayConfig, ServerConfig, usable_cores
 from webgym.server.fleet import Host, Started, share_of, split
 from webgym.server.listening import raise_open_files_limit
 from webgym.server.messages import ErrorBody
-from webgym.server.run_worker import running_server
+from webgym.server.worker import running_server
 
 log = logging.getLogger(__name__)
 

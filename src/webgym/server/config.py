@@ -180,8 +180,8 @@ class GatewayConfig(Settings):
     The range must be larger than the number of workers of a machine.
     """
 
-    start_seconds: float = Field(default=90.0, gt=0)
-    """From starting a worker until its first browser has started."""
+    start_seconds: float = Field(default=300.0, gt=0)
+    """From starting a worker until its first browser has started: only one that hangs takes so long."""
 
     stop_seconds: float = Field(default=15.0, gt=0)
     """From stopping a worker until it is killed. It ends calls and browsers in that time."""
@@ -233,10 +233,6 @@ class RayConfig(Settings):
 
     connect_seconds: float = Field(default=15.0, gt=0)
     """Connecting to the cluster. Ray itself would try forever."""
-
-    place_seconds: float = Field(default=30.0, gt=0)
-    """Starting the actor on a node. If that takes longer, the node's CPUs are in use: an error says so, and
-    it is tried again."""
 
     discover_seconds: float = Field(default=2.0, gt=0)
     """Interval at which the cluster's nodes are listed: Ray does not notify of changes."""

@@ -10,8 +10,8 @@ from contextlib import (
 )
 from importlib import import_module
 from typing import Any, Final
+from urllib.parse import urlsplit
 
-import httpx
 import msgspec
 from pydantic import SecretStr
 
@@ -172,8 +172,8 @@ def _rules_for_sites_elsewhere(config: RunConfig) -> tuple[str, ...]:
     """The egress rules that let browsers that are started here reach an offline web that is not."""
     if config.server.url is not None or config.server.sites_url is None:
         return ()
-    url, web = httpx.URL(config.server.sites_url), _web(config)
-    return tuple(web.allowed_hosts(f"{url.host}:{url.port or 80}"))
+    url, web = urlsplit(config.server.sites_url), _web(config)
+    return tuple(web.allowed_hosts(f"{url.hostname}:{url.port or 80}"))
 
 
 def _check_served(tasks: Sequence[Task], hosts: Set[str]) -> None:

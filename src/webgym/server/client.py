@@ -16,7 +16,7 @@ import secrets
 import time
 from collections import OrderedDict
 from collections.abc import Coroutine, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, TypeVar
 from urllib.parse import urlsplit
 
@@ -81,12 +81,16 @@ _SLOW_SECONDS = 30.0
 
 
 @dataclass(eq=False)
-class _Unanswered:
-    """A call that was sent: when, and for how long it asks the server to wait, seconds."""
+class _Call:
+    """A call: what is sent, its queue, its deadline without the time in the server's queues in seconds; and
+    where and when it was sent."""
 
-    operation: str
-    server: str
-    granted: float
+    operation: Operation
+    body: msgspec.Struct | None
+    grant: SessionGrant | None
+    queue: QueueName | None
+    seconds: float
+    server: str = ""
     sent: float = 0.0
 
 
@@ -153,7 +157,7 @@ class BrowserClient:
         }
         self.calls = calls or call_queues(self.limits.calls)
         self._sessions: set[Session] = set()
-        self._unanswered: set[_Unanswered] = set()
+        self._unanswered: set[_Call] = set()
         self._connections: aiohttp.ClientSession | None = None
 
     async def __aenter__(self) -> BrowserClient:
@@ -180,12 +184,16 @@ class BrowserClient:
         """Which server is silent at this moment, as a message for users; empty if none is. A request for a
         browser may wait for a free slot."""
         now = time.monotonic()
-        overdue = [call for call in self._unanswered if now - call.sent >= _SLOW_SECONDS + call.granted]
+        overdue = [
+            call
+            for call in self._unanswered
+            if now - call.sent >= _SLOW_SECONDS + max(0.0, call.seconds - self.limits.reply_seconds)
+        ]
         if not overdue:
             return ""
         oldest = min(overdue, key=lambda call: call.sent)
         calls = "1 call" if len(overdue) == 1 else f"{len(overdue)} calls"
-        waited = f"{oldest.operation} for {now - oldest.sent:.0f} s"
+        waited = f"{oldest.operation.name} for {now - oldest.sent:.0f} s"
         return f"the browser server {oldest.server} leaves {calls} without an answer, {waited}"
 
     async def open(self, options: SessionOptions | None = None) -> Session:
@@ -222,9 +230,8 @@ class BrowserClient:
 
     async def health(self) -> Health:
         """Whether the server can open sessions. Needs no token."""
-        response = await self._call_with_fallback(
-            SessionRoute(self.base_url, False), HEALTH, None, None, None, None
-        )
+        call = _Call(HEALTH, None, None, None, self.limits.reply_seconds)
+        response = await self._send(call, SessionRoute(self.base_url, False))
         if response.status == UNHEALTHY_STATUS:
             with contextlib.suppress(ProtocolError):  # then it is handled like any other error
                 return self._decode(HEALTH, Health, response)
@@ -267,36 +274,24 @@ class BrowserClient:
             queue: the queue, if it is not the operation's own.
             seconds: deadline, if it is not the default.
         """
-        route = route or SessionRoute(self.base_url, False)
-        response = await self._call_with_fallback(
-            route, operation, body, grant, queue or operation.queue, seconds
-        )
+        call = _Call(operation, body, grant, queue or operation.queue, seconds or self.limits.reply_seconds)
+        response = await self._send(call, route or SessionRoute(self.base_url, False))
         return self._answer(operation, reply, response)
 
-    async def _call_with_fallback(
-        self,
-        route: SessionRoute,
-        operation: Operation,
-        body: msgspec.Struct | None,
-        grant: SessionGrant | None,
-        queue: QueueName | None,
-        seconds: float | None,
-    ) -> _Response:
+    async def _send(self, call: _Call, route: SessionRoute) -> _Response:
         """Send a call on its route, and on the other route if that fails."""
         was_direct = route.is_direct
         try:
-            return await self._send(route.base_url, operation, body, grant, queue, seconds)
+            return await self._send_to(route.base_url, call)
         except _CallFailed as failed:
             if not was_direct:
                 raise failed.error from None
             route.base_url, route.is_direct = self.base_url, False
-            again = not failed.was_sent or operation.is_repeatable
+            again = not failed.was_sent or call.operation.is_repeatable
             # The server's answer about the session is more specific than the failure of the route.
-            fallback = operation if again else HEARTBEAT
+            fallback = call if again else replace(call, operation=HEARTBEAT, body=None)
             try:
-                response = await self._send(
-                    self.base_url, fallback, body if again else None, grant, queue, seconds
-                )
+                response = await self._send_to(self.base_url, fallback)
             except _CallFailed as other:
                 raise (other.error if again else failed.error) from None
             if again or not response.is_success:
@@ -321,37 +316,27 @@ class BrowserClient:
                 hint=f"is {self.base_url} a WebGym server of this version?",
             ) from None
 
-    async def _send(
-        self,
-        base_url: str,
-        operation: Operation,
-        body: msgspec.Struct | None,
-        grant: SessionGrant | None,
-        queue: QueueName | None,
-        seconds: float | None,
-    ) -> _Response:
+    async def _send_to(self, base_url: str, call: _Call) -> _Response:
         """One call to one server.
 
         Raises:
             _CallFailed: there was no answer.
         """
+        operation, grant = call.operation, call.grant
         path, headers = operation.path, self._headers
         if grant is not None:
             path = path.replace("{id}", grant.session_id)
             headers = headers | {SECRET_HEADER: grant.secret, GENERATION_HEADER: str(grant.generation)}
-        content = None if body is None else msgspec.json.encode(body)
-        pool = self.calls[queue].turn() if queue else contextlib.nullcontext()
-        limit = seconds or self.limits.reply_seconds
-        call = _Unanswered(operation.name, base_url, max(0.0, limit - self.limits.reply_seconds))
+        content = None if call.body is None else msgspec.json.encode(call.body)
         try:
-            async with pool:
-                call.sent = time.monotonic()
+            async with self.calls[call.queue].turn() if call.queue else contextlib.nullcontext():
+                call.server, call.sent = base_url, time.monotonic()
                 self._unanswered.add(call)
                 exchange = self._exchange(operation.method, base_url + path, content, headers)
                 if grant is None or operation in (HEARTBEAT, RELEASE):
-                    async with asyncio.timeout(limit):
+                    async with asyncio.timeout(call.seconds):
                         return await exchange
-                return await self._answer_in_time(exchange, limit, base_url, grant)
+                return await self._answer_in_time(exchange, call, grant)
         except (aiohttp.InvalidURL, ValueError) as error:
             failure = ServerUnreachable(f"{base_url} is not an http address: {error}", hint="check --server")
             raise _CallFailed(failure, was_sent=False) from None
@@ -373,7 +358,7 @@ class BrowserClient:
             self._unanswered.discard(call)
 
     async def _answer_in_time(
-        self, exchange: Coroutine[Any, Any, _Response], limit: float, base_url: str, grant: SessionGrant
+        self, exchange: Coroutine[Any, Any, _Response], call: _Call, grant: SessionGrant
     ) -> _Response:
         """The answer to a session's call. Time in the server's queues does not count, but only the server
         knows
@@ -382,23 +367,24 @@ class BrowserClient:
         Raises:
             TimeoutError: the call took longer than the limit, without waiting in queues.
         """
-        call, started, remaining = asyncio.create_task(exchange), time.monotonic(), limit
+        answer, started, remaining = asyncio.create_task(exchange), time.monotonic(), call.seconds
         try:
-            while not (await asyncio.wait({call}, timeout=remaining))[0]:
+            while not (await asyncio.wait({answer}, timeout=remaining))[0]:
+                renewal = _Call(HEARTBEAT, None, grant, None, call.seconds)
                 try:
-                    heartbeat = await self._send(base_url, HEARTBEAT, None, grant, None, limit)
+                    heartbeat = await self._send_to(call.server, renewal)
                 except _CallFailed as failed:
                     raise TimeoutError from failed
                 if not heartbeat.is_success:
                     return heartbeat
                 queued = self._decode(HEARTBEAT, Renewed, heartbeat).queued_seconds
-                remaining = limit + queued - (time.monotonic() - started)
-                if remaining <= 0 and not call.done():
+                remaining = call.seconds + queued - (time.monotonic() - started)
+                if remaining <= 0 and not answer.done():
                     raise TimeoutError
-            return call.result()
+            return answer.result()
         finally:
-            call.cancel()
-            await asyncio.gather(call, return_exceptions=True)
+            answer.cancel()
+            await asyncio.gather(answer, return_exceptions=True)
 
     async def _exchange(
         self, method: str, url: str, content: bytes | None, headers: dict[str, str]

@@ -18,7 +18,7 @@ import aiohttp
 import msgspec
 
 from webgym.core.errors import NoCapacity, ServerError, TooManyWaiting, WebGymError
-from webgym.server.config import GatewayConfig, ServerConfig
+from webgym.server.config import GatewayConfig, ServerConfig, usable_cores
 from webgym.server.listening import connections
 from webgym.server.messages import (
     GENERATION_HEADER,
@@ -94,24 +94,29 @@ class Hosts(Protocol):
         """Yield the present hosts, now and after every change. Never ends."""
 
 
-def split(slots: int, cores: float, config: GatewayConfig) -> list[int]:
-    """Divide a machine's slots among its workers: the configured number, or by cores; every worker gets
-    one."""
-    workers = min(slots, config.workers or max(1, round(cores / config.cores_per_worker)))
-    return [slots // workers + (number < slots % workers) for number in range(workers)]
-
-
-def share_of(config: ServerConfig, slots: int, cores: float, *, share: float, of_cores: int) -> ServerConfig:
-    """The settings of one of the workers of a machine.
+def shares_of(
+    server: ServerConfig, fleet: GatewayConfig, *, host: str, slots: int, cores: float
+) -> tuple[ServerConfig, ...]:
+    """The settings of each of the workers of a machine: the configured number of workers, or by its cores.
 
     Args:
-        config: the settings of all workers together, for ``of_cores`` processors.
-        slots: number of slots of this worker.
-        cores: number of processors that it may keep busy.
-        share: its share of the machine's sessions, 0 to 1.
-        of_cores: number of processors that ``config`` is meant for.
+        server: the settings of all workers together, for the processors of this machine.
+        fleet: the number of workers, and their ports.
+        host: where they listen.
+        slots: number of slots of the machine; every worker gets one.
+        cores: number of its processors.
     """
-    part = cores / of_cores
+    machine = server.model_copy(update={"host": host, "ports": fleet.worker_ports})
+    workers = min(slots, fleet.workers or max(1, round(cores / fleet.cores_per_worker)))
+    counts = [slots // workers + (number < slots % workers) for number in range(workers)]
+    return tuple(
+        _share_of(machine, count, cores / workers / usable_cores(), count / slots) for count in counts
+    )
+
+
+def _share_of(config: ServerConfig, slots: int, part: float, share: float) -> ServerConfig:
+    """The settings of a worker with a part of this machine's processors, and a share of its own machine's
+    sessions."""
     admission, egress = config.admission, config.browser.egress
 
     def scaled(value: int) -> int:
@@ -489,9 +494,8 @@ class Fleet:
                 is_lost = worker.is_lost
                 self.workers.pop(worker.name, None)
                 self.lost += 1
-                worker.lose()
-                self._report_change(worker.sessions)
                 await worker.close()
+                self._report_change(worker.sessions)
         finally:
             try:
                 # One that hangs would not stop in order, and holders of its sessions wait until it is gone.

@@ -10,8 +10,10 @@ import asyncio
 import logging
 import re
 import secrets
-from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable, Mapping
+from collections.abc import AsyncIterator, Collection, Iterable
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager, closing, nullcontext
+from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from typing import Any
 
@@ -19,7 +21,6 @@ import aiohttp
 import msgspec
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
-from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
@@ -29,7 +30,7 @@ from webgym.core.errors import LeaseLost, ServerError, ServerUnreachable, Worker
 from webgym.server.callers import Audit, Quota, Tokens, audit_to, caller_of, client_of
 from webgym.server.config import GatewayConfig, RayConfig, ServerConfig
 from webgym.server.fleet import Fleet, Header, Hosts, NoAnswer, SlotQueue, Worker
-from webgym.server.http import Feed, HttpFrontend, application, decode, while_connected
+from webgym.server.http import Feed, HttpFrontend, decode, while_connected
 from webgym.server.listening import listen, serving, url_of
 from webgym.server.messages import (
     HEALTHY,
@@ -44,8 +45,8 @@ from webgym.server.messages import (
     WorkerInfo,
     error_of,
 )
-from webgym.server.metrics import CallMetrics
-from webgym.server.operations import ALLOCATE, METRICS, OPERATIONS, PRESSURE, Operation, openapi
+from webgym.server.metrics import CallMetrics, LabelledByWorker
+from webgym.server.operations import ALLOCATE, METRICS, PRESSURE, Operation, openapi
 from webgym.server.ray_hosts import ray_hosts
 from webgym.server.subprocess_worker import LocalHosts
 from webgym.server.worker import TOKEN_BYTES, new_instance
@@ -83,7 +84,7 @@ class Gateway:
         self._asked = 0
         self._granted = 0
         self._endings = BackgroundTasks()
-        self.observed = GatewayMetrics(self.fleet, self.queue)
+        self.observed = CallMetrics(_Load(self.fleet, self.queue), "webgym_gateway")
 
     def _on_change(self, ended: Collection[str]) -> None:
         for session in ended:
@@ -93,6 +94,14 @@ class Gateway:
         self.feed.changed()
 
     # --- sessions -------------------------------------------------------------------------------------
+
+    async def serve(self, front: HttpFrontend, operation: Operation, request: Request) -> Any:
+        """Carry out an operation."""
+        if operation is ALLOCATE:
+            return await self.allocate(request, front)
+        if operation.has_lease:
+            return await self.relay(operation, request, front)
+        return await getattr(self, operation.name)()
 
     async def allocate(self, request: Request, front: HttpFrontend) -> SessionGrant:
         """Open a session on the worker with the most free slots."""
@@ -237,7 +246,7 @@ class Gateway:
 
     async def metrics(self) -> bytes:
         """The gateway's own metrics, and every worker's labelled with its name."""
-        return merge_expositions(self.observed.exposition(), await self._query_all(METRICS))
+        return self.observed.exposition(LabelledByWorker(await self._query_all(METRICS)))
 
     async def openapi(self) -> dict[str, Any]:
         """The API's description."""
@@ -304,23 +313,7 @@ class _ForwardedResponse(Response):
             await send({"type": "http.response.body", "body": b"", "more_body": False})
 
 
-def create_gateway_app(gateway: Gateway, tokens: Tokens, instance: str) -> Starlette:
-    """The ASGI application of a gateway."""
-    front = HttpFrontend(tokens, gateway.config.body_bytes, instance, gateway.observed)
-
-    def work(operation: Operation) -> Callable[[Request], Awaitable[Any]]:
-        async def serve(request: Request) -> Any:
-            if operation is ALLOCATE:
-                return await gateway.allocate(request, front)
-            if operation.has_lease:
-                return await gateway.relay(operation, request, front)
-            return await getattr(gateway, operation.name)()
-
-        return front.endpoint(operation, serve)
-
-    return application({operation: work(operation) for operation in OPERATIONS})
-
-
+@dataclass(frozen=True)
 class RunningGateway:
     """A running gateway.
 
@@ -330,10 +323,9 @@ class RunningGateway:
         gateway: the gateway.
     """
 
-    def __init__(self, url: str, token: str, gateway: Gateway) -> None:
-        self.url = url
-        self.token = token
-        self.gateway = gateway
+    url: str
+    token: str
+    gateway: Gateway
 
 
 @asynccontextmanager
@@ -363,7 +355,8 @@ async def running_gateway(
     tokens = Tokens(token, config.tokens_file)
     with closing(listen(config)) as listener, audit_to(config.audit_file) as audit:
         async with where as hosts, _running_fleet(Gateway(config, fleet, hosts, token, audit)) as gateway:
-            app = create_gateway_app(gateway, tokens, new_instance())
+            front = HttpFrontend(tokens, config.body_bytes, new_instance(), gateway.observed)
+            app = front.application(partial(gateway.serve, front))
             async with tokens.watching_file(), serving(app, listener, config):
                 try:
                     yield RunningGateway(url_of(listener), token, gateway)
@@ -410,9 +403,6 @@ async def _running_fleet(gateway: Gateway) -> AsyncIterator[Gateway]:
         await asyncio.wait({ready, running})
 
 
-_SAMPLE = re.compile(rb"([a-zA-Z_:][a-zA-Z0-9_:]*)(\{)?")
-
-
 class _Load(Collector):
     def __init__(self, fleet: Fleet, queue: SlotQueue) -> None:
         self._fleet, self._queue = fleet, queue
@@ -428,13 +418,6 @@ class _Load(Collector):
         yield CounterMetricFamily(
             "webgym_gateway_workers_lost", "Workers that were up and are gone", value=self._fleet.lost
         )
-
-
-class GatewayMetrics(CallMetrics):
-    """The metrics of one gateway."""
-
-    def __init__(self, fleet: Fleet, queue: SlotQueue) -> None:
-        super().__init__(_Load(fleet, queue), "webgym_gateway")
 
 
 def total(parts: list[Any]) -> Any:
@@ -455,29 +438,3 @@ def total(parts: list[Any]) -> Any:
     if isinstance(first, float):
         return max(parts)
     return first
-
-
-def merge_expositions(own: bytes, others: Mapping[str, bytes]) -> bytes:
-    """Merge the Prometheus texts of workers: samples are labelled with their worker, families occur once."""
-    families: dict[bytes, list[bytes]] = {}
-    for worker, text in others.items():
-        label = b'worker="%s"' % worker.encode("ascii")
-        family: list[bytes] = []
-        is_new = True
-        for line in text.splitlines():
-            if line.startswith(b"# HELP "):
-                name = line.split(b" ", 3)[2]
-                is_new = name not in families
-                family = families.setdefault(name, [])
-            if not line.startswith(b"#"):
-                family.append(_labelled(line, label))
-            elif is_new:
-                family.append(line)
-    return own + b"\n".join([*(line for family in families.values() for line in family), b""])
-
-
-def _labelled(sample: bytes, label: bytes) -> bytes:
-    match = _SAMPLE.match(sample)
-    assert match is not None
-    rest = sample[match.end() :]
-    return b"%s{%s,%s" % (match[1], label, rest) if match[2] else b"%s{%s}%s" % (match[1], label, rest)

@@ -6,7 +6,8 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from functools import partial
 from typing import Any, TypeVar
 
 import msgspec
@@ -39,7 +40,7 @@ from webgym.server.messages import (
     Watched,
 )
 from webgym.server.metrics import CallMetrics
-from webgym.server.operations import JSON, MSGPACK, Operation
+from webgym.server.operations import JSON, MSGPACK, OPERATIONS, Operation
 
 log = logging.getLogger(__name__)
 
@@ -83,6 +84,19 @@ class HttpFrontend:
         self._body_bytes = body_bytes
         self.instance = instance
         self._metrics = metrics
+
+    def application(self, work: Callable[[Operation, Request], Awaitable[Any]]) -> Starlette:
+        """The application with the routes of all operations, which ``work`` carries out. Any other path is an
+        error, never redirected."""
+        routes = [
+            Route(
+                operation.path, self.endpoint(operation, partial(work, operation)), methods=[operation.method]
+            )
+            for operation in OPERATIONS
+        ]
+        app = Starlette(routes=routes, exception_handlers={HTTPException: _http_error})
+        app.router.redirect_slashes = False
+        return app
 
     def endpoint(
         self, operation: Operation, work: Callable[[Request], Awaitable[Any]]
@@ -201,19 +215,6 @@ async def while_connected(
 async def _disconnected(request: Request) -> None:
     while (await request.receive())["type"] != "http.disconnect":
         pass
-
-
-def application(endpoints: Mapping[Operation, Callable[[Request], Awaitable[Response]]]) -> Starlette:
-    """The application with a server's routes. Any other path is an error, never redirected."""
-    app = Starlette(
-        routes=[
-            Route(operation.path, endpoint, methods=[operation.method])
-            for operation, endpoint in endpoints.items()
-        ],
-        exception_handlers={HTTPException: _http_error},
-    )
-    app.router.redirect_slashes = False
-    return app
 
 
 async def _http_error(_: Request, error: Exception) -> Response:

@@ -8,14 +8,14 @@ from __future__ import annotations
 import asyncio
 import logging
 import secrets
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import AbstractAsyncContextManager, asynccontextmanager, closing
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
-from starlette.applications import Starlette
 from starlette.requests import Request
 
 from webgym.browser.document import Document, ReadRequest
@@ -29,7 +29,7 @@ from webgym.core.observation import Probed
 from webgym.server.admission import AdmissionController, Permit
 from webgym.server.callers import SERVER_CALLER, Quota, Tokens, client_of
 from webgym.server.config import ServerConfig
-from webgym.server.http import Feed, HttpFrontend, application, decode, while_connected
+from webgym.server.http import Feed, HttpFrontend, decode, while_connected
 from webgym.server.leases import Lease, Leases
 from webgym.server.listening import is_wildcard, listen, serving, url_of
 from webgym.server.messages import (
@@ -51,8 +51,8 @@ from webgym.server.messages import (
     StepRequest,
     Watched,
 )
-from webgym.server.metrics import Metrics
-from webgym.server.operations import ALLOCATE, OPERATIONS, Operation, QueueName, openapi
+from webgym.server.metrics import CallMetrics, Load
+from webgym.server.operations import ALLOCATE, Operation, QueueName, openapi
 from webgym.server.pool import Pool
 
 log = logging.getLogger(__name__)
@@ -85,7 +85,8 @@ class Service:
         """Called with the id of every session that ends."""
         self._asked = 0
         self.gate = AdmissionController(config.admission)
-        self._metrics = Metrics(self.gate, self.pool, self.leases)
+        self.observed = CallMetrics(Load(self.gate, self.pool, self.leases))
+        """The metrics, where the HTTP layer records times and errors."""
 
     async def __aenter__(self) -> Service:
         try:
@@ -124,11 +125,6 @@ class Service:
                 await self.pool.clean(slot)
         finally:
             self.pool.give_back(slot)
-
-    @property
-    def observed(self) -> Metrics:
-        """The metrics, where the HTTP layer records times and errors."""
-        return self._metrics
 
     # --- sessions -----------------------------------------------------------------------------------
 
@@ -297,7 +293,7 @@ class Service:
 
     async def metrics(self) -> bytes:
         """The metrics in Prometheus's text format."""
-        return self._metrics.exposition()
+        return self.observed.exposition()
 
     async def watch(self) -> AsyncIterator[bytes]:
         """The stream of the worker's state, for a gateway."""
@@ -331,6 +327,7 @@ TOKEN_BYTES = 32
 _INSTANCE_BYTES = 8
 
 
+@dataclass(frozen=True)
 class RunningServer:
     """A running worker.
 
@@ -341,15 +338,10 @@ class RunningServer:
         instance: id of this run of the server.
     """
 
-    def __init__(self, url: str, token: str, service: Service, instance: str) -> None:
-        self.url = url
-        self.token = token
-        self.service = service
-        self.instance = instance
-
-
-async def _find_executable(explicit: Path | None) -> Path:
-    return (await asyncio.to_thread(find_browser, explicit)).path
+    url: str
+    token: str
+    service: Service
+    instance: str
 
 
 def new_instance() -> str:
@@ -372,12 +364,13 @@ async def running_server(config: ServerConfig | None = None) -> AsyncIterator[Ru
     token = config.token or secrets.token_urlsafe(TOKEN_BYTES)
     tokens = Tokens(token, config.tokens_file)
     instance = new_instance()
-    executable = await _find_executable(config.browser.executable)
+    executable = (await asyncio.to_thread(find_browser, config.browser.executable)).path
     with closing(listen(config)) as listener:
         url = url_of(listener)
         async with Service(config, executable) as service:
             endpoint = "" if is_wildcard(config.host) else url
-            app = create_app(service, tokens, instance=instance, endpoint=endpoint)
+            front = HttpFrontend(tokens, config.body_bytes, instance, service.observed)
+            app = front.application(_Calls(service, front, endpoint).serve)
             async with tokens.watching_file(), serving(app, listener, config):
                 try:
                     yield RunningServer(url, token, service, instance)
@@ -385,36 +378,18 @@ async def running_server(config: ServerConfig | None = None) -> AsyncIterator[Ru
                     service.feed.close()  # the streams of subscribers never end by themselves
 
 
-def create_app(service: Service, tokens: Tokens, *, instance: str = "", endpoint: str = "") -> Starlette:
-    """The ASGI application of one service.
-
-    Args:
-        service: the service.
-        tokens: valid tokens, for operations that are not open.
-        instance: id of this run of the server.
-        endpoint: its base URL for other machines; empty if unknown.
-    """
-    calls = _Calls(service, tokens, instance, endpoint)
-    return application({operation: calls.endpoint(operation) for operation in OPERATIONS})
-
-
 class _Calls:
-    def __init__(self, service: Service, tokens: Tokens, instance: str, endpoint: str) -> None:
+    """Calls of a service by HTTP. ``endpoint`` is its base URL for other machines; empty if unknown."""
+
+    def __init__(self, service: Service, front: HttpFrontend, endpoint: str) -> None:
         self._service = service
-        self._front = HttpFrontend(tokens, service.config.body_bytes, instance, service.observed)
+        self._front = front
         self._endpoint = endpoint
         self._quota = Quota(service.config.sessions_per_client)
         service.on_end = self._quota.ended
 
-    def endpoint(self, operation: Operation) -> Callable[[Request], Awaitable[Any]]:
-        """The request handler of one operation."""
-
-        async def work(request: Request) -> Any:
-            return await self._serve(operation, request)
-
-        return self._front.endpoint(operation, work)
-
-    async def _serve(self, operation: Operation, request: Request) -> Any:
+    async def serve(self, operation: Operation, request: Request) -> Any:
+        """Carry out an operation."""
         arguments: list[Any] = []
         if operation.has_lease:
             arguments.append(

@@ -287,17 +287,18 @@ class ReplyCache:
     # --- totals -----------------------------------------------------------------------------------------
 
     def _select_calls(self, connection: sqlite3.Connection) -> list[Any]:
-        """Sums of the calls that any process recorded since the last query."""
-        return connection.execute(
+        """Sums of the calls that any process recorded since the last query. Runs in the thread."""
+        sums = connection.execute(
             "select max(id), purpose, model, count(*), count(batch), sum(prompt_tokens),"
             " sum(prompt_tokens_cached), sum(completion_tokens), total(dollars), sum(dollars is null),"
             " sum(is_estimate) from calls where id > ? group by purpose, model",
             [self._last_call],
         ).fetchall()
+        self._last_call = max([self._last_call, *(last for last, *_ in sums)])
+        return sums
 
     def _count(self, calls: list[Any]) -> None:
-        for last, purpose, model, count, batched, *sums in calls:
-            self._last_call = max(self._last_call, last)
+        for _, purpose, model, count, batched, *sums in calls:
             self.totals.add(purpose, model, Usage(count, 0, batched, *sums))
 
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from webgym.server.client import BrowserClient
     from webgym.server.config import ServerConfig
     from webgym.server.messages import View
-    from webgym.server.run_worker import running_server
+    from webgym.server.worker import running_server
     from webgym.store.runs import RunReader
     from webgym.tasks.formats import read_tasks, write_tasks
 
@@ -71,7 +71,7 @@ _HOMES = {
     "webgym.server.client": "BrowserClient",
     "webgym.server.config": "ServerConfig",
     "webgym.server.messages": "View",
-    "webgym.server.run_worker": "running_server",
+    "webgym.server.worker": "running_server",
     "webgym.env.sync": "LoopThread SyncEnvironment",
     "webgym.tasks.formats": "read_tasks write_tasks",
     "webgym.env.tokens": "Sampled TokenRequest TokenRollout TokenRow roll_out",

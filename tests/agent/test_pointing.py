@@ -35,7 +35,7 @@ from webgym.llm.config import ChatConfig
 from webgym.server.client import BrowserClient, Session
 from webgym.server.config import ServerConfig
 from webgym.server.messages import SessionOptions
-from webgym.server.run_worker import running_server
+from webgym.server.worker import running_server
 
 TARGET = 8
 

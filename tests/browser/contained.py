@@ -17,7 +17,7 @@ from webgym.browser.config import BrowserConfig
 from webgym.core.errors import WebGymError
 from webgym.server.client import BrowserClient
 from webgym.server.config import ServerConfig
-from webgym.server.run_worker import running_server
+from webgym.server.worker import running_server
 
 
 def look_at(pid: int) -> dict[str, str]:

@@ -28,7 +28,7 @@ from webgym.run.config import RunConfig, Secrets, ServerChoice
 from webgym.run.services import services
 from webgym.server.config import ServerConfig
 from webgym.server.listening import listen
-from webgym.server.run_worker import running_server
+from webgym.server.worker import running_server
 from webgym.store.runs import RunReader, RunWriter
 from webgym.tasks.formats import write_tasks
 from webgym.tasks.sampling import draw

@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 import psutil
 
-from webgym.server.run_worker import RunningServer
+from webgym.server.worker import RunningServer
 
 LAUNCHED: set[int] = set()
 """Process groups of all browsers that this process ever started."""

@@ -23,7 +23,7 @@ from webgym.core.action import LeftClick, Navigate, Target
 from webgym.server.client import BrowserClient, Session
 from webgym.server.config import ServerConfig
 from webgym.server.messages import SessionOptions
-from webgym.server.run_worker import RunningServer, running_server
+from webgym.server.worker import RunningServer, running_server
 
 from .census import LAUNCHED, nothing_leaks, of_groups, open_descriptors
 

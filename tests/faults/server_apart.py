@@ -11,7 +11,7 @@ import sys
 import uvloop
 
 from webgym.server.config import ServerConfig
-from webgym.server.run_worker import running_server
+from webgym.server.worker import running_server
 
 
 async def main() -> None:

@@ -10,7 +10,6 @@ from unittest.mock import AsyncMock
 from urllib.parse import urlsplit
 
 import gymnasium
-import httpx
 import pytest
 from tests.integrations.engine import example
 from tests.integrations.installed_browser import use_installed_browser
@@ -239,9 +238,8 @@ def test_a_website_that_is_gone_is_no_reward(last: bool) -> None:
 def test_a_website_that_fails_is_no_reward(monkeypatch: pytest.MonkeyPatch) -> None:
     with BrowserGymEnv(browsergym_tasks.env_name(TASK.id), pre_observation_delay=0.1) as env:
         env.reset(seed=1)
-        http = browsergym_tasks._sites["small", 1].http
-        busy = httpx.Response(503, text="busy", request=httpx.Request("GET", TASK.website))
-        monkeypatch.setattr(http, "request", lambda *_, **__: busy)
+        sites = browsergym_tasks._sites["small", 1]
+        monkeypatch.setattr(sites, "ask", lambda *_: (503, {}, b"busy"))
         with pytest.raises(NoReward, match="HTTP status 503"):
             env.step(Navigate(TASK.website))
 

@@ -27,7 +27,7 @@ from webgym.rollout.driver import EpisodeContext, EpisodeDriver, NoStore
 from webgym.rollout.plan import Planned
 from webgym.server.client import BrowserClient, Session
 from webgym.server.config import ServerConfig
-from webgym.server.run_worker import RunningServer, running_server
+from webgym.server.worker import RunningServer, running_server
 
 pytestmark = pytest.mark.browser
 

@@ -15,7 +15,7 @@ from webgym.browser.config import BrowserConfig
 from webgym.server.client import BrowserClient, Session
 from webgym.server.config import ClientLimits, ServerConfig
 from webgym.server.messages import SessionOptions
-from webgym.server.run_worker import RunningServer, running_server
+from webgym.server.worker import RunningServer, running_server
 
 LOCAL = BrowserConfig().allowing("127.0.0.1")
 """Browsers that may open the small website, which is on this machine."""

@@ -17,7 +17,7 @@ from PIL import Image
 from webgym.compat.app import RunningCompat, running_compat
 from webgym.compat.commands import COMMANDS
 from webgym.server.config import ClientLimits, ServerConfig
-from webgym.server.run_worker import RunningServer
+from webgym.server.worker import RunningServer
 
 from .conftest import PAGES, Site
 

@@ -11,7 +11,7 @@ from contextlib import asynccontextmanager
 import pytest
 
 from webgym.core.errors import ServerError
-from webgym.server.audit import Audit
+from webgym.server.callers import Audit
 from webgym.server.config import GatewayConfig, ServerConfig
 from webgym.server.fleet import Fleet, Host, Started, Worker
 from webgym.server.gateway import Gateway, _running_fleet

@@ -31,8 +31,9 @@ from webgym.core.errors import (
     Unauthorized,
     WorkerLost,
 )
-from webgym.server.client import BrowserClient, Session
+from webgym.server.client import BrowserClient, Session, SessionRoute
 from webgym.server.config import GatewayConfig, ServerConfig
+from webgym.server.fleet import SlotQueue
 from webgym.server.gateway import RunningGateway, running_gateway
 from webgym.server.messages import (
     GENERATION_HEADER,
@@ -45,8 +46,6 @@ from webgym.server.messages import (
     Watched,
 )
 from webgym.server.operations import METADATA, OPERATIONS, STEP
-from webgym.server.queue import SlotQueue
-from webgym.server.routing import SessionRoute
 
 from .conftest import LOCAL, TOKEN, Site, quick
 

@@ -31,7 +31,7 @@ from webgym.server.http import error_response
 from webgym.server.messages import SessionOptions, Watched
 from webgym.server.operations import OPERATIONS
 from webgym.server.pool import Pool
-from webgym.server.run_worker import RunningServer, running_server
+from webgym.server.worker import RunningServer, running_server
 
 from .conftest import TOKEN, quick
 
@@ -311,7 +311,7 @@ async def _has_answer(reader: asyncio.StreamReader) -> bool:
 
 
 async def test_one_client_may_not_take_every_slot(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("webgym.server.service.SHORTEST_TTL_SECONDS", 0)
+    monkeypatch.setattr("webgym.server.worker.SHORTEST_TTL_SECONDS", 0)
     config = ServerConfig(slots=3, token=TOKEN, sessions_per_client=1)
     async with (
         running_server(config) as server,

@@ -15,11 +15,11 @@ from webgym.browser.egress.proxy import Egress
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.slot import Slot
 from webgym.core.errors import LeaseLost, Unauthorized
+from webgym.server.callers import Tokens
 from webgym.server.http import HttpFrontend
 from webgym.server.leases import Leases
 from webgym.server.metrics import CallMetrics
 from webgym.server.operations import INFO
-from webgym.server.tokens import Tokens
 
 
 def idle_slot() -> Slot:

@@ -17,13 +17,13 @@ from starlette.routing import Route
 from starlette.types import Receive, Scope, Send
 
 from webgym.core.errors import ProtocolError, WebGymError
+from webgym.server.callers import Tokens
 from webgym.server.config import ServerConfig
 from webgym.server.http import HttpFrontend, decode
 from webgym.server.listening import listen, serving
 from webgym.server.messages import StepRequest, error_of
 from webgym.server.metrics import CallMetrics
 from webgym.server.operations import INFO, STEP
-from webgym.server.tokens import Tokens
 
 TOKEN = "a-token-for-tests-only"
 BODY_BYTES = 10_000

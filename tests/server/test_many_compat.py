@@ -21,7 +21,7 @@ from webgym.core.action import Navigate
 from webgym.server import pool
 from webgym.server.config import ServerConfig
 from webgym.server.messages import SessionOptions
-from webgym.server.run_worker import RunningServer, running_server
+from webgym.server.worker import RunningServer, running_server
 
 from .conftest import LOCAL, PAGES, Site
 

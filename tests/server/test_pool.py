@@ -12,7 +12,7 @@ from webgym.core.errors import BrowserLaunchFailed, NoCapacity, ProtocolError
 from webgym.server.config import ServerConfig
 from webgym.server.messages import SessionOptions
 from webgym.server.pool import Pool
-from webgym.server.service import Service
+from webgym.server.worker import Service
 
 
 async def test_a_caller_waits_no_longer_than_it_says(monkeypatch: pytest.MonkeyPatch) -> None:

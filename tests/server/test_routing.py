@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from webgym.server.routing import may_connect_directly
+from webgym.server.client import may_connect_directly
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from webgym.server.client import BrowserClient, Session
 from webgym.server.config import Admission, ServerConfig
 from webgym.server.messages import GENERATION_HEADER, SECRET_HEADER, SessionOptions, StepReply, StepRequest
 from webgym.server.operations import STEP
-from webgym.server.run_worker import RunningServer, running_server
+from webgym.server.worker import RunningServer, running_server
 
 from .conftest import LOCAL, TOKEN, Site, quick
 

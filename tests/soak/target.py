@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-import httpx
+import aiohttp
 import msgspec
 import psutil
 from tests.soak.leaks import Census, leaked, take
@@ -151,20 +151,20 @@ class Target:
         """The server's report about its sessions and slots.
 
         Raises:
-            httpx.HTTPError: it does not respond.
+            aiohttp.ClientError, OSError: it does not respond.
         """
         headers = {"authorization": f"Bearer {self.token}"}
         async with (
-            httpx.AsyncClient(base_url=self.url, headers=headers, trust_env=False) as http,
-            http.stream(WATCH.method, WATCH.path) as answer,
+            aiohttp.ClientSession(headers=headers, raise_for_status=True) as http,
+            http.request(WATCH.method, self.url + WATCH.path) as answer,
         ):
-            return msgspec.json.decode(await anext(answer.aiter_lines()), type=Watched)
+            return msgspec.json.decode(await answer.content.readline(), type=Watched)
 
     async def at_rest(self) -> list[str]:
         """Sessions and slots that are still in use; empty if there are none."""
         try:
             now = await self.watched()
-        except httpx.HTTPError as error:
+        except (aiohttp.ClientError, OSError) as error:
             return [f"the server does not respond: {error!r}"]
         problems = [f"a lease: {session}" for session in now.sessions]
         if now.slots.free != self.plan.slots or now.slots.total != self.plan.slots or now.slots.waiting:

@@ -24,13 +24,7 @@ from urllib.parse import urlsplit
 
 LORA = {"/v1/load_lora_adapter", "/v1/unload_lora_adapter"}
 VERSION = {"/weight_info", "/update_weight_version"}
-TRANSFER = {
-    "/init_weight_transfer_engine",
-    "/start_weight_update",
-    "/update_weights",
-    "/finish_weight_update",
-}
-DEV = {"/pause", "/resume", "/collective_rpc", "/reset_prefix_cache", "/reset_mm_cache"} | VERSION | TRANSFER
+DEV = {"/pause", "/resume", "/collective_rpc", "/reset_prefix_cache", "/reset_mm_cache"} | VERSION
 GET = {"/v1/models", "/weight_info"}
 
 
@@ -57,8 +51,6 @@ class FakeVllm:
     def offers(self, path: str) -> bool:
         if path in LORA:
             return "lora" in self.quirks
-        if path in TRANSFER and "disk" not in self.quirks:
-            return "nccl" in self.quirks
         if path in VERSION and "no_version" in self.quirks:
             return False
         return "dev" in self.quirks if path in DEV else path in {"/v1/models", "/v1/chat/completions"}
@@ -102,29 +94,15 @@ class FakeVllm:
         self.is_paused = False
         return 200, {"status": "resumed"}
 
-    def do_init_weight_transfer_engine(self, body: dict[str, Any]) -> tuple[int, Any]:
-        fits = "disk" in self.quirks and body["init_info"] == {}
-        return (200, {}) if fits else (500, {"error": {"message": "missing master_address"}})
-
-    def do_update_weights(self, body: dict[str, Any]) -> tuple[int, Any]:
-        return self.take(body["update_info"]["path"])
-
     def do_collective_rpc(self, body: dict[str, Any]) -> tuple[int, Any]:
         assert body["method"] == "reload_weights"
-        return self.take(body["kwargs"]["weights_path"])
-
-    def take(self, path: str) -> tuple[int, Any]:
         assert self.is_paused
         if "refuses" in self.quirks:
             self.quirks.remove("refuses")
             self.weights = "half of each"
             return 500, {"error": {"message": "a tensor is missing"}}
-        self.weights = path
+        self.weights = body["kwargs"]["weights_path"]
         return 200, {"results": [None]}
-
-    def do_finish_weight_update(self, body: dict[str, Any]) -> tuple[int, Any]:
-        self.label = body["weight_version"]
-        return 200, {}
 
     def do_update_weight_version(self, body: dict[str, Any]) -> tuple[int, Any]:
         self.label = body["new_version"]
@@ -255,7 +233,8 @@ def main() -> None:
         time.sleep(600)
     if os.environ.get("VLLM_ALLOW_RUNTIME_LORA_UPDATING") == "True" and "--enable-lora" in given:
         quirks.append("lora")
-    quirks += ["dev"] if os.environ.get("VLLM_SERVER_DEV_MODE") == "1" else []
+    if os.environ.get("VLLM_SERVER_DEV_MODE") == "1" and "no_dev" not in quirks:
+        quirks.append("dev")
     fake = FakeVllm(options["--served-model-name"], given[1], *quirks)
     make_server(fake, int(options["--port"])).serve_forever()
 

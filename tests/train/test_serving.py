@@ -25,7 +25,7 @@ from webgym.core.trajectory import ImageRef, Message, Reply, TextPart
 from webgym.inference.generate import SamplingParameters, generate
 from webgym.inference.local import LocalConfig, LocalPolicy
 from webgym.inference.model import load_model
-from webgym.inference.vllm import Served, VllmApi, VllmConfig, VllmPolicy
+from webgym.inference.vllm import VllmApi, VllmConfig
 from webgym.llm.config import ChatConfig
 from webgym.llm.health import watch_clients
 from webgym.train.config import LoraConfig
@@ -33,7 +33,7 @@ from webgym.train.logprobs import ReplyLogProbs, collate
 from webgym.train.samples import SampleMaker
 from webgym.train.selftest import EXACT_TOLERANCE, GREEDY, SELFTEST, read_selftest
 from webgym.train.serving import KeptOpen, LocalServing
-from webgym.train.vllm_serving import VllmServing
+from webgym.train.vllm_serving import Served, VllmPolicy, VllmServing
 
 
 @pytest.fixture(scope="module")
@@ -194,5 +194,7 @@ async def test_a_run_sees_what_holds_the_served_policy_up(monkeypatch: pytest.Mo
     with watch_clients() as problem:
         async with policy:
             assert problem() == "replies wait for new weights"
-            policy.switch(Served(VllmApi("http://127.0.0.1:9/v1", SecretStr("")), "tiny", "1", client))
+            api = VllmApi("http://127.0.0.1:9/v1", SecretStr(""))
+            policy.switch(Served(api, "tiny", "1", client))
             assert problem() == "the endpoint is busy"
+            await api.close()

@@ -24,11 +24,11 @@ from tests.train.making import request, task
 from webgym.agent.policy import PolicyInput
 from webgym.core.errors import ConfigError, PolicyError, PolicyUnreachable, PublishError, TrainingError
 from webgym.core.trajectory import Reply
-from webgym.inference.vllm import VllmConfig, VllmPolicy
+from webgym.inference.vllm import VllmConfig
 from webgym.train.config import LoraConfig
 from webgym.train.folder import TrainingFolder
 from webgym.train.selftest import SELFTEST, Greedy, SelfTest, known_messages, known_picture
-from webgym.train.vllm_serving import VllmServing
+from webgym.train.vllm_serving import VllmPolicy, VllmServing
 
 PROMPT = [1, *[7] * 80, 2, 3]
 
@@ -186,16 +186,7 @@ def test_every_parameter_is_named_and_log_probabilities_of_another_distribution_
 @pytest.mark.parametrize(
     ("quirks", "steps"),
     [
-        (
-            ("disk",),
-            "init_weight_transfer_engine start_weight_update update_weights finish_weight_update "
-            "reset_prefix_cache reset_mm_cache",
-        ),
-        (
-            ("nccl",),
-            "init_weight_transfer_engine collective_rpc reset_prefix_cache reset_mm_cache "
-            "update_weight_version",
-        ),
+        ((), "collective_rpc reset_prefix_cache reset_mm_cache update_weight_version"),
         (("no_version",), "collective_rpc reset_prefix_cache reset_mm_cache"),
     ],
 )
@@ -237,7 +228,7 @@ def test_an_update_that_fails_half_way_is_undone(tmp_path: Path) -> None:
             assert fake.weights == str(tmp_path / "1")
             assert (await reply(serving)).weight_version == fake.label == "1"
 
-    with fake_vllm.running("dev", "disk") as fake:
+    with fake_vllm.running("dev") as fake:
         asyncio.run(go(fake))
 
 
@@ -361,9 +352,6 @@ async def test_a_reply_that_was_lost_because_the_server_ended_is_asked_for_again
         (("dev",), {"lora": True}, "does not offer /v1/load_lora_adapter.*VLLM_ALLOW_RUNTIME_LORA_UPDATING"),
         (("lora",), {}, "does not offer /pause.*VLLM_SERVER_DEV_MODE=1"),
         (("dev",), {"model": "other"}, "has the models base"),
-        (("dev",), {"publish": "lora"}, "'lora', and the learner trains all weights"),
-        (("lora",), {"publish": "in_place", "lora": True}, "'in_place', and the learner trains adapters"),
-        (("dev",), {"publish": "restart"}, "webgym did not start cannot be restarted"),
         (("dev",), {"base_url": "http://127.0.0.1:9/v1"}, "cannot be reached"),
         (("dev", "trained"), {}, "other weights than learning starts from: '7'"),
     ],
@@ -431,11 +419,12 @@ def pids(path: Path) -> list[int]:
     return [int(pid) for pid in (path / "pids").read_text().split()]
 
 
-def test_our_server_is_restarted_with_new_weights_and_after_a_crash_and_leaves_no_process(
-    tmp_path: Path, vllm: str
+@pytest.mark.parametrize("quirk", ["no_dev", "refuses"])
+def test_our_server_that_takes_no_weights_is_restarted_with_them_and_after_a_crash_and_leaves_no_process(
+    tmp_path: Path, vllm: str, quirk: str
 ) -> None:
     async def go() -> None:
-        async with ours(vllm, tmp_path, "engine", restarts=1) as serving:
+        async with ours(vllm, tmp_path, "engine", quirk, restarts=1) as serving:
             watch = asyncio.create_task(serving.watch())
             assert (await reply(serving)).weight_version == "0"
             await serving.publish(saved(tmp_path / "1"), "1")
@@ -473,9 +462,10 @@ def test_our_server_goes_on_with_the_newest_weights_and_is_labelled_again_after_
             await serving.publish(tmp_path / "3", "3")
             assert len(pids(tmp_path)) == 2, "it is served already"
         (tmp_path / "pids").unlink()
-        async with ours(vllm, tmp_path, "engine", publish="in_place") as serving:
+        async with ours(vllm, tmp_path, "engine") as serving:
             watch = asyncio.create_task(serving.watch())
             await serving.publish(tmp_path / "3", "3")
+            assert len(pids(tmp_path)) == 2, "in place"
             os.kill(pids(tmp_path)[0], signal.SIGKILL)
             await until(lambda: len(pids(tmp_path)) == 4)
             assert (await reply(serving)).weight_version == "3"
@@ -528,7 +518,7 @@ def test_a_server_that_does_not_come_up_says_why_in_one_line(
 _STARTS = """
 import asyncio, sys
 from pathlib import Path
-from webgym.inference.managed import ManagedServer
+from webgym.inference.vllm import ManagedServer
 async def go():
     env = {"FAKE_VLLM": "engine hangs", "FAKE_VLLM_PIDS": sys.argv[2]}
     command = [sys.argv[1], "serve", "m", "--served-model-name", "m", "--port", "1"]

@@ -14,7 +14,7 @@ import msgspec
 from webgym.core.errors import ServerUnreachable
 from webgym.server.config import GatewayConfig, ServerConfig
 from webgym.server.gateway import RunningGateway, running_gateway
-from webgym.server.run_worker import RunningServer, running_server
+from webgym.server.worker import RunningServer, running_server
 
 
 class ServerAddress(msgspec.Struct, frozen=True):

@@ -13,7 +13,7 @@ from webgym.core.outcome import Outcome
 from webgym.core.tables import Table, put
 from webgym.core.verdict import Cost
 from webgym.llm.ledger import Ledger
-from webgym.llm.usage import Usage
+from webgym.llm.prices import Usage
 from webgym.rollout.live import COLORS
 from webgym.rollout.rejudge import Judging
 

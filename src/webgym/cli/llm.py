@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from webgym.llm.prices import Prices
-    from webgym.llm.usage import Totals
+    from webgym.llm.prices import Prices, Totals
 
 app = typer.Typer(no_args_is_help=True, help="Report the cost of model calls, and import batch results.")
 

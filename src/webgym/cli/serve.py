@@ -95,8 +95,8 @@ def command(
     import uvloop
 
     from webgym.core.settings import validated
+    from webgym.server.callers import check_token
     from webgym.server.listening import raise_open_files_limit
-    from webgym.server.tokens import check_token
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     token = _read_or_create_token(token_file) if token_file else os.environ.get(TOKEN)
@@ -188,7 +188,7 @@ def _read_or_create_token(path: Path, shortest: int | None = None) -> str:
     import os
     import secrets
 
-    from webgym.server.tokens import SHORTEST, check_token
+    from webgym.server.callers import SHORTEST, check_token
 
     try:
         if path.exists():

@@ -1,11 +1,15 @@
-"""Concurrent tasks: in a group, for the duration of a block, or until they end; whose cancellation it is."""
+"""Concurrent tasks: in a group, for a block, or until they end; whose cancellation it is; threads."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Coroutine
+import contextlib
+import threading
+from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 
 @asynccontextmanager
@@ -53,3 +57,32 @@ async def task_group() -> AsyncIterator[asyncio.TaskGroup]:
             yield group
     except ExceptionGroup as errors:
         raise errors.exceptions[0] from errors
+
+
+async def in_daemon_thread(work: Callable[[], T]) -> T:
+    """Do blocking work in a daemon thread, which does not keep the process from ending.
+
+    For what cannot be interrupted and may not return, such as a read from a process that hangs.
+    """
+    loop = asyncio.get_running_loop()
+    done: asyncio.Future[T] = loop.create_future()
+
+    def set_result(result: T | None, error: BaseException | None) -> None:
+        if done.cancelled():
+            return
+        if error is None:
+            done.set_result(result)  # type: ignore[arg-type]  # without an error there is a result
+        else:
+            done.set_exception(error)
+
+    def run() -> None:
+        result, error = None, None
+        try:
+            result = work()
+        except BaseException as raised:
+            error = raised
+        with contextlib.suppress(RuntimeError):  # the event loop has ended
+            loop.call_soon_threadsafe(set_result, result, error)
+
+    threading.Thread(target=run, name="blocking-work", daemon=True).start()
+    return await done

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import urllib.request
 import warnings
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -15,7 +16,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
-import httpx
 import torch
 from huggingface_hub import constants, snapshot_download
 from huggingface_hub.errors import HFValidationError, LocalEntryNotFoundError
@@ -23,6 +23,7 @@ from torch.nn.attention import SDPBackend, sdpa_kernel
 
 from webgym.core.errors import ConfigError
 from webgym.inference.rendering import Renderer
+from webgym.llm.client import certificates
 
 Dtype: TypeAlias = Literal["float32", "bfloat16"]
 
@@ -178,8 +179,12 @@ def _hub_answers(model: str) -> bool:
     """Whether the hub answers a request for a model, even if the model does not exist."""
     if constants.HF_HUB_OFFLINE:
         return False
+    # Its address is huggingface_hub's own setting.
+    request = urllib.request.Request(f"{constants.ENDPOINT}/api/models/{model}", method="HEAD")  # noqa: S310
     try:
-        answer = httpx.head(f"{constants.ENDPOINT}/api/models/{model}", timeout=HUB_SECONDS)
-    except (httpx.TransportError, httpx.InvalidURL):
+        urllib.request.urlopen(request, timeout=HUB_SECONDS, context=certificates()).close()  # noqa: S310
+    except urllib.request.HTTPError as error:
+        return error.code < 500
+    except (OSError, ValueError):
         return False
-    return not answer.is_server_error
+    return True

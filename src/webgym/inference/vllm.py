@@ -1,4 +1,4 @@
-"""A vLLM server: its command line, its HTTP API, and the policy that replies with it.
+"""A vLLM server: its settings and command line, its process, and its HTTP API besides replies.
 
 Names of flags, endpoints and fields are those of vLLM's documentation (0.33): LoRA adapters
 (``features/lora``), weight transfer and asynchronous RL (``training/``), the chat API's own extensions
@@ -8,30 +8,32 @@ Names of flags, endpoints and fields are those of vLLM's documentation (0.33): L
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
-from collections.abc import Awaitable, Callable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+import os
+import shutil
+import signal
+import socket
+from asyncio.subprocess import PIPE, STDOUT, Process
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final, Literal, Self, TypeAlias
 
-import httpx
-import msgspec
+import aiohttp
 from pydantic import Field, SecretStr, field_validator
 
-from webgym.agent.openai_policy import OpenAIPolicy, as_policy_error
-from webgym.agent.policy import BasePolicy, PolicyInput
-from webgym.core.errors import LLMBadReply, LLMError, LLMUnreachable, PolicyBadReply, PolicyError
+from webgym.core.child import watched
+from webgym.core.errors import ConfigError, LLMBadReply, LLMError, LLMUnreachable, StoreError, TrainingError
 from webgym.core.settings import Settings
-from webgym.core.trajectory import Reply
-from webgym.llm.client import is_loopback
+from webgym.llm.client import open_session
 from webgym.llm.completion import error_message, first_line, quote
 from webgym.llm.config import ChatConfig, Sampling
-from webgym.llm.health import register_client
 
 PublishMethod: TypeAlias = Literal["lora", "in_place", "restart"]
 """How new weights are published: as a LoRA adapter, into the running server, or by restarting it."""
 
-_HOST: Final = "127.0.0.1"
+HOST: Final = "127.0.0.1"
+"""Where a server of ours listens."""
 _LORA_RANKS: Final = (8, 16, 32, 64, 128, 256, 320, 512)
 """Values that ``--max-lora-rank`` accepts."""
 
@@ -51,8 +53,10 @@ EXPLICIT: Final = Sampling(
 UPDATE_SECONDS: Final = 600.0
 """Deadline for loading new weights, after the last reply with the old ones."""
 
-_MOST_FOREIGN: Final = 5
-"""Number of replies with other weights than the published ones, after which the training stops."""
+_ANSWER_SECONDS: Final = 10.0
+"""Deadline for connecting, and for answers to queries."""
+_LOG_TAIL_BYTES: Final = 16 * 1024
+_QUOTED_CHARS: Final = 300
 
 
 class VllmConfig(Settings):
@@ -65,10 +69,6 @@ class VllmConfig(Settings):
     model: str | None = None
     """For a server started here, the first model that it serves: a folder or hub id, by default
     ``learn.model``. For a running server, its name for that model, by default the only one that it lists."""
-
-    publish: Literal["auto", "lora", "in_place", "restart"] = "auto"
-    """How new weights are published. ``auto``: ``lora`` for adapters; for all weights ``restart`` if the
-    server was started here, else ``in_place``."""
 
     tensor_parallel_size: int = Field(default=1, ge=1)
     """Number of GPUs over which the weights are distributed."""
@@ -145,7 +145,7 @@ class VllmConfig(Settings):
             lora_rank: rank of adapters.
         """
         arguments = [self.executable, "serve", model, "--served-model-name", name]
-        arguments += ["--host", _HOST, "--port", str(port)]
+        arguments += ["--host", HOST, "--port", str(port)]
         arguments += ["--tensor-parallel-size", str(self.tensor_parallel_size)]
         arguments += (
             ["--data-parallel-size", str(self.data_parallel_size)] if self.data_parallel_size > 1 else []
@@ -196,15 +196,12 @@ class VllmApi:
         self.key = key
         self._root = base_url.removesuffix("/v1")
         secret = key.get_secret_value()
-        self._http = httpx.AsyncClient(
-            headers={"Authorization": f"Bearer {secret}"} if secret else {},
-            timeout=httpx.Timeout(10.0, pool=None),
-            trust_env=not is_loopback(base_url),
-        )
+        headers = {"Authorization": f"Bearer {secret}"} if secret else {}
+        self._http = open_session(base_url, headers, connect_seconds=_ANSWER_SECONDS)
 
     async def close(self) -> None:
         """Close its connections."""
-        await self._http.aclose()
+        await self._http.close()
 
     async def is_up(self) -> bool:
         """Whether it answers requests."""
@@ -223,10 +220,8 @@ class VllmApi:
     async def offers(self, path: str) -> bool:
         """Whether the server has an endpoint. It is not called: endpoints for POST refuse GET with another
         status."""
-        try:
-            return (await self._http.get(self._root + path)).status_code not in (404, 501)
-        except httpx.HTTPError as error:
-            raise self._unreachable(error) from error
+        status, _ = await self._exchange("GET", path)
+        return status not in (404, 501)
 
     async def weight_version(self) -> str:
         """The version label of the current weights."""
@@ -242,20 +237,11 @@ class VllmApi:
         await self._request("POST", "/v1/unload_lora_adapter", {"lora_name": name})
 
     async def update_weights(self, folder: str, version: str) -> None:
-        """Load weights into the running server, which is paused during the update. If that fails, it stays
-        paused.
-
-        Uses the ``disk`` backend of its weight transfer, which only some builds have; else the workers'
-        ``reload_weights``.
-        """
+        """Load weights into the running server by its workers' ``reload_weights``. The server is paused
+        during the update; if that fails, it stays paused."""
         await self._request("POST", "/pause?mode=wait")
-        if await self._supports_disk_transfer():
-            await self._request("POST", "/start_weight_update", {})
-            await self._request("POST", "/update_weights", {"update_info": {"path": folder}})
-            await self._request("POST", "/finish_weight_update", {"weight_version": version})
-        else:
-            call = {"method": "reload_weights", "kwargs": {"weights_path": folder}}
-            await self._request("POST", "/collective_rpc", call)
+        call = {"method": "reload_weights", "kwargs": {"weights_path": folder}}
+        await self._request("POST", "/collective_rpc", call)
         for cache in ("/reset_prefix_cache", "/reset_mm_cache", "/reset_encoder_cache"):
             if await self.offers(cache):
                 await self._request("POST", cache)
@@ -267,15 +253,6 @@ class VllmApi:
         if await self.offers("/weight_info") and await self.weight_version() != version:
             await self._request("POST", "/update_weight_version", {"new_version": version})
 
-    async def _supports_disk_transfer(self) -> bool:
-        if not await self.offers("/init_weight_transfer_engine"):
-            return False
-        try:
-            await self._request("POST", "/init_weight_transfer_engine", {"init_info": {}})
-        except LLMBadReply:  # another backend, which needs more arguments; or none
-            return False
-        return True
-
     async def _request(self, method: str, path: str, body: Mapping[str, Any] | None = None) -> dict[str, Any]:
         """Send a request; returns the JSON object in the answer, or an empty one if it is something else.
 
@@ -283,171 +260,139 @@ class VllmApi:
             LLMUnreachable: the server does not answer.
             LLMBadReply: it answers with an error status.
         """
-        timeout = UPDATE_SECONDS if method == "POST" else 10.0
+        status, answer = await self._exchange(method, path, body)
+        if status != 200:
+            reason = error_message(answer) or quote(answer)
+            raise LLMBadReply(f"{self._root}{path} answered {status}: {reason}")
         try:
-            answer = await self._http.request(method, self._root + path, json=body, timeout=timeout)
-        except (httpx.HTTPError, RuntimeError) as error:  # RuntimeError: closed, because the server ended
-            raise self._unreachable(error) from error
-        if answer.status_code != 200:
-            reason = error_message(answer.content) or quote(answer.content)
-            raise LLMBadReply(f"{self._root}{path} answered {answer.status_code}: {reason}")
-        try:
-            content = json.loads(answer.content or b"{}")
+            content = json.loads(answer or b"{}")
         except ValueError:
             return {}
         return content if isinstance(content, dict) else {}
+
+    async def _exchange(
+        self, method: str, path: str, body: Mapping[str, Any] | None = None
+    ) -> tuple[int, bytes]:
+        """Status and body of the answer."""
+        limit = aiohttp.ClientTimeout(total=UPDATE_SECONDS if method == "POST" else _ANSWER_SECONDS)
+        try:
+            async with self._http.request(method, self._root + path, json=body, timeout=limit) as answer:
+                return answer.status, await answer.read()
+        except (aiohttp.ClientError, OSError, RuntimeError) as error:  # RuntimeError: it was closed
+            raise self._unreachable(error) from error
 
     def _unreachable(self, error: Exception) -> LLMUnreachable:
         why = first_line(str(error)) or type(error).__name__
         return LLMUnreachable(f"the server {self._root} cannot be reached: {why}")
 
 
-@dataclass(eq=False)
-class Served:
-    """Weights on a server.
-
-    Attributes:
-        api: the server's API.
-        model: name of the weights in requests, which replies must have too.
-        version: version of the weights, for the records of replies.
-        policy: the client.
-        is_labelled: whether the server has this version as its label, so that it can be compared.
-        is_adapter: whether the name is that of an adapter, which is to be unloaded later.
-        retest: tests the weights again, where neither a label nor the name would tell that the server was
-            started anew without them. Raises :class:`ForeignReply`.
-        idle: set while no request is in flight.
-    """
-
-    api: VllmApi
-    model: str
-    version: str
-    policy: OpenAIPolicy
-    is_labelled: bool = False
-    is_adapter: bool = False
-    retest: Callable[[], Awaitable[None]] | None = None
-    idle: asyncio.Event = field(default_factory=asyncio.Event)
-    _in_flight: int = field(default=0, init=False)
-    _retesting: asyncio.Lock = field(default_factory=asyncio.Lock, init=False)
-    _interruptions: int = field(default=0, init=False)
-
-    def __post_init__(self) -> None:
-        self.idle.set()
-
-    @contextmanager
-    def in_use(self) -> Iterator[None]:
-        """Count a request in flight during the block."""
-        self._in_flight += 1
-        self.idle.clear()
-        try:
-            yield
-        finally:
-            self._in_flight -= 1
-            if not self._in_flight:
-                self.idle.set()
-
-    async def reply(self, turn: PolicyInput) -> Reply:
-        """The model's reply to a turn, checked by :meth:`checked`."""
-        return await self.checked(await self.policy.reply(turn))
-
-    async def checked(self, reply: Reply) -> Reply:
-        """The reply, if it is of these weights, as far as the server reports that.
-
-        Raises:
-            ForeignReply: it is of other weights.
-            PolicyError: the server's label could not be queried.
-        """
-        if reply.policy != self.model:
-            raise ForeignReply(f"the endpoint replied with the model {reply.policy!r}, not {self.model!r}")
-        if self.is_labelled:
-            try:
-                version = reply.weight_version or await self.api.weight_version()
-            except LLMError as error:
-                raise as_policy_error(error) from error
-            if version != self.version:
-                raise ForeignReply(f"the endpoint replied with the weights {version!r}, not {self.version!r}")
-        if self.retest is not None:
-            async with self._retesting:
-                if (interruptions := self.policy.interruptions) != self._interruptions:
-                    await self.retest()
-                    self._interruptions = interruptions
-        return reply
-
-
-class ForeignReply(PolicyBadReply):
-    """The endpoint replied with other weights than were published."""
-
-
-class VllmPolicy(BasePolicy):
-    """Replies with the current weights of a server; during a change of weights, callers wait.
+class ManagedServer:
+    """A running server. Create one with :meth:`start`.
 
     Args:
-        name: name of the model in records, the same for all of its weights.
-
-    Attributes:
-        name: as given.
-        served: the current weights.
-        distrusted: set when the server replied with other weights a few times.
-        why: the message of the last such reply.
+        process: the process that watches it (:func:`webgym.core.child.watched`).
+        name: name of the command, for errors.
+        log: file with the server's output.
+        stop_seconds: how long stopping may take before it is killed.
     """
 
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.served: Served | None = None
-        self.distrusted = asyncio.Event()
-        self.why = ""
-        self._foreign = 0
-        self._open = asyncio.Event()
+    def __init__(self, process: Process, name: str, log: Path, stop_seconds: float) -> None:
+        self._process = process
+        self._name = name
+        self._log = log
+        self._stop_seconds = stop_seconds
 
-    def switch(self, served: Served) -> Served | None:
-        """Reply with these weights from now on. Returns the previous ones, which may have requests in
-        flight."""
-        previous, self.served = self.served, served
-        self._foreign = 0
-        self._open.set()
-        return previous
+    @classmethod
+    async def start(
+        cls, command: Sequence[str], env: Mapping[str, str], log: Path, *, stop_seconds: float = 30.0
+    ) -> Self:
+        """Start a server, without waiting until it is ready.
 
-    async def close(self) -> None:
-        """Hold back further requests, and wait for those in flight."""
-        self._open.clear()
-        if self.served is not None:
-            await self.served.idle.wait()
-
-    def hold(self) -> None:
-        """Hold back further requests. Those in flight are lost, and will be sent again."""
-        self._open.clear()
-
-    @property
-    def problem(self) -> str:
-        """Why requests are delayed at this moment; empty if they are not."""
-        if not self._open.is_set():
-            return "replies wait for new weights"
-        return self.served.policy.problem if self.served is not None else ""
-
-    async def __aenter__(self) -> Self:
-        register_client(self)  # for each run; its client stays open for longer
-        return self
-
-    async def reply(self, turn: PolicyInput) -> Reply:
-        """The model's reply. A request that was lost because the server ended is sent again.
+        Args:
+            command: its program and arguments, which other users of the machine can see.
+            env: environment variables to add to this process's environment.
+            log: file to which its output is appended.
+            stop_seconds: how long stopping may take before it is killed.
 
         Raises:
-            PolicyError: the request failed, or the reply is of other weights than the published ones.
+            ConfigError: there is no such program.
+            StoreError: the log cannot be written.
         """
-        while True:
-            await self._open.wait()
-            served = self.served
-            assert served is not None
-            try:
-                with served.in_use():
-                    reply = await served.reply(turn)
-            except ForeignReply as error:
-                self._foreign += 1
-                self.why = error.message
-                if self._foreign >= _MOST_FOREIGN:
-                    self.distrusted.set()
-                raise
-            except PolicyError:
-                if self.served is served and self._open.is_set():
-                    raise
-                continue
-            return msgspec.structs.replace(reply, policy=self.name, weight_version=served.version)
+        program = shutil.which(command[0])
+        if program is None:
+            raise ConfigError(
+                f"there is no command {command[0]}",
+                hint="install vLLM (pip install vllm), or name a running server: vllm.base_url",
+            )
+        try:
+            output = log.open("ab")
+        except OSError as error:
+            raise StoreError(f"cannot write {log}: {error.strerror}") from error
+        with output:
+            process = await asyncio.create_subprocess_exec(
+                *watched([program, *command[1:]], stop_seconds),
+                stdin=PIPE,
+                stdout=output,
+                stderr=STDOUT,
+                env={**os.environ, **env},
+                start_new_session=True,  # Ctrl-C reaches only this process, which stops the server in order
+            )
+        return cls(process, command[0], log, stop_seconds)
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether it has not ended."""
+        return self._process.returncode is None
+
+    async def wait(self) -> None:
+        """Wait until it has ended."""
+        await self._process.wait()
+
+    async def stop(self) -> None:
+        """Stop it, and every process that it started."""
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        try:
+            async with asyncio.timeout(self._stop_seconds + 5):
+                await self._process.wait()
+        except TimeoutError:
+            pass
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self._process.pid, signal.SIGKILL)
+            await self._process.wait()
+
+    def failure(self, what: str) -> TrainingError:
+        """An error with this description and the end of the log."""
+        return TrainingError(
+            f"{self._name} {what}; its log ends: {self._last_log_line()}", hint=f"read {self._log}"
+        )
+
+    def _last_log_line(self) -> str:
+        """The last line that mentions an error, or else the last line."""
+        try:
+            with self._log.open("rb") as file:
+                file.seek(max(0, file.seek(0, os.SEEK_END) - _LOG_TAIL_BYTES))
+                lines = [line.strip() for line in file.read().decode(errors="replace").splitlines()]
+        except OSError:
+            lines = []
+        lines = [line for line in lines if line] or ["(nothing)"]
+        return next((line for line in reversed(lines) if "rror" in line), lines[-1])[-_QUOTED_CHARS:]
+
+
+def free_port(host: str, port: int | None) -> int:
+    """A port that is not in use: the given one, or any.
+
+    Raises:
+        ConfigError: the given port is in use.
+    """
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port or 0))
+        except OSError as error:
+            raise ConfigError(
+                f"cannot listen at {host}:{port}: {error.strerror}",
+                hint="set vllm.port to a free one, or leave it out",
+            ) from error
+        return int(probe.getsockname()[1])

@@ -21,13 +21,15 @@ import re
 import secrets
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from functools import partial
+from http import HTTPStatus
+from http.client import HTTPConnection, HTTPException
 from typing import Any, Final, Literal
 from urllib.parse import urlsplit
 
-import httpx
 import msgspec
 from browsergym.core.registration import register_task
 from browsergym.core.task import AbstractBrowserTask
@@ -42,6 +44,8 @@ Collection = Literal["large", "small"]
 _VISITOR: Final = "webgym_visitor"
 _TIMEOUT_SECONDS: Final = 60.0
 """Longest time for a website's response, seconds."""
+_STOP_SECONDS: Final = 10
+"""How long the offline web may take to end."""
 _READ_ATTEMPTS: Final = 10
 _CLICK: Final = {"name": "left_click", "target": {"coordinate": (0, 0)}}
 """Stands for what requested a page other than ``page.goto``: BrowserGym does not tell."""
@@ -72,7 +76,7 @@ class _Sites:
 
     def __init__(self, collection: Collection, per_family: int | None) -> None:
         self.token = secrets.token_hex(16)
-        command = [
+        program = [
             sys.executable,
             "-m",
             "webgym",
@@ -83,28 +87,48 @@ class _Sites:
             "--collection",
             collection,
         ]
+        command = [sys.executable, "-m", "webgym.core.child", str(_STOP_SECONDS), *program]
         command += ["--per-family", str(per_family)] if per_family else []
         environment = os.environ | {"WEBGYM_SITES_TOKEN": self.token}
-        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
+        )
         atexit.register(self.stop)
         assert self._process.stdout is not None
         first = self._process.stdout.readline().split()
         if not first:
             raise NoReward("the offline web did not start")
-        self.http = httpx.Client(base_url=f"http://{first[-1]}", timeout=_TIMEOUT_SECONDS, trust_env=False)
+        self._address = first[-1]
 
     def stop(self) -> None:
         """Stop the child process. May be called twice."""
-        self._process.terminate()
+        assert self._process.stdin is not None
+        self._process.stdin.close()
         self._process.wait()
+
+    def ask(
+        self, method: str, target: str, headers: Mapping[str, str], body: bytes | None = None
+    ) -> tuple[int, dict[str, str], bytes]:
+        """Status, headers and body of a website's response.
+
+        Raises:
+            OSError, HTTPException: there is none.
+        """
+        with closing(HTTPConnection(self._address, timeout=_TIMEOUT_SECONDS)) as connection:
+            connection.request(method, target, body, dict(headers))
+            response = connection.getresponse()
+            found = {name: ", ".join(response.headers.get_all(name, ())) for name in response.headers}
+            return response.status, found, response.read()
 
     def state(self, visitor: str, host: str) -> dict[str, Any] | None:
         """The state of a website for a visitor; ``None`` if there is none."""
         headers = {"authorization": f"Bearer {self.token}"}
-        response = self.http.get(f"/visitors/{visitor}/{host}", headers=headers)
-        if response.status_code == httpx.codes.NOT_FOUND:
+        status, _, body = self.ask("GET", f"/visitors/{visitor}/{host}", headers)
+        if status == HTTPStatus.NOT_FOUND:
             return None
-        state_of_visitor: dict[str, Any] = response.raise_for_status().json()
+        if status != HTTPStatus.OK:
+            raise HTTPException(status)
+        state_of_visitor: dict[str, Any] = msgspec.json.decode(body)
         return state_of_visitor
 
 
@@ -213,22 +237,22 @@ class WebGymTask(AbstractBrowserTask):
             headers["content-type"] = kind
         target = f"{parts.path}?{parts.query}" if parts.query else parts.path
         try:
-            response = _sites[self._key].http.request(
-                request.method, target, headers=headers, content=request.post_data_buffer
+            status, found, body = _sites[self._key].ask(
+                request.method, target, headers, request.post_data_buffer
             )
-        except httpx.HTTPError as error:
+        except (OSError, HTTPException) as error:
             self._fault = f"the offline web does not respond: {type(error).__name__}"
             route.abort()
             return
-        if response.is_server_error:  # the offline web has none by itself
-            self._fault = f"{request.url}: HTTP status {response.status_code}"
+        if status >= HTTPStatus.INTERNAL_SERVER_ERROR:  # the offline web has none by itself
+            self._fault = f"{request.url}: HTTP status {status}"
         if request.is_navigation_request() and _is_of_main_frame(request):
-            self._statuses[request.url] = response.status_code
+            self._statuses[request.url] = status
             if self._opening:
                 self._request = {"name": "navigate", "url": self._opening}
             elif self._request is None:
                 self._request = _CLICK
-        route.fulfill(status=response.status_code, headers=dict(response.headers), body=response.content)
+        route.fulfill(status=status, headers=found, body=body)
 
     def _record(self, page: Any) -> None:
         if self._fault:
@@ -256,7 +280,7 @@ class WebGymTask(AbstractBrowserTask):
         observations = self._observations if answer is not None else before
         try:
             state = _sites[self._key].state(self._visitor, self.task.truth.host)
-        except httpx.HTTPError as error:
+        except (OSError, HTTPException) as error:
             raise NoReward(f"the state of the offline web cannot be read: {type(error).__name__}") from error
         record = {
             "attempt_id": f"{self.task.id}#0.0",

@@ -20,7 +20,7 @@ from typing import Any, Final, Self, TypeVar
 import msgspec
 
 from webgym.core.errors import CacheError
-from webgym.llm.usage import Call, Totals, Usage
+from webgym.llm.prices import Call, Totals, Usage
 
 _APPLICATION: Final = 0x57474C4D  # "WGLM"
 _VERSION: Final = 1
@@ -69,8 +69,6 @@ _HINTS: Final = {
 }
 
 T = TypeVar("T")
-_Job = Callable[[sqlite3.Connection], Any]
-_Queue = list[tuple[_Job, asyncio.Future[Any]]]
 
 
 class CachedReply(msgspec.Struct, frozen=True, gc=False):
@@ -91,8 +89,7 @@ class ReplyCache:
         async with ReplyCache("replies.sqlite") as cache, ChatClient(config, cache=cache) as client:
             ...
 
-    A commit costs one sync of the disk, whatever its size: what was asked of the file during the last one is
-    done together in the next, in a thread.
+    What is asked of the file is done in a thread, one job after the other.
 
     Args:
         path: the file; created if it does not exist.
@@ -113,9 +110,6 @@ class ReplyCache:
         self._last_call = 0
         self._hits: dict[tuple[str, str], int] = {}
         self._requests: dict[bytes, asyncio.Future[CachedReply]] = {}
-        self._writes: _Queue = []
-        self._reads: _Queue = []
-        self._working: asyncio.Task[None] | None = None
         self._thread: ThreadPoolExecutor | None = None
         self._connection: sqlite3.Connection | None = None
 
@@ -143,8 +137,6 @@ class ReplyCache:
         """Do what was asked for, then close the file."""
         if self._connection is None or self._thread is None:
             return
-        if self._working is not None:
-            await asyncio.wait([self._working])
         connection, self._connection = self._connection, None
         await asyncio.get_running_loop().run_in_executor(self._thread, connection.close)
         self._thread.shutdown()
@@ -258,83 +250,55 @@ class ReplyCache:
         Raises:
             CacheError: the file cannot be read.
         """
-        return await self._do(job, self._reads)
+        return await self._in_thread(job)
 
     async def write(self, job: Callable[[sqlite3.Connection], T]) -> T:
-        """Run a job in the next transaction; on disk when this returns, also if the caller is cancelled.
+        """Run a job in a transaction; on disk when this returns, also if the caller is cancelled.
 
         Raises:
-            CacheError: the file cannot be written. Then none of the transaction's jobs is.
+            CacheError: the file cannot be written.
         """
-        return await asyncio.shield(self._do(job, self._writes))
 
-    def _do(self, job: Callable[[sqlite3.Connection], T], queue: _Queue) -> asyncio.Future[T]:
-        if self._connection is None:
-            raise RuntimeError("the cache is not open: use it in an async with statement")
-        loop = asyncio.get_running_loop()
-        future: asyncio.Future[T] = loop.create_future()
-        queue.append((job, future))
-        if self._working is None:
-            self._working = loop.create_task(self._work(loop, self._connection))
-        return future
-
-    async def _work(self, loop: asyncio.AbstractEventLoop, connection: sqlite3.Connection) -> None:
-        """Run the jobs that wait, and then those that came meanwhile."""
-        while self._writes or self._reads:
-            writes, reads = self._writes[:], self._reads[:]
-            self._writes.clear()
-            self._reads.clear()
-            outcomes, calls = await loop.run_in_executor(
-                self._thread, self._run, connection, [job for job, _ in writes], [job for job, _ in reads]
-            )
-            self._count(calls)
-            for (_, future), outcome in zip(writes + reads, outcomes, strict=True):
-                if future.done():
-                    continue
-                if isinstance(outcome, Exception):
-                    future.set_exception(outcome)
-                else:
-                    future.set_result(outcome)
-        self._working = None
-
-    def _run(
-        self, connection: sqlite3.Connection, writes: list[_Job], reads: list[_Job]
-    ) -> tuple[list[Any], list[Any]]:
-        """The results of jobs, or their errors; and the calls that are new. Runs in the thread."""
-
-        def transaction(connection: sqlite3.Connection) -> list[Any]:
+        def transaction(connection: sqlite3.Connection) -> tuple[T, list[Any]]:
             with connection:
                 connection.execute("begin immediate")
-                return [job(connection) for job in writes]
+                result = job(connection)
+            return result, self._select_calls(connection)
 
-        def attempt(job: _Job) -> Any:
+        async def counted(running: asyncio.Future[tuple[T, list[Any]]]) -> T:
+            result, calls = await running
+            self._count(calls)
+            return result
+
+        return await asyncio.shield(counted(self._in_thread(transaction)))
+
+    def _in_thread(self, job: Callable[[sqlite3.Connection], T]) -> asyncio.Future[T]:
+        if (connection := self._connection) is None:
+            raise RuntimeError("the cache is not open: use it in an async with statement")
+
+        def run() -> T:
             try:
                 return job(connection)
             except sqlite3.Error as error:
-                return _failure(self.path, error)
-            except Exception as error:
-                return error
+                raise _failure(self.path, error) from error
 
-        written = attempt(transaction) if writes else []
-        if isinstance(written, Exception):
-            return [*[written] * len(writes), *map(attempt, reads)], []
-        calls = attempt(self._select_calls) if writes else []
-        return [*written, *map(attempt, reads)], calls if isinstance(calls, list) else []
+        return asyncio.get_running_loop().run_in_executor(self._thread, run)
 
     # --- totals -----------------------------------------------------------------------------------------
 
     def _select_calls(self, connection: sqlite3.Connection) -> list[Any]:
-        """Sums of the calls that any process recorded since the last query."""
-        return connection.execute(
+        """Sums of the calls that any process recorded since the last query. Runs in the thread."""
+        sums = connection.execute(
             "select max(id), purpose, model, count(*), count(batch), sum(prompt_tokens),"
             " sum(prompt_tokens_cached), sum(completion_tokens), total(dollars), sum(dollars is null),"
             " sum(is_estimate) from calls where id > ? group by purpose, model",
             [self._last_call],
         ).fetchall()
+        self._last_call = max([self._last_call, *(last for last, *_ in sums)])
+        return sums
 
     def _count(self, calls: list[Any]) -> None:
-        for last, purpose, model, count, batched, *sums in calls:
-            self._last_call = max(self._last_call, last)
+        for _, purpose, model, count, batched, *sums in calls:
             self.totals.add(purpose, model, Usage(count, 0, batched, *sums))
 
 

@@ -27,7 +27,6 @@ from webgym.core.trajectory import ended_by
 from webgym.llm.cache import CachedReply, ReplyCache
 from webgym.llm.completion import (
     Completion,
-    Labelled,
     NoCompletion,
     error_message,
     error_object,
@@ -38,12 +37,11 @@ from webgym.llm.completion import (
     size,
 )
 from webgym.llm.config import ChatConfig, Sampling
-from webgym.llm.formats import Formats
 from webgym.llm.health import note_cut_off, register_client
 from webgym.llm.ledger import Ledger
-from webgym.llm.request import Request
+from webgym.llm.prices import Call
+from webgym.llm.request import Formats, Labelled, Request
 from webgym.llm.tokens import count_messages, most_tokens
-from webgym.llm.usage import Call
 
 _RETRIED_STATUSES: Final = frozenset({408, 429, 500, 502, 503, 504, 529})
 _OVERLOADED_STATUSES: Final = frozenset({429, 503, 529})
@@ -138,20 +136,8 @@ class ChatClient:
         headers = {"Accept": "application/json", "Content-Type": "application/json"}
         if key := self._key.get_secret_value():
             headers["Authorization"] = f"Bearer {key}"
-        self._http = aiohttp.ClientSession(
-            connector=aiohttp.TCPConnector(
-                limit=0,
-                keepalive_timeout=_IDLE_SECONDS,
-                resolver=aiohttp.ThreadedResolver(),  # the system's names, as every other program sees them
-                ssl=_certificates(),
-            ),
-            headers=headers,
-            timeout=aiohttp.ClientTimeout(
-                connect=self.config.connect_seconds, sock_read=self.config.read_seconds
-            ),
-            proxy=_proxy(self.config.base_url),
-            max_field_size=_MOST_HEADER_BYTES,
-        )
+        limits = {"connect_seconds": self.config.connect_seconds, "read_seconds": self.config.read_seconds}
+        self._http = open_session(self.config.base_url, headers, **limits)
         register_client(self)
         return self
 
@@ -521,7 +507,36 @@ class _TemporaryFailure(Exception):
         self.is_answer = is_answer
 
 
-def is_loopback(base_url: str) -> bool:
+def open_session(
+    base_url: str,
+    headers: Mapping[str, str],
+    *,
+    connect_seconds: float,
+    read_seconds: float | None = None,
+) -> aiohttp.ClientSession:
+    """An HTTP session for an endpoint, with the proxy and the authorities that the environment names.
+
+    Args:
+        base_url: the endpoint's base URL.
+        headers: headers of every request.
+        connect_seconds: deadline for opening a connection.
+        read_seconds: longest time without receiving data.
+    """
+    return aiohttp.ClientSession(
+        connector=aiohttp.TCPConnector(
+            limit=0,
+            keepalive_timeout=_IDLE_SECONDS,
+            resolver=aiohttp.ThreadedResolver(),  # the system's names, as every other program sees them
+            ssl=certificates(),
+        ),
+        headers=headers,
+        timeout=aiohttp.ClientTimeout(connect=connect_seconds, sock_read=read_seconds),
+        proxy=_proxy(base_url),
+        max_field_size=_MOST_HEADER_BYTES,
+    )
+
+
+def _is_loopback(base_url: str) -> bool:
     """Whether the endpoint is on this machine, so that proxies of the environment do not apply."""
     host = urlsplit(base_url).hostname or ""
     try:
@@ -534,13 +549,13 @@ def _proxy(base_url: str) -> str | None:
     """The proxy that the environment names for an endpoint on another machine."""
     url, proxies = urlsplit(base_url), getproxies()
     proxy = proxies.get(url.scheme) or proxies.get("all")
-    if not proxy or is_loopback(base_url) or proxy_bypass(url.netloc):
+    if not proxy or _is_loopback(base_url) or proxy_bypass(url.netloc):
         return None
     return proxy if "://" in proxy else f"http://{proxy}"
 
 
 @cache
-def _certificates() -> ssl.SSLContext:
+def certificates() -> ssl.SSLContext:
     """The authorities that are trusted: those that the environment names, else certifi's. Reading them takes
     30 ms."""
     is_named = "SSL_CERT_FILE" in os.environ or "SSL_CERT_DIR" in os.environ

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Awaitable, Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, Protocol
 
 import msgspec
 
 from webgym.core.tokens import ReplyTokens
 from webgym.core.trajectory import ended_by, was_cut_off
 from webgym.llm.config import Sampling
-
-if TYPE_CHECKING:
-    from webgym.llm.formats import Formats
 
 _QUOTED_CHARS: Final = 200
 """Most characters of an invalid reply that an error quotes."""
@@ -80,31 +77,6 @@ class Completes(Protocol):
             LLMError: the request failed.
         """
         ...
-
-
-class Labelled:
-    """A client of an endpoint, its calls counted for one purpose.
-
-    Args:
-        ask: the client's method ``complete``.
-        purpose: label under which the ledger counts the calls.
-        sampling: the client's default sampling parameters.
-        formats: formats that the endpoint accepts as ``response_format``.
-    """
-
-    def __init__(
-        self, ask: Callable[..., Awaitable[Completion]], purpose: str, sampling: Sampling, formats: Formats
-    ) -> None:
-        self.sampling = sampling
-        self.formats = formats
-        self._ask = ask
-        self._purpose = purpose
-
-    async def complete(
-        self, messages: Sequence[Mapping[str, Any]], sampling: Sampling | None = None
-    ) -> Completion:
-        """One reply to these messages; raises what the client raises."""
-        return await self._ask(messages, sampling, purpose=self._purpose)
 
 
 class NoCompletion(Exception):

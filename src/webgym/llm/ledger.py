@@ -11,8 +11,7 @@ from pydantic import Field
 from webgym.core.errors import BudgetSpent, ConfigError
 from webgym.core.settings import Settings
 from webgym.llm.cache import ReplyCache
-from webgym.llm.prices import Prices
-from webgym.llm.usage import Call, Totals, Usage
+from webgym.llm.prices import Call, Prices, Totals, Usage
 
 
 class Budget(Settings):

@@ -14,7 +14,7 @@ from webgym.core.trajectory import ended_by, was_cut_off
 from webgym.llm.client import EndpointRefused
 from webgym.llm.completion import Completes, Completion, first_line
 from webgym.llm.config import Sampling
-from webgym.llm.formats import FORMATS, Format, Formats
+from webgym.llm.request import FORMATS, Format, Formats
 
 T = TypeVar("T")
 Message = Mapping[str, Any]

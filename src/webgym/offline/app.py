@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import hmac
+import json
 import os
 import secrets
 import socket
@@ -16,10 +17,11 @@ from collections import Counter, OrderedDict
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any, Final, Self
 
-import httpx
+import aiohttp
 import uvicorn
 from starlette.formparsers import MultiPartException
 from starlette.requests import ClientDisconnect, Request
@@ -326,9 +328,10 @@ class SitesClient:
     """
 
     def __init__(self, url: str, token: str) -> None:
-        self.url = url
+        self.url = url.rstrip("/")
         headers = {"authorization": f"Bearer {token}"}
-        self._http = httpx.AsyncClient(base_url=url, headers=headers, timeout=ANSWER_SECONDS, trust_env=False)
+        timeout = aiohttp.ClientTimeout(total=ANSWER_SECONDS)
+        self._http = aiohttp.ClientSession(headers=headers, timeout=timeout)
 
     def visitor_cookie(self, visitor: str) -> tuple[str, str, str]:
         """Name, value and domain of the cookie that identifies a browser as this visitor."""
@@ -340,10 +343,10 @@ class SitesClient:
         Raises:
             SitesError: the offline web does not respond, or responds with an error.
         """
-        response = await self._get(f"/visitors/{visitor}/{host}")
-        if response.status_code == httpx.codes.NOT_FOUND:
+        status, content = await self._get(f"/visitors/{visitor}/{host}")
+        if status == HTTPStatus.NOT_FOUND:
             return None
-        state: dict[str, Any] = self._json(response)
+        state: dict[str, Any] = self._json(status, content)
         return state
 
     async def websites(self) -> list[dict[str, str]]:
@@ -352,29 +355,31 @@ class SitesClient:
         Raises:
             SitesError: the offline web does not respond, or responds with an error.
         """
-        websites: list[dict[str, str]] = self._json(await self._get("/websites"))
+        websites: list[dict[str, str]] = self._json(*await self._get("/websites"))
         return websites
 
-    async def _get(self, path: str) -> httpx.Response:
+    async def _get(self, path: str) -> tuple[int, bytes]:
+        """Status and content of a response."""
         try:
-            return await self._http.get(path)
-        except httpx.HTTPError as error:
+            async with self._http.get(self.url + path, allow_redirects=False) as response:
+                return response.status, await response.read()
+        except (aiohttp.ClientError, OSError, ValueError) as error:
             raise SitesError(
                 f"the offline web at {self.url} does not respond: {type(error).__name__}",
                 hint="start it with webgym sites serve",
             ) from error
 
-    def _json(self, response: httpx.Response) -> Any:
-        if response.status_code == httpx.codes.UNAUTHORIZED:
+    def _json(self, status: int, content: bytes) -> Any:
+        if status == HTTPStatus.UNAUTHORIZED:
             raise SitesError(
                 "the offline web refused the token", hint="give the token that it was started with"
             )
-        if response.status_code != httpx.codes.OK:
-            raise SitesError(f"the offline web at {self.url} responded with status {response.status_code}")
-        return response.json()
+        if status != HTTPStatus.OK:
+            raise SitesError(f"the offline web at {self.url} responded with status {status}")
+        return json.loads(content)
 
     async def __aenter__(self) -> Self:
         return self
 
     async def __aexit__(self, *exc: object) -> None:
-        await self._http.aclose()
+        await self._http.close()

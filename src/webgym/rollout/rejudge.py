@@ -15,7 +15,6 @@ from pathlib import Path
 
 from pydantic import Field
 
-from webgym.core.background import task_group
 from webgym.core.errors import JudgeError
 from webgym.core.outcome import Outcome
 from webgym.core.settings import Settings

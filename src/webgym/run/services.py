@@ -11,8 +11,8 @@ from contextlib import (
 from dataclasses import replace
 from importlib import import_module
 from typing import Any, Final, TypeAlias, TypeVar
+from urllib.parse import urlsplit
 
-import httpx
 import msgspec
 from pydantic import SecretStr
 
@@ -29,7 +29,7 @@ from webgym.rollout.sessions import patiently
 from webgym.run.config import RunConfig, Secrets, ServerChoice, Tell, say
 from webgym.server.client import BrowserClient
 from webgym.server.config import Admission, ServerConfig
-from webgym.server.run_worker import running_server
+from webgym.server.worker import running_server
 
 T = TypeVar("T")
 
@@ -192,8 +192,8 @@ def _rules_for_sites_elsewhere(config: RunConfig) -> tuple[str, ...]:
     """The egress rules that let browsers that are started here reach an offline web that is not."""
     if config.server.url is not None or config.server.sites_url is None:
         return ()
-    url, web = httpx.URL(config.server.sites_url), _web(config)
-    return tuple(web.allowed_hosts(f"{url.host}:{url.port or 80}"))
+    url, web = urlsplit(config.server.sites_url), _web(config)
+    return tuple(web.allowed_hosts(f"{url.hostname}:{url.port or 80}"))
 
 
 def _check_served(tasks: Sequence[Task], hosts: Set[str]) -> None:

@@ -2,30 +2,25 @@
 
 operations.py  the one table of operations: routing, the OpenAPI document and the client follow it
 messages.py    what travels between client and server
-client.py      BrowserClient and Session: what the collector uses
-routing.py     straight to the worker that holds a session, or through the gateway
+client.py      BrowserClient and Session: what the collector uses; straight to a worker, or by the gateway
 config.py      ServerConfig, GatewayConfig, ClientLimits: every limit, with its unit and its reason
-http.py        HTTP: authentication, limits, decoding, errors
+http.py        HTTP: authentication, limits, decoding, errors, streams of state
 listening.py   sockets, and requests of bounded size
+callers.py     tokens, how many sessions one client may hold, the audit log
+metrics.py     what Prometheus sees
 
 A worker:
 
-service.py     what each operation does
+worker.py      what each operation does, and the HTTP application whose routes are the operations
 leases.py      who may use which slot, and until when
 pool.py        slots: brought up, lent, cleaned, replaced
 admission.py   run permits, and a queue of its own for each type of operation
-metrics.py     what Prometheus sees
-quota.py       how many sessions one client may hold
-feed.py        tells those who watch what changed
-run_worker.py  running a worker in this process: its HTTP application, whose routes are the operations
-subprocess_worker.py  running workers as processes of this machine, which end with their parent
 
 A gateway, one address for many workers:
 
 gateway.py     what each operation does, over all workers
-queue.py       who gets the next free slot
-relay.py       passes calls on as bytes
-fleet.py       keeps workers up, wherever they run
+fleet.py       keeps workers up, wherever they run; who gets the next free slot
+subprocess_worker.py  workers as processes of this machine, which end with their parent
 ray_hosts.py   workers on the nodes of a Ray cluster
 
 compat/        the HTTP API of the WebGym authors' server, in front of either

@@ -10,14 +10,15 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import ipaddress
 import logging
 import secrets
-import socket
 import time
 from collections import OrderedDict
 from collections.abc import Coroutine, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, TypeVar
+from urllib.parse import urlsplit
 
 import aiohttp
 import msgspec
@@ -29,10 +30,11 @@ from webgym.core.calls import CallQueue, call_queues
 from webgym.core.errors import LeaseLost, ProtocolError, ServerUnreachable, WebGymError
 from webgym.core.observation import Probed
 from webgym.server.config import ClientLimits
-from webgym.server.listening import keep_alive_options
+from webgym.server.listening import connections
 from webgym.server.messages import (
     CLIENT_HEADER,
     GENERATION_HEADER,
+    INSTANCE_HEADER,
     SECRET_HEADER,
     UNHEALTHY_STATUS,
     Closed,
@@ -68,7 +70,6 @@ from webgym.server.operations import (
     Operation,
     QueueName,
 )
-from webgym.server.routing import SessionRoute, SessionRouter
 
 log = logging.getLogger(__name__)
 
@@ -81,17 +82,24 @@ _SLOW_SECONDS = 30.0
 HEARTBEAT_SHARE = 0.3
 """A session without a call for this share of its lease's time to live is renewed."""
 
+DIRECT_SECONDS = 2.0
+"""Deadline of the check whether a worker can be reached directly; otherwise the gateway is used."""
+
 RELEASE_SECONDS = 10.0
 """Releasing a session. Short, because the lease expires by itself."""
 
 
 @dataclass(eq=False)
-class _Unanswered:
-    """A call that was sent: when, and for how long it asks the server to wait, seconds."""
+class _Call:
+    """A call: what is sent, its queue, its deadline without the time in the server's queues in seconds; and
+    where and when it was sent."""
 
-    operation: str
-    server: str
-    granted: float
+    operation: Operation
+    body: msgspec.Struct | None
+    grant: SessionGrant | None
+    queue: QueueName | None
+    seconds: float
+    server: str = ""
     sent: float = 0.0
 
 
@@ -120,25 +128,6 @@ class _Response(NamedTuple):
     @property
     def is_success(self) -> bool:
         return 200 <= self.status < 300
-
-
-def connections(limits: ClientLimits) -> aiohttp.ClientSession:
-    """An HTTP session that keeps connections open between calls, to any number of servers."""
-
-    def open_socket(address: aiohttp.AddrInfoType) -> socket.socket:
-        family, kind, protocol, _, _ = address
-        sock = socket.socket(family, kind, protocol)
-        for option in keep_alive_options(limits.dead_peer_seconds):
-            sock.setsockopt(*option)
-        return sock
-
-    return aiohttp.ClientSession(
-        connector=aiohttp.TCPConnector(
-            limit=0, keepalive_timeout=limits.keep_alive_seconds, socket_factory=open_socket
-        ),
-        timeout=aiohttp.ClientTimeout(total=None, sock_connect=limits.connect_seconds),
-        cookie_jar=aiohttp.DummyCookieJar(),
-    )
 
 
 class BrowserClient:
@@ -177,11 +166,14 @@ class BrowserClient:
         }
         self.calls = calls or call_queues(self.limits.calls)
         self._sessions: set[Session] = set()
-        self._unanswered: set[_Unanswered] = set()
+        self._unanswered: set[_Call] = set()
         self._connections: aiohttp.ClientSession | None = None
 
     async def __aenter__(self) -> BrowserClient:
-        self._connections = connections(self.limits)
+        limits = self.limits
+        self._connections = connections(
+            limits.connect_seconds, limits.keep_alive_seconds, limits.dead_peer_seconds
+        )
         self._router = SessionRouter(self._connections, self.base_url, self.limits)
         return self
 
@@ -201,12 +193,16 @@ class BrowserClient:
         """Which server is silent at this moment, as a message for users; empty if none is. A request for a
         browser may wait for a free slot."""
         now = time.monotonic()
-        overdue = [call for call in self._unanswered if now - call.sent >= _SLOW_SECONDS + call.granted]
+        overdue = [
+            call
+            for call in self._unanswered
+            if now - call.sent >= _SLOW_SECONDS + max(0.0, call.seconds - self.limits.reply_seconds)
+        ]
         if not overdue:
             return ""
         oldest = min(overdue, key=lambda call: call.sent)
         calls = "1 call" if len(overdue) == 1 else f"{len(overdue)} calls"
-        waited = f"{oldest.operation} for {now - oldest.sent:.0f} s"
+        waited = f"{oldest.operation.name} for {now - oldest.sent:.0f} s"
         return f"the browser server {oldest.server} leaves {calls} without an answer, {waited}"
 
     async def open(self, options: SessionOptions | None = None) -> Session:
@@ -249,9 +245,8 @@ class BrowserClient:
 
     async def health(self) -> Health:
         """Whether the server can open sessions. Needs no token."""
-        response = await self._call_with_fallback(
-            SessionRoute(self.base_url, False), HEALTH, None, None, None, None
-        )
+        call = _Call(HEALTH, None, None, None, self.limits.reply_seconds)
+        response = await self._send(call, SessionRoute(self.base_url, False))
         if response.status == UNHEALTHY_STATUS:
             with contextlib.suppress(ProtocolError):  # then it is handled like any other error
                 return self._decode(HEALTH, Health, response)
@@ -294,36 +289,24 @@ class BrowserClient:
             queue: the queue, if it is not the operation's own.
             seconds: deadline, if it is not the default.
         """
-        route = route or SessionRoute(self.base_url, False)
-        response = await self._call_with_fallback(
-            route, operation, body, grant, queue or operation.queue, seconds
-        )
+        call = _Call(operation, body, grant, queue or operation.queue, seconds or self.limits.reply_seconds)
+        response = await self._send(call, route or SessionRoute(self.base_url, False))
         return self._answer(operation, reply, response)
 
-    async def _call_with_fallback(
-        self,
-        route: SessionRoute,
-        operation: Operation,
-        body: msgspec.Struct | None,
-        grant: SessionGrant | None,
-        queue: QueueName | None,
-        seconds: float | None,
-    ) -> _Response:
+    async def _send(self, call: _Call, route: SessionRoute) -> _Response:
         """Send a call on its route, and on the other route if that fails."""
         was_direct = route.is_direct
         try:
-            return await self._send(route.base_url, operation, body, grant, queue, seconds)
+            return await self._send_to(route.base_url, call)
         except _CallFailed as failed:
             if not was_direct:
                 raise failed.error from None
             route.base_url, route.is_direct = self.base_url, False
-            again = not failed.was_sent or operation.is_repeatable
+            again = not failed.was_sent or call.operation.is_repeatable
             # The server's answer about the session is more specific than the failure of the route.
-            fallback = operation if again else HEARTBEAT
+            fallback = call if again else replace(call, operation=HEARTBEAT, body=None)
             try:
-                response = await self._send(
-                    self.base_url, fallback, body if again else None, grant, queue, seconds
-                )
+                response = await self._send_to(self.base_url, fallback)
             except _CallFailed as other:
                 raise (other.error if again else failed.error) from None
             if again or not response.is_success:
@@ -348,37 +331,27 @@ class BrowserClient:
                 hint=f"is {self.base_url} a WebGym server of this version?",
             ) from None
 
-    async def _send(
-        self,
-        base_url: str,
-        operation: Operation,
-        body: msgspec.Struct | None,
-        grant: SessionGrant | None,
-        queue: QueueName | None,
-        seconds: float | None,
-    ) -> _Response:
+    async def _send_to(self, base_url: str, call: _Call) -> _Response:
         """One call to one server.
 
         Raises:
             _CallFailed: there was no answer.
         """
+        operation, grant = call.operation, call.grant
         path, headers = operation.path, self._headers
         if grant is not None:
             path = path.replace("{id}", grant.session_id)
             headers = headers | {SECRET_HEADER: grant.secret, GENERATION_HEADER: str(grant.generation)}
-        content = None if body is None else msgspec.json.encode(body)
-        pool = self.calls[queue].turn() if queue else contextlib.nullcontext()
-        limit = seconds or self.limits.reply_seconds
-        call = _Unanswered(operation.name, base_url, max(0.0, limit - self.limits.reply_seconds))
+        content = None if call.body is None else msgspec.json.encode(call.body)
         try:
-            async with pool:
-                call.sent = time.monotonic()
+            async with self.calls[call.queue].turn() if call.queue else contextlib.nullcontext():
+                call.server, call.sent = base_url, time.monotonic()
                 self._unanswered.add(call)
                 exchange = self._exchange(operation.method, base_url + path, content, headers)
                 if grant is None or operation in (HEARTBEAT, RELEASE):
-                    async with asyncio.timeout(limit):
+                    async with asyncio.timeout(call.seconds):
                         return await exchange
-                return await self._answer_in_time(exchange, limit, base_url, grant)
+                return await self._answer_in_time(exchange, call, grant)
         except (aiohttp.InvalidURL, ValueError) as error:
             failure = ServerUnreachable(f"{base_url} is not an http address: {error}", hint="check --server")
             raise _CallFailed(failure, was_sent=False) from None
@@ -400,7 +373,7 @@ class BrowserClient:
             self._unanswered.discard(call)
 
     async def _answer_in_time(
-        self, exchange: Coroutine[Any, Any, _Response], limit: float, base_url: str, grant: SessionGrant
+        self, exchange: Coroutine[Any, Any, _Response], call: _Call, grant: SessionGrant
     ) -> _Response:
         """The answer to a session's call. Time in the server's queues does not count, but only the server
         knows
@@ -409,23 +382,24 @@ class BrowserClient:
         Raises:
             TimeoutError: the call took longer than the limit, without waiting in queues.
         """
-        call, started, remaining = asyncio.create_task(exchange), time.monotonic(), limit
+        answer, started, remaining = asyncio.create_task(exchange), time.monotonic(), call.seconds
         try:
-            while not (await asyncio.wait({call}, timeout=remaining))[0]:
+            while not (await asyncio.wait({answer}, timeout=remaining))[0]:
+                renewal = _Call(HEARTBEAT, None, grant, None, call.seconds)
                 try:
-                    heartbeat = await self._send(base_url, HEARTBEAT, None, grant, None, limit)
+                    heartbeat = await self._send_to(call.server, renewal)
                 except _CallFailed as failed:
                     raise TimeoutError from failed
                 if not heartbeat.is_success:
                     return heartbeat
                 queued = self._decode(HEARTBEAT, Renewed, heartbeat).queued_seconds
-                remaining = limit + queued - (time.monotonic() - started)
-                if remaining <= 0 and not call.done():
+                remaining = call.seconds + queued - (time.monotonic() - started)
+                if remaining <= 0 and not answer.done():
                     raise TimeoutError
-            return call.result()
+            return answer.result()
         finally:
-            call.cancel()
-            await asyncio.gather(call, return_exceptions=True)
+            answer.cancel()
+            await asyncio.gather(answer, return_exceptions=True)
 
     async def _exchange(
         self, method: str, url: str, content: bytes | None, headers: dict[str, str]
@@ -573,3 +547,86 @@ class Session:
                 return  # the next call raises it
             except WebGymError as error:
                 log.warning("session %s was not renewed: %s", self.id, error)
+
+
+class SessionRoute:
+    """Where one session's calls are currently sent.
+
+    Attributes:
+        base_url: base URL of a worker or gateway.
+        is_direct: whether that is the worker's; then the gateway is the alternative.
+    """
+
+    def __init__(self, base_url: str, is_direct: bool) -> None:
+        self.base_url = base_url
+        self.is_direct = is_direct
+
+
+class SessionRouter:
+    """Chooses the route of every session of a client.
+
+    Args:
+        http: the client's connections.
+        base_url: the client's base URL.
+        limits: the client's limits.
+    """
+
+    def __init__(self, http: aiohttp.ClientSession, base_url: str, limits: ClientLimits) -> None:
+        self._http = http
+        self._base_url = base_url
+        self._limits = limits
+        self._checks: dict[tuple[str, str], asyncio.Task[bool]] = {}
+
+    async def find(self, grant: SessionGrant) -> SessionRoute:
+        """The better route to a session."""
+        endpoint = grant.endpoint
+        if not self._limits.direct or not may_connect_directly(self._base_url, endpoint):
+            return SessionRoute(self._base_url, False)
+        key = endpoint, grant.instance
+        if key not in self._checks:  # sessions that open at the same time share one check
+            self._checks[key] = asyncio.create_task(self._is_reachable(endpoint, grant.instance))
+        if await asyncio.shield(self._checks[key]):
+            return SessionRoute(endpoint, True)
+        return SessionRoute(self._base_url, False)
+
+    async def _is_reachable(self, endpoint: str, instance: str) -> bool:
+        """Whether this worker, and not some other server, answers there. No token is sent."""
+        try:
+            async with asyncio.timeout(DIRECT_SECONDS):
+                request = self._http.request(HEALTH.method, endpoint + HEALTH.path, allow_redirects=False)
+                async with request as response:
+                    return response.headers.get(INSTANCE_HEADER) == instance
+        except (aiohttp.ClientError, OSError, ValueError):
+            return False
+
+    async def close(self) -> None:
+        """Cancel checks that are still running."""
+        for task in self._checks.values():
+            task.cancel()
+        await asyncio.gather(*self._checks.values(), return_exceptions=True)
+
+
+def may_connect_directly(base_url: str, endpoint: str) -> bool:
+    """Whether an endpoint may be contacted directly.
+
+    A loopback address means something else on every machine; and a client that uses TLS for its base URL must
+    not send the token unencrypted to another.
+    """
+    if not endpoint or endpoint == base_url:
+        return False
+    try:
+        known, offered = urlsplit(base_url), urlsplit(endpoint)
+    except ValueError:
+        return False
+    if _is_loopback(offered.hostname) and not _is_loopback(known.hostname):
+        return False
+    return offered.scheme == "https" or known.scheme == "http"
+
+
+def _is_loopback(host: str | None) -> bool:
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host or "").is_loopback
+    except ValueError:
+        return False

@@ -201,10 +201,6 @@ class RayConfig(Settings):
     connect_seconds: float = Field(default=15.0, gt=0)
     """Connecting to the cluster. Ray itself would try forever."""
 
-    place_seconds: float = Field(default=30.0, gt=0)
-    """Starting the actor on a node. If that takes longer, the node's CPUs are in use: an error says so, and
-    it is tried again."""
-
 
 class ClientLimits(Settings):
     """A client's limits on concurrent calls, and its deadlines.

@@ -1,4 +1,4 @@
-"""The workers behind a gateway: started, monitored, and restarted when they end.
+"""The workers behind a gateway: started, monitored, restarted when they end; and the queue for their slots.
 
 A *host* is where worker processes run: this machine, or a node of a Ray cluster. Every run of a worker gets
 a unique name, so a session's id always identifies the run that held it.
@@ -9,14 +9,17 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import AsyncIterator, Callable, Collection, Iterable
-from contextlib import AbstractAsyncContextManager
+from collections import deque
+from collections.abc import AsyncIterator, Callable, Collection, Iterable, Mapping
+from contextlib import asynccontextmanager
 from typing import Protocol
 
+import aiohttp
 import msgspec
 
-from webgym.core.errors import ServerError, WebGymError
-from webgym.server.config import GatewayConfig, ServerConfig
+from webgym.core.errors import NoCapacity, ServerError, TooManyWaiting, WebGymError
+from webgym.server.config import GatewayConfig, ServerConfig, usable_cores
+from webgym.server.listening import connections
 from webgym.server.messages import (
     GENERATION_HEADER,
     INSTANCE_HEADER,
@@ -25,8 +28,7 @@ from webgym.server.messages import (
     SessionGrant,
     Watched,
 )
-from webgym.server.operations import ALLOCATE, HEALTH, RELEASE, WATCH
-from webgym.server.relay import Answer, Header, Interrupted, NotSent, Relay
+from webgym.server.operations import ALLOCATE, HEALTH, RELEASE, WATCH, Operation
 
 log = logging.getLogger(__name__)
 
@@ -36,8 +38,22 @@ CORES_PER_WORKER = 4
 SETTLED_SECONDS = 60.0
 """After a worker has run for this long, its next restart uses the first pause again."""
 
-START_SECONDS = 90.0
-"""From starting a worker until its first browser has started."""
+START_SECONDS = 300.0
+"""From starting a worker until its first browser has started: only one that hangs takes so long."""
+
+Header = tuple[str, str]
+
+
+class NoAnswer(Exception):
+    """A call to a worker failed.
+
+    Attributes:
+        was_sent: whether the worker may have carried it out.
+    """
+
+    def __init__(self, error: Exception | str, *, was_sent: bool) -> None:
+        super().__init__(str(error) or "no answer in time")
+        self.was_sent = was_sent
 
 
 class Started(msgspec.Struct, frozen=True):
@@ -87,24 +103,29 @@ class Hosts(Protocol):
         """Yield the present hosts, now and after every change. Never ends."""
 
 
-def split(slots: int, cores: float, config: GatewayConfig) -> list[int]:
-    """Divide a machine's slots among its workers: the configured number, or by cores; every worker gets
-    one."""
-    workers = min(slots, config.workers or max(1, round(cores / CORES_PER_WORKER)))
-    return [slots // workers + (number < slots % workers) for number in range(workers)]
-
-
-def share_of(config: ServerConfig, slots: int, cores: float, *, share: float, of_cores: int) -> ServerConfig:
-    """The settings of one of the workers of a machine.
+def shares_of(
+    server: ServerConfig, fleet: GatewayConfig, *, host: str, slots: int, cores: float
+) -> tuple[ServerConfig, ...]:
+    """The settings of each of the workers of a machine: the configured number of workers, or by its cores.
 
     Args:
-        config: the settings of all workers together, for ``of_cores`` processors.
-        slots: number of slots of this worker.
-        cores: number of processors that it may keep busy.
-        share: its share of the machine's sessions, 0 to 1.
-        of_cores: number of processors that ``config`` is meant for.
+        server: the settings of all workers together, for the processors of this machine.
+        fleet: the number of workers, and their ports.
+        host: where they listen.
+        slots: number of slots of the machine; every worker gets one.
+        cores: number of its processors.
     """
-    part = cores / of_cores
+    machine = server.model_copy(update={"host": host, "ports": fleet.worker_ports})
+    workers = min(slots, fleet.workers or max(1, round(cores / CORES_PER_WORKER)))
+    counts = [slots // workers + (number < slots % workers) for number in range(workers)]
+    return tuple(
+        _share_of(machine, count, cores / workers / usable_cores(), count / slots) for count in counts
+    )
+
+
+def _share_of(config: ServerConfig, slots: int, part: float, share: float) -> ServerConfig:
+    """The settings of a worker with a part of this machine's processors, and a share of its own machine's
+    sessions."""
     admission, egress = config.admission, config.browser.egress
 
     def scaled(value: int) -> int:
@@ -143,15 +164,16 @@ class Worker:
         self.url = started.url
         self.instance = started.instance
         self.info = started.info
-        self.relay = Relay(started.url, config)
         self.sent = 0
         self.pending = 0
         self.watched: Watched | None = None
         self.sessions: dict[str, int] = {}
         self.is_lost = False
         self._answer_seconds = config.answer_seconds
-        self._credentials: list[Header] = [(b"authorization", f"Bearer {token}".encode("ascii"))]
+        self._credentials: list[Header] = [("authorization", f"Bearer {token}")]
         self._was_inconsistent = False
+        self._http = connections(config.connect_seconds, config.idle_seconds, config.dead_peer_seconds)
+        self._calls: set[asyncio.Timeout] = set()
 
     @property
     def room(self) -> int:
@@ -179,80 +201,174 @@ class Worker:
             del self.sessions[session]
         return ended
 
-    def allocate(self, headers: Iterable[Header], body: bytes) -> AbstractAsyncContextManager[Answer]:
-        """Request a session with the gateway's own token: workers accept no other.
+    @asynccontextmanager
+    async def call(
+        self, operation: Operation, headers: Iterable[Header], body: bytes = b"", *, session: str = ""
+    ) -> AsyncIterator[aiohttp.ClientResponse]:
+        """Make a call; the answer's head has arrived when the block begins, and its body may follow.
+
+        A call is not repeated, unless that does no harm.
 
         Raises:
-            NotSent, Interrupted: here or in the block: the call failed.
+            NoAnswer: here or in the block: the connection failed, or the worker is lost.
         """
-        return self.relay.call(ALLOCATE.method, ALLOCATE.path, [*self._credentials, *headers], body)
+        if self.is_lost:
+            raise NoAnswer("the worker is gone", was_sent=False)
+        url = self.url + operation.path.replace("{id}", session)
+        try:
+            async with asyncio.timeout(None) as until_lost:
+                self._calls.add(until_lost)
+                async with self._http.request(
+                    operation.method, url, headers=tuple(headers), data=body or None, allow_redirects=False
+                ) as answer:
+                    yield answer
+        except (aiohttp.ClientConnectorError, aiohttp.ConnectionTimeoutError) as error:
+            raise NoAnswer(error, was_sent=False) from None
+        except (aiohttp.ClientError, OSError) as error:
+            raise NoAnswer(error, was_sent=True) from None
+        finally:
+            self._calls.discard(until_lost)
 
-    async def get(self, path: str) -> bytes:
-        """The body of the answer to a GET request.
+    async def read(self, operation: Operation, headers: Iterable[Header] = (), *, session: str = "") -> bytes:
+        """The body of the answer to a call with the gateway's own token.
 
         Raises:
-            NotSent, Interrupted, TimeoutError: the call failed.
+            NoAnswer: the call failed, or took too long.
         """
-        async with (
-            asyncio.timeout(self._answer_seconds),
-            self.relay.call("GET", path, self._credentials) as answer,
-        ):
-            return await answer.body()
+        try:
+            async with asyncio.timeout(self._answer_seconds):
+                async with self.call(operation, [*self._credentials, *headers], session=session) as answer:
+                    return await answer.read()
+        except TimeoutError as error:
+            raise NoAnswer(error, was_sent=True) from None
+
+    async def allocate(self, headers: Iterable[Header], body: bytes) -> tuple[int, bytes]:
+        """Request a session with the gateway's own token: workers accept no other. Returns status and body.
+
+        Raises:
+            NoAnswer: the call failed.
+        """
+        async with self.call(ALLOCATE, [*self._credentials, *headers], body) as answer:
+            return answer.status, await answer.read()
 
     async def release(self, grant: SessionGrant) -> None:
         """End a session.
 
         Raises:
-            NotSent, Interrupted, TimeoutError: the call failed.
+            NoAnswer: the call failed.
         """
-        proof = [
-            (SECRET_HEADER.encode(), grant.secret.encode("ascii")),
-            (GENERATION_HEADER.encode(), b"%d" % grant.generation),
-        ]
-        path = RELEASE.path.replace("{id}", grant.session_id)
-        async with (
-            asyncio.timeout(self._answer_seconds),
-            self.relay.call(RELEASE.method, path, [*self._credentials, *proof]) as answer,
-        ):
-            await answer.body()
+        proof = [(SECRET_HEADER, grant.secret), (GENERATION_HEADER, str(grant.generation))]
+        await self.read(RELEASE, proof, session=grant.session_id)
 
     async def is_reachable(self) -> bool:
         """Whether this run of the worker still answers."""
         try:
-            async with asyncio.timeout(self._answer_seconds), self.relay.call("GET", HEALTH.path) as answer:
-                await answer.body()
-        except (NotSent, Interrupted, TimeoutError):
+            async with asyncio.timeout(self._answer_seconds), self.call(HEALTH, ()) as answer:
+                return answer.headers.get(INSTANCE_HEADER) == self.instance
+        except (NoAnswer, TimeoutError):
             return False
-        return (INSTANCE_HEADER.encode(), self.instance.encode()) in answer.headers
 
     async def watch(self, silent_seconds: float) -> AsyncIterator[Watched]:
         """Yield its reports until the connection ends.
 
         Raises:
-            NotSent, Interrupted, TimeoutError: the connection failed, or there was no report in time.
+            NoAnswer, TimeoutError: the connection failed, or there was no report in time.
         """
-        loop = asyncio.get_running_loop()
-        async with self.relay.call("GET", WATCH.path, self._credentials) as answer:
-            lines = _lines(answer)
+        async with self.call(WATCH, self._credentials) as answer:
             while True:
-                async with asyncio.timeout_at(loop.time() + silent_seconds):
-                    line = await anext(lines, None)
-                if line is None:
+                async with asyncio.timeout(silent_seconds):
+                    line = await answer.content.readline()
+                if not line:
                     return
                 yield msgspec.json.decode(line, type=Watched)
 
     def lose(self) -> None:
         """Mark the worker as gone and interrupt all calls to it."""
-        self.is_lost = True
-        self.relay.close()
+        if not self.is_lost:
+            self.is_lost = True
+            for call in self._calls:
+                call.reschedule(0)
+
+    async def close(self) -> None:
+        """Mark the worker as gone, and close all connections to it."""
+        self.lose()
+        await self._http.close()
 
 
-async def _lines(answer: Answer) -> AsyncIterator[bytes]:
-    rest = b""
-    async for chunk in answer.chunks():
-        *complete, rest = (rest + chunk).split(b"\n")
-        for line in complete:
-            yield line
+class SlotQueue:
+    """Callers that wait for a worker with a free slot.
+
+    Without polling: :meth:`serve` is called whenever a worker reports; the report and the calls sent since
+    say which workers have free slots.
+
+    Args:
+        workers: the running workers, by name.
+        longest: largest number of waiting callers.
+    """
+
+    def __init__(self, workers: Mapping[str, Worker], longest: int) -> None:
+        self._workers = workers
+        self._longest = longest
+        self._waiting: deque[asyncio.Future[Worker]] = deque()
+
+    def __len__(self) -> int:
+        return sum(not turn.done() for turn in self._waiting)
+
+    async def turn(self, seconds: float, *, again: bool = False) -> Worker:
+        """Wait for a worker with a free slot; its ``sent`` already counts the caller.
+
+        Args:
+            seconds: longest wait.
+            again: whether the caller's worker was lost, so that it goes to the head of the queue.
+
+        Raises:
+            NoCapacity: no worker had a free slot in time.
+            TooManyWaiting: no slot is free, and the queue is full.
+        """
+        turn: asyncio.Future[Worker] = asyncio.get_running_loop().create_future()
+        if again:
+            self._waiting.appendleft(turn)
+        else:
+            self._waiting.append(turn)
+        self.serve()
+        if not (again or turn.done()) and len(self) > self._longest:
+            turn.cancel()
+            raise TooManyWaiting.of(self._longest)
+        try:
+            async with asyncio.timeout(seconds):
+                return await turn
+        except TimeoutError:
+            if turn.done() and not turn.cancelled():  # it was granted at the same moment
+                return turn.result()
+            raise self._no_capacity(seconds) from None
+        except asyncio.CancelledError:
+            if turn.done() and not turn.cancelled():
+                turn.result().sent -= 1
+                self.serve()
+            raise
+
+    def serve(self) -> None:
+        """Send callers in order to the worker with the most free slots, while there are free slots."""
+        while self._waiting:
+            if self._waiting[0].done():  # it gave up
+                self._waiting.popleft()
+                continue
+            best = max(self._workers.values(), key=lambda worker: worker.room, default=None)
+            if best is None or best.room <= 0:
+                return
+            best.sent += 1
+            self._waiting.popleft().set_result(best)
+
+    def _no_capacity(self, seconds: float) -> NoCapacity:
+        slots = sum(worker.info.slots for worker in self._workers.values())
+        if not slots:
+            return NoCapacity(
+                f"no worker started within {round(seconds, 2):g} s", hint="the server's log says why"
+            )
+        return NoCapacity(
+            f"all {slots} slots were in use for {round(seconds, 2):g} s",
+            hint="close sessions, or start the server with more slots",
+        )
 
 
 class Fleet:
@@ -387,7 +503,7 @@ class Fleet:
                 is_lost = worker.is_lost
                 self.workers.pop(worker.name, None)
                 self.lost += 1
-                worker.lose()
+                await worker.close()
                 self._report_change(worker.sessions)
         finally:
             try:
@@ -404,7 +520,7 @@ class Fleet:
                     self.workers[worker.name] = worker
                     self._report_change(worker.update(watched))
                 return
-            except (NotSent, Interrupted, TimeoutError, msgspec.MsgspecError) as error:
+            except (NoAnswer, TimeoutError, msgspec.MsgspecError, ValueError) as error:
                 if await self.check(worker):
                     log.warning("worker %s was silent: %s", worker.name, error)
 

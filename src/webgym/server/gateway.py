@@ -10,26 +10,27 @@ import asyncio
 import logging
 import re
 import secrets
-from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable, Mapping
+from collections.abc import AsyncIterator, Collection, Iterable
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager, closing, nullcontext
+from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from typing import Any
 
+import aiohttp
 import msgspec
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
-from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
 from webgym.core.background import BackgroundTasks
 from webgym.core.errors import LeaseLost, ServerError, ServerUnreachable, WorkerLost
-from webgym.server.audit import Audit, audit_to
+from webgym.server.callers import Audit, Quota, Tokens, audit_to, caller_of, client_of
 from webgym.server.config import GatewayConfig, RayConfig, ServerConfig
-from webgym.server.feed import Feed
-from webgym.server.fleet import Fleet, Hosts, Worker
-from webgym.server.http import HttpFrontend, application, decode, while_connected
+from webgym.server.fleet import Fleet, Header, Hosts, NoAnswer, SlotQueue, Worker
+from webgym.server.http import Feed, HttpFrontend, decode, while_connected
 from webgym.server.listening import listen, serving, url_of
 from webgym.server.messages import (
     HEALTHY,
@@ -44,21 +45,17 @@ from webgym.server.messages import (
     WorkerInfo,
     error_of,
 )
-from webgym.server.metrics import CallMetrics
-from webgym.server.operations import ALLOCATE, METRICS, OPERATIONS, PRESSURE, Operation, openapi
-from webgym.server.queue import SlotQueue
-from webgym.server.quota import Quota, caller_of, client_of
+from webgym.server.metrics import CallMetrics, LabelledByWorker
+from webgym.server.operations import ALLOCATE, METRICS, PRESSURE, Operation, openapi
 from webgym.server.ray_hosts import ray_hosts
-from webgym.server.relay import Answer, Header, Interrupted, NotSent
-from webgym.server.run_worker import TOKEN_BYTES, new_instance
 from webgym.server.subprocess_worker import LocalHosts
-from webgym.server.tokens import Tokens
+from webgym.server.worker import TOKEN_BYTES, new_instance
 
 log = logging.getLogger(__name__)
 
 _SESSION = re.compile(r"(w\d{1,12})-[0-9a-f]{1,64}")
-_FORWARDED_HEADERS = (b"authorization", b"content-type")
-_FORWARDED_PREFIX = b"x-webgym-"
+_FORWARDED_HEADERS = ("authorization", "content-type")
+_FORWARDED_PREFIX = "x-webgym-"
 _NOT_RETURNED_HEADERS = (b"date", b"connection", b"keep-alive", b"transfer-encoding")
 _OPEN_ATTEMPTS = 3
 """How many workers may fail while a caller opens a session, before the call fails."""
@@ -87,7 +84,7 @@ class Gateway:
         self._asked = 0
         self._granted = 0
         self._endings = BackgroundTasks()
-        self.observed = GatewayMetrics(self.fleet, self.queue)
+        self.observed = CallMetrics(_Load(self.fleet, self.queue), "webgym_gateway")
 
     def _on_change(self, ended: Collection[str]) -> None:
         for session in ended:
@@ -98,6 +95,14 @@ class Gateway:
 
     # --- sessions -------------------------------------------------------------------------------------
 
+    async def serve(self, front: HttpFrontend, operation: Operation, request: Request) -> Any:
+        """Carry out an operation."""
+        if operation is ALLOCATE:
+            return await self.allocate(request, front)
+        if operation.has_lease:
+            return await self.relay(operation, request, front)
+        return await getattr(self, operation.name)()
+
     async def allocate(self, request: Request, front: HttpFrontend) -> SessionGrant:
         """Open a session on the worker with the most free slots."""
         body = await front.body(request)
@@ -105,7 +110,7 @@ class Gateway:
         client = client_of(request)
         self._asked += 1
         with self._quota.requesting(client):
-            headers = [header for header in _forwarded_headers(request) if header[0] != b"authorization"]
+            headers = [header for header in _forwarded_headers(request) if header[0] != "authorization"]
             work = self._open(headers, body, options.wait_at_most(self.config.allocate_seconds))
             worker, grant = await while_connected(request, work, self._undo)
             if not worker.is_lost:  # otherwise the session has ended already
@@ -128,7 +133,7 @@ class Gateway:
                 # The call itself is not cancelled: its session must be closed, and its slot counted.
                 self._endings.start(self._undo_when_open(worker, opening))
                 raise
-            except (NotSent, Interrupted) as error:
+            except NoAnswer as error:
                 await self.fleet.check(worker)
                 if attempt == _OPEN_ATTEMPTS:
                     raise ServerUnreachable(f"worker {worker.name} cannot be reached: {error}") from None
@@ -137,21 +142,20 @@ class Gateway:
     async def _open_on(self, worker: Worker, headers: list[Header], body: bytes) -> SessionGrant:
         worker.pending += 1
         try:
-            async with worker.allocate(headers, body) as answer:
-                reply = await answer.body()
-        except NotSent:
-            worker.sent -= 1
+            status, reply = await worker.allocate(headers, body)
+        except NoAnswer as error:
+            worker.sent -= not error.was_sent
             raise
         finally:
             worker.pending -= 1
-        if answer.status != 200:
-            raise error_of(reply, answer.status, worker.url)
+        if status != 200:
+            raise error_of(reply, status, worker.url)
         return msgspec.json.decode(reply, type=SessionGrant)
 
     async def _undo_when_open(self, worker: Worker, opening: asyncio.Task[SessionGrant]) -> None:
         try:
             grant = await opening
-        except (NotSent, Interrupted, ServerError):
+        except (NoAnswer, ServerError):
             return
         await self._undo((worker, grant))
 
@@ -160,7 +164,7 @@ class Gateway:
         worker, grant = opened
         try:
             await worker.release(grant)
-        except (NotSent, Interrupted, TimeoutError) as error:
+        except NoAnswer as error:
             log.warning("session %s was not released, it will expire: %s", grant.session_id, error)
 
     async def stop(self) -> None:
@@ -169,21 +173,22 @@ class Gateway:
 
     async def relay(self, operation: Operation, request: Request, front: HttpFrontend) -> Response:
         """Forward a session's call to the worker that holds it."""
-        worker, path = self._find(operation, request.path_params["id"])
+        session = request.path_params["id"]
+        worker = self._find(session)
         body = await front.body(request)
         async with AsyncExitStack() as stack:
-            call = worker.relay.call(operation.method, path, _forwarded_headers(request), body)
+            call = worker.call(operation, _forwarded_headers(request), body, session=session)
             try:
                 answer = await stack.enter_async_context(call)
-            except (NotSent, Interrupted) as error:
+            except NoAnswer as error:
                 raise await self._failure(worker, error) from None
             return _ForwardedResponse(answer, stack.pop_all())
 
-    def _find(self, operation: Operation, session: str) -> tuple[Worker, str]:
+    def _find(self, session: str) -> Worker:
         match = _SESSION.fullmatch(session)
         worker = self.fleet.workers.get(match[1]) if match else None
         if worker is not None:
-            return worker, operation.path.replace("{id}", session)
+            return worker
         if match and self.fleet.has_been(match[1]):
             raise _gone(match[1])
         raise LeaseLost("the session expired, was closed, or is not yours", hint="open a new one")
@@ -241,7 +246,7 @@ class Gateway:
 
     async def metrics(self) -> bytes:
         """The gateway's own metrics, and every worker's labelled with its name."""
-        return merge_expositions(self.observed.exposition(), await self._query_all(METRICS))
+        return self.observed.exposition(LabelledByWorker(await self._query_all(METRICS)))
 
     async def openapi(self) -> dict[str, Any]:
         """The API's description."""
@@ -267,8 +272,8 @@ class Gateway:
 
         async def query(worker: Worker) -> bytes | None:
             try:
-                return await worker.get(operation.path)
-            except (NotSent, Interrupted, TimeoutError) as error:
+                return await worker.read(operation)
+            except NoAnswer as error:
                 log.warning("worker %s does not report its %s: %s", worker.name, operation.name, error)
                 return None
 
@@ -282,7 +287,7 @@ def _gone(name: str) -> WorkerLost:
 
 
 def _forwarded_headers(request: Request) -> Iterable[Header]:
-    for header in request.scope["headers"]:
+    for header in request.headers.items():
         if header[0] in _FORWARDED_HEADERS or header[0].startswith(_FORWARDED_PREFIX):
             yield header
 
@@ -290,7 +295,7 @@ def _forwarded_headers(request: Request) -> Iterable[Header]:
 class _ForwardedResponse(Response):
     """An answer that is forwarded while it arrives. Ends the call at its end."""
 
-    def __init__(self, answer: Answer, call: AsyncExitStack) -> None:
+    def __init__(self, answer: aiohttp.ClientResponse, call: AsyncExitStack) -> None:
         self.status_code = answer.status
         self.background = None
         self._answer = answer
@@ -298,32 +303,17 @@ class _ForwardedResponse(Response):
 
     async def __call__(self, _: Scope, __: Receive, send: Send) -> None:
         answer = self._answer
-        headers = [header for header in answer.headers if header[0] not in _NOT_RETURNED_HEADERS]
+        headers = [(name.lower(), value) for name, value in answer.raw_headers]
+        headers = [header for header in headers if header[0] not in _NOT_RETURNED_HEADERS]
         async with self._call:
             await send({"type": "http.response.start", "status": answer.status, "headers": headers})
             # If the worker dies now, the caller sees a truncated body.
-            async for chunk in answer.chunks():
+            async for chunk in answer.content.iter_any():
                 await send({"type": "http.response.body", "body": chunk, "more_body": True})
             await send({"type": "http.response.body", "body": b"", "more_body": False})
 
 
-def create_gateway_app(gateway: Gateway, tokens: Tokens, instance: str) -> Starlette:
-    """The ASGI application of a gateway."""
-    front = HttpFrontend(tokens, gateway.config.body_bytes, instance, gateway.observed)
-
-    def work(operation: Operation) -> Callable[[Request], Awaitable[Any]]:
-        async def serve(request: Request) -> Any:
-            if operation is ALLOCATE:
-                return await gateway.allocate(request, front)
-            if operation.has_lease:
-                return await gateway.relay(operation, request, front)
-            return await getattr(gateway, operation.name)()
-
-        return front.endpoint(operation, serve)
-
-    return application({operation: work(operation) for operation in OPERATIONS})
-
-
+@dataclass(frozen=True)
 class RunningGateway:
     """A running gateway.
 
@@ -333,10 +323,9 @@ class RunningGateway:
         gateway: the gateway.
     """
 
-    def __init__(self, url: str, token: str, gateway: Gateway) -> None:
-        self.url = url
-        self.token = token
-        self.gateway = gateway
+    url: str
+    token: str
+    gateway: Gateway
 
 
 @asynccontextmanager
@@ -366,7 +355,8 @@ async def running_gateway(
     tokens = Tokens(token, config.tokens_file)
     with closing(listen(config)) as listener, audit_to(config.audit_file) as audit:
         async with where as hosts, _running_fleet(Gateway(config, fleet, hosts, token, audit)) as gateway:
-            app = create_gateway_app(gateway, tokens, new_instance())
+            front = HttpFrontend(tokens, config.body_bytes, new_instance(), gateway.observed)
+            app = front.application(partial(gateway.serve, front))
             async with tokens.watching_file(), serving(app, listener, config):
                 try:
                     yield RunningGateway(url_of(listener), token, gateway)
@@ -413,9 +403,6 @@ async def _running_fleet(gateway: Gateway) -> AsyncIterator[Gateway]:
         await asyncio.wait({ready, running})
 
 
-_SAMPLE = re.compile(rb"([a-zA-Z_:][a-zA-Z0-9_:]*)(\{)?")
-
-
 class _Load(Collector):
     def __init__(self, fleet: Fleet, queue: SlotQueue) -> None:
         self._fleet, self._queue = fleet, queue
@@ -431,13 +418,6 @@ class _Load(Collector):
         yield CounterMetricFamily(
             "webgym_gateway_workers_lost", "Workers that were up and are gone", value=self._fleet.lost
         )
-
-
-class GatewayMetrics(CallMetrics):
-    """The metrics of one gateway."""
-
-    def __init__(self, fleet: Fleet, queue: SlotQueue) -> None:
-        super().__init__(_Load(fleet, queue), "webgym_gateway")
 
 
 def total(parts: list[Any]) -> Any:
@@ -458,29 +438,3 @@ def total(parts: list[Any]) -> Any:
     if isinstance(first, float):
         return max(parts)
     return first
-
-
-def merge_expositions(own: bytes, others: Mapping[str, bytes]) -> bytes:
-    """Merge the Prometheus texts of workers: samples are labelled with their worker, families occur once."""
-    families: dict[bytes, list[bytes]] = {}
-    for worker, text in others.items():
-        label = b'worker="%s"' % worker.encode("ascii")
-        family: list[bytes] = []
-        is_new = True
-        for line in text.splitlines():
-            if line.startswith(b"# HELP "):
-                name = line.split(b" ", 3)[2]
-                is_new = name not in families
-                family = families.setdefault(name, [])
-            if not line.startswith(b"#"):
-                family.append(_labelled(line, label))
-            elif is_new:
-                family.append(line)
-    return own + b"\n".join([*(line for family in families.values() for line in family), b""])
-
-
-def _labelled(sample: bytes, label: bytes) -> bytes:
-    match = _SAMPLE.match(sample)
-    assert match is not None
-    rest = sample[match.end() :]
-    return b"%s{%s,%s" % (match[1], label, rest) if match[2] else b"%s{%s}%s" % (match[1], label, rest)

@@ -1,11 +1,13 @@
-"""The common part of worker and gateway: authentication, limits, decoding, typed errors."""
+"""The common part of worker and gateway: authentication, limits, decoding, typed errors, streams of state."""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from functools import partial
 from typing import Any, TypeVar
 
 import msgspec
@@ -27,10 +29,18 @@ from webgym.core.errors import (
     Unauthorized,
     WebGymError,
 )
-from webgym.server.messages import HEALTHY, INSTANCE_HEADER, UNHEALTHY_STATUS, ErrorBody, ErrorReply, Health
+from webgym.server.callers import Tokens
+from webgym.server.messages import (
+    HEALTHY,
+    INSTANCE_HEADER,
+    UNHEALTHY_STATUS,
+    ErrorBody,
+    ErrorReply,
+    Health,
+    Watched,
+)
 from webgym.server.metrics import CallMetrics
-from webgym.server.operations import JSON, MSGPACK, Operation
-from webgym.server.tokens import Tokens
+from webgym.server.operations import JSON, MSGPACK, OPERATIONS, Operation
 
 log = logging.getLogger(__name__)
 
@@ -74,6 +84,19 @@ class HttpFrontend:
         self._body_bytes = body_bytes
         self.instance = instance
         self._metrics = metrics
+
+    def application(self, work: Callable[[Operation, Request], Awaitable[Any]]) -> Starlette:
+        """The application with the routes of all operations, which ``work`` carries out. Any other path is an
+        error, never redirected."""
+        routes = [
+            Route(
+                operation.path, self.endpoint(operation, partial(work, operation)), methods=[operation.method]
+            )
+            for operation in OPERATIONS
+        ]
+        app = Starlette(routes=routes, exception_handlers={HTTPException: _http_error})
+        app.router.redirect_slashes = False
+        return app
 
     def endpoint(
         self, operation: Operation, work: Callable[[Request], Awaitable[Any]]
@@ -194,19 +217,6 @@ async def _disconnected(request: Request) -> None:
         pass
 
 
-def application(endpoints: Mapping[Operation, Callable[[Request], Awaitable[Response]]]) -> Starlette:
-    """The application with a server's routes. Any other path is an error, never redirected."""
-    app = Starlette(
-        routes=[
-            Route(operation.path, endpoint, methods=[operation.method])
-            for operation, endpoint in endpoints.items()
-        ],
-        exception_handlers={HTTPException: _http_error},
-    )
-    app.router.redirect_slashes = False
-    return app
-
-
 async def _http_error(_: Request, error: Exception) -> Response:
     """A path or method that does not exist."""
     assert isinstance(error, HTTPException)
@@ -227,3 +237,46 @@ def error_response(error: WebGymError, status: int | None = None) -> Response:
 
 def _status_of(cls: type[WebGymError]) -> int:
     return next(_STATUS_OF[ancestor] for ancestor in cls.__mro__ if ancestor in _STATUS_OF)
+
+
+class Feed:
+    """The subscribers of one server.
+
+    A line contains the state at the time of writing, so a slow subscriber misses intermediate states but
+    never the last.
+
+    Args:
+        read: returns the current state.
+        beat_seconds: longest time without a line. A subscriber without one for longer knows that the server
+            is gone.
+    """
+
+    def __init__(self, read: Callable[[], Watched], beat_seconds: float) -> None:
+        self._read = read
+        self._beat_seconds = beat_seconds
+        self._watchers: set[asyncio.Event] = set()
+        self._is_closed = False
+
+    def changed(self) -> None:
+        """Announce that the state may have changed."""
+        for watcher in self._watchers:
+            watcher.set()
+
+    def close(self) -> None:
+        """End every subscriber's stream."""
+        self._is_closed = True
+        self.changed()
+
+    async def lines(self) -> AsyncIterator[bytes]:
+        """One subscriber's stream, beginning with the current state."""
+        change = asyncio.Event()
+        self._watchers.add(change)
+        try:
+            while not self._is_closed:
+                change.clear()
+                yield msgspec.json.encode(self._read()) + b"\n"
+                with contextlib.suppress(TimeoutError):
+                    async with asyncio.timeout(self._beat_seconds):
+                        await change.wait()
+        finally:
+            self._watchers.discard(change)

@@ -1,4 +1,4 @@
-"""How servers listen: one socket, requests of bounded size, detection of dead clients."""
+"""How servers listen and clients connect: requests of bounded size, detection of dead peers."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from typing import Any, ClassVar
 
+import aiohttp
 import msgspec
 import uvicorn
 from starlette.types import ASGIApp
@@ -23,6 +24,8 @@ from webgym.server.messages import ErrorBody, ErrorReply
 log = logging.getLogger(__name__)
 
 _BACKLOG = 2048
+_BUFFER_BYTES = 256 * 1024
+"""Reading an answer pauses when about this much of it is buffered."""
 _PROBES = 3
 _NOT_HTTP = "this is not an HTTP/1.1 request"
 _DISCARDED_BODIES = 8
@@ -46,6 +49,32 @@ def keep_alive_options(seconds: float) -> list[tuple[int, int, int]]:
         (socket.IPPROTO_TCP, socket.TCP_KEEPCNT, _PROBES),
         (socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(seconds * 1000)),
     ]
+
+
+def connections(
+    connect_seconds: float, idle_seconds: float, dead_peer_seconds: float
+) -> aiohttp.ClientSession:
+    """An HTTP session that keeps connections open between calls, to any number of servers.
+
+    Args:
+        connect_seconds: deadline for opening a connection.
+        idle_seconds: how long an idle connection is kept.
+        dead_peer_seconds: time after which a peer counts as dead that does not answer TCP keepalive probes.
+    """
+
+    def open_socket(address: aiohttp.AddrInfoType) -> socket.socket:
+        family, kind, protocol, _, _ = address
+        sock = socket.socket(family, kind, protocol)
+        for option in keep_alive_options(dead_peer_seconds):
+            sock.setsockopt(*option)
+        return sock
+
+    return aiohttp.ClientSession(
+        connector=aiohttp.TCPConnector(limit=0, keepalive_timeout=idle_seconds, socket_factory=open_socket),
+        timeout=aiohttp.ClientTimeout(total=None, sock_connect=connect_seconds),
+        cookie_jar=aiohttp.DummyCookieJar(),
+        read_bufsize=_BUFFER_BYTES,
+    )
 
 
 def raise_open_files_limit() -> None:

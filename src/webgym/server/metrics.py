@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.parser import text_string_to_metric_families
 from prometheus_client.registry import Collector
 
 from webgym.browser.egress.proxy import EgressLoad
@@ -16,7 +17,7 @@ from webgym.server.pool import Pool
 _BUCKETS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)
 
 
-class _Load(Collector):
+class Load(Collector):
     """Gauges and counters that are read when the metrics are collected."""
 
     def __init__(self, gate: AdmissionController, pool: Pool, leases: Leases) -> None:
@@ -96,13 +97,32 @@ class CallMetrics:
             f"{prefix}_operation_errors", "Typed errors", ["operation", "code"], registry=self._registry
         )
 
-    def exposition(self) -> bytes:
-        """The metrics in Prometheus's text format."""
-        return generate_latest(self._registry)
+    def exposition(self, more: Collector | None = None) -> bytes:
+        """The metrics, and those of another collector, in Prometheus's text format."""
+        if more is None:
+            return generate_latest(self._registry)
+        others = CollectorRegistry()
+        others.register(more)
+        return generate_latest(self._registry) + generate_latest(others)
 
 
-class Metrics(CallMetrics):
-    """The metrics of one worker."""
+class LabelledByWorker(Collector):
+    """The metrics of several workers: every sample is labelled with its worker, families occur once.
 
-    def __init__(self, gate: AdmissionController, pool: Pool, leases: Leases) -> None:
-        super().__init__(_Load(gate, pool, leases))
+    Args:
+        expositions: each worker's metrics in Prometheus's text format, by its name.
+    """
+
+    def __init__(self, expositions: Mapping[str, bytes]) -> None:
+        self._expositions = expositions
+
+    def collect(self) -> Iterable[Metric]:
+        """The merged families."""
+        merged: dict[str, Metric] = {}
+        for worker, text in self._expositions.items():
+            for family in text_string_to_metric_families(text.decode()):
+                whole = merged.setdefault(family.name, Metric(family.name, family.documentation, family.type))
+                whole.samples += [
+                    sample._replace(labels={"worker": worker, **sample.labels}) for sample in family.samples
+                ]
+        return merged.values()

@@ -8,26 +8,26 @@ their actor.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
 import signal
 import sys
 import threading
-from collections.abc import AsyncIterator, Callable, Collection, Mapping
+from collections.abc import AsyncIterator, Collection, Mapping
 from contextlib import asynccontextmanager
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import urlsplit
 
+from webgym.core.background import in_daemon_thread
 from webgym.core.errors import ConfigError, ServerError, ServerUnreachable
-from webgym.server.config import GatewayConfig, RayConfig, ServerConfig, usable_cores
-from webgym.server.fleet import Host, Started, share_of, split
+from webgym.server.config import GatewayConfig, RayConfig, ServerConfig
+from webgym.server.fleet import Host, Started, shares_of
 from webgym.server.subprocess_worker import read_report
 
 if TYPE_CHECKING:
     from types import ModuleType
 
-    from webgym.server.subprocess_worker import DetachedChild
+    from webgym.server.subprocess_worker import WorkerProcess
 
 log = logging.getLogger(__name__)
 
@@ -37,6 +37,9 @@ _PACKAGE = "webgym-rl"
 
 _NOT_A_NODE_HINT = "start the gateway on a node of the cluster: `ray start --address=HEAD:6379 --num-cpus=0`"
 _VERSIONS_HINT = "every node and the gateway need the same Ray and the same Python"
+
+_CPU_CHECKS, _CPU_CHECK_SECONDS = 10, 0.5
+"""A gateway that has ended frees its CPUs a moment later, and a new node's are not reported at once."""
 
 _CALLS_AT_ONCE = 64
 """Concurrent calls of one actor: one start or stop for every worker of its node."""
@@ -57,7 +60,7 @@ def _node_actor() -> type:
 
     class NodeActor:
         def __init__(self) -> None:
-            self._children: dict[str, DetachedChild] = {}
+            self._children: dict[str, WorkerProcess] = {}
             self._lock = threading.Lock()
 
         def version(self) -> str:
@@ -68,9 +71,10 @@ def _node_actor() -> type:
 
         def start(self, name: str, config: str, stop_seconds: float) -> bytes:
             """Start a worker, and return its report."""
-            from webgym.server.subprocess_worker import DetachedChild
+            from webgym.server.config import ServerConfig
+            from webgym.server.subprocess_worker import WorkerProcess
 
-            child = DetachedChild(config, stop_seconds)
+            child = WorkerProcess(ServerConfig.model_validate_json(config), stop_seconds, is_detached=True)
             with self._lock:
                 self._children[name] = child
             return child.report()
@@ -123,13 +127,7 @@ class RayHost:
         """The settings of its workers, by the number of its CPUs."""
         cpus = _cpus(self._node)
         slots = self._cluster.slots_per_node or max(1, int(cpus * self._cluster.slots_per_cpu))
-        counts = split(slots, cpus, self._config)
-        address = {"host": self.place, "ports": self._config.worker_ports}
-        node_config = self._server.model_copy(update=address)
-        return tuple(
-            share_of(node_config, count, cpus / len(counts), share=count / slots, of_cores=usable_cores())
-            for count in counts
-        )
+        return shares_of(self._server, self._config, host=self.place, slots=slots, cores=cpus)
 
     @property
     def place(self) -> str:
@@ -176,19 +174,13 @@ class RayHost:
         """The node's actor, started if necessary.
 
         Raises:
-            ServerError: Ray does not start it, or the node has another version of WebGym.
+            ServerError: the node's CPUs are in use, or it has another version of WebGym.
         """
         async with self._actor_lock:
             if self._actor is None:
-                self._actor = await _in_thread(self._new_actor)
-        try:
-            async with asyncio.timeout(self._cluster.place_seconds):
-                node_version = await self._actor.version.remote()
-        except TimeoutError:
-            raise ServerError(
-                f"Ray did not start WebGym's actor at {self.place} within {self._cluster.place_seconds:g} s",
-                hint="its CPUs are in use, see `ray status`; --ray-cpus reserves fewer",
-            ) from None
+                await self._check_free_cpus()
+                self._actor = await in_daemon_thread(self._new_actor)
+        node_version = await self._actor.version.remote()
         if node_version != (own_version := version(_PACKAGE)):
             raise ServerError(
                 f"{self.place} has {_PACKAGE} {node_version} installed, but the gateway has {own_version}",
@@ -196,14 +188,36 @@ class RayHost:
             )
         return self._actor
 
+    async def _check_free_cpus(self) -> None:
+        """Check that Ray can start the actor: it would wait for the node's CPUs without end.
+
+        Raises:
+            ServerError: the CPUs are in use.
+        """
+        from ray._private.state import available_resources_per_node  # "for developers", and nothing else says
+
+        for _ in range(_CPU_CHECKS):
+            free = (await in_daemon_thread(available_resources_per_node)).get(self.id)
+            if free is None or free.get("CPU", 0.0) >= self._reserved_cpus:
+                return
+            await asyncio.sleep(_CPU_CHECK_SECONDS)
+        raise ServerError(
+            f"{self._reserved_cpus:g} CPUs are wanted at {self.place}, and {free.get('CPU', 0.0):g} are free",
+            hint="see `ray status`; --ray-cpus reserves fewer",
+        )
+
+    @property
+    def _reserved_cpus(self) -> float:
+        reserved = self._cluster.cpus_per_node
+        return _cpus(self._node) if reserved is None else reserved
+
     def _new_actor(self) -> Any:
         from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-        reserved = self._cluster.cpus_per_node
         return (
             self._ray.remote(_node_actor())
             .options(
-                num_cpus=_cpus(self._node) if reserved is None else reserved,
+                num_cpus=self._reserved_cpus,
                 max_restarts=-1,
                 max_concurrency=_CALLS_AT_ONCE,
                 scheduling_strategy=NodeAffinitySchedulingStrategy(node_id=self.id, soft=False),
@@ -244,7 +258,7 @@ class RayHosts:
         required = self._cluster.node_resource
         return [
             node
-            for node in await _in_thread(self._ray.nodes)
+            for node in await in_daemon_thread(self._ray.nodes)
             if node["Alive"] and _cpus(node) and (required is None or node["Resources"].get(required))
         ]
 
@@ -256,35 +270,6 @@ def _cpus(node: Mapping[str, Any]) -> float:
 def _last_line(error: BaseException) -> str:
     """The last line of an error of Ray, which contains the message; the lines before say where."""
     return (str(error).strip().splitlines() or [type(error).__name__])[-1].strip()
-
-
-async def _in_thread(work: Callable[[], T]) -> T:
-    """Do blocking work in a daemon thread, which does not keep the process from ending.
-
-    Calls to the cluster's head node cannot be interrupted while it does not answer.
-    """
-    loop = asyncio.get_running_loop()
-    done: asyncio.Future[T] = loop.create_future()
-
-    def set_result(result: T | None, error: BaseException | None) -> None:
-        if done.cancelled():
-            return
-        if error is None:
-            done.set_result(result)  # type: ignore[arg-type]  # without an error there is a result
-        else:
-            done.set_exception(error)
-
-    def run() -> None:
-        result, error = None, None
-        try:
-            result = work()
-        except BaseException as raised:
-            error = raised
-        with contextlib.suppress(RuntimeError):  # the event loop has ended
-            loop.call_soon_threadsafe(set_result, result, error)
-
-    threading.Thread(target=run, name="ray-call", daemon=True).start()
-    return await done
 
 
 async def _check_reachable(address: str) -> None:
@@ -344,7 +329,7 @@ async def ray_hosts(
     try:
         async with asyncio.timeout(cluster.connect_seconds):
             await _check_reachable(cluster.address)
-            await _in_thread(connect)
+            await in_daemon_thread(connect)
     except (OSError, RuntimeError, ValueError, TimeoutError) as error:
         why = " ".join(str(error).split()) or f"nothing within {cluster.connect_seconds:g} s"
         raise ServerUnreachable(
@@ -357,6 +342,6 @@ async def ray_hosts(
     finally:
         try:
             async with asyncio.timeout(config.stop_seconds):
-                await _in_thread(ray.shutdown)
+                await in_daemon_thread(ray.shutdown)
         except TimeoutError:
             log.warning("the Ray cluster does not answer; it will notice that the gateway has ended")

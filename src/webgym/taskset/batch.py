@@ -20,11 +20,10 @@ import msgspec
 
 from webgym.core.errors import LLMBadReply, NotCached, UsageError
 from webgym.llm.cache import CachedReply, ReplyCache, insert
-from webgym.llm.completion import Completion, Labelled, NoCompletion, first_line, read_completion
+from webgym.llm.completion import Completion, NoCompletion, first_line, read_completion
 from webgym.llm.config import ChatConfig, Sampling
-from webgym.llm.formats import Formats
 from webgym.llm.prices import Prices
-from webgym.llm.request import Request
+from webgym.llm.request import Formats, Labelled, Request
 from webgym.llm.tokens import count_messages, count_text
 
 _REQUESTS: Final = 50_000

@@ -1,11 +1,11 @@
-"""Serves the policy with a vLLM server, started here or elsewhere, and publishes weights by three methods.
+"""Serves the policy with a vLLM server, started here or elsewhere, and publishes weights.
 
-lora      loads a new adapter under a new name, tests it, and uses it from then on; the old one is unloaded
-          after its last reply. No request waits, and a failure changes nothing.
-in_place  holds new requests, drains those in progress, pauses the server, which reads all weights from a
-common
-          folder, and tests it. After a failure the old weights are restored, or the server stays paused.
-restart   holds new requests, drains those in progress, and restarts our server with the new weights.
+lora      Adapters: loads a new one under a new name, tests it, and uses it from then on; the old one is
+          unloaded after its last reply. No request waits, and a failure changes nothing.
+in_place  All weights: holds new requests, drains those in progress, pauses the server, which reads the
+          weights from a common folder, and tests it. After a failure the old weights are restored, or the
+          server stays paused.
+restart   For a server of ours that cannot do that: it is restarted with the new weights.
 """
 
 from __future__ import annotations
@@ -17,29 +17,39 @@ import logging
 import os
 import secrets
 import time
-from collections.abc import Iterator
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, Self
 
+import msgspec
 from pydantic import SecretStr
 
-from webgym.agent.openai_policy import OpenAIPolicy
-from webgym.agent.policy import Policy
+from webgym.agent.openai_policy import OpenAIPolicy, as_policy_error
+from webgym.agent.policy import BasePolicy, Policy, PolicyInput
 from webgym.agent.profile import Profile
 from webgym.agent.profiles import choose_profile
-from webgym.core.errors import ConfigError, LLMError, PolicyError, PublishError, TrainingError
+from webgym.core.errors import (
+    ConfigError,
+    LLMError,
+    PolicyBadReply,
+    PolicyError,
+    PublishError,
+    TrainingError,
+)
 from webgym.core.trajectory import Reply
-from webgym.inference.managed import ManagedServer, free_port
 from webgym.inference.vllm import (
     EXPLICIT,
-    ForeignReply,
+    HOST,
+    ManagedServer,
     PublishMethod,
-    Served,
     VllmApi,
     VllmConfig,
-    VllmPolicy,
+    free_port,
 )
+from webgym.llm.health import register_client
 from webgym.train.config import LoraConfig
 from webgym.train.selftest import GREEDY, check, read_selftest
 
@@ -49,6 +59,159 @@ LOG: Final = "vllm.log"
 _POLL_SECONDS: Final = 0.5
 _BASE: Final = "webgym-base"
 """Name of the initial weights at a server of ours; later ones are named after their version."""
+_MOST_FOREIGN: Final = 5
+"""Number of replies with other weights than the published ones, after which the training stops."""
+
+
+@dataclass(eq=False)
+class Served:
+    """Weights on a server.
+
+    Attributes:
+        api: the server's API.
+        model: name of the weights in requests, which replies must have too.
+        version: version of the weights, for the records of replies.
+        policy: the client.
+        is_labelled: whether the server has this version as its label, so that it can be compared.
+        is_adapter: whether the name is that of an adapter, which is to be unloaded later.
+        retest: tests the weights again, where neither a label nor the name would tell that the server was
+            started anew without them. Raises :class:`ForeignReply`.
+        idle: set while no request is in flight.
+    """
+
+    api: VllmApi
+    model: str
+    version: str
+    policy: OpenAIPolicy
+    is_labelled: bool = False
+    is_adapter: bool = False
+    retest: Callable[[], Awaitable[None]] | None = None
+    idle: asyncio.Event = field(default_factory=asyncio.Event)
+    _in_flight: int = field(default=0, init=False)
+    _retesting: asyncio.Lock = field(default_factory=asyncio.Lock, init=False)
+    _interruptions: int = field(default=0, init=False)
+
+    def __post_init__(self) -> None:
+        self.idle.set()
+
+    @contextmanager
+    def in_use(self) -> Iterator[None]:
+        """Count a request in flight during the block."""
+        self._in_flight += 1
+        self.idle.clear()
+        try:
+            yield
+        finally:
+            self._in_flight -= 1
+            if not self._in_flight:
+                self.idle.set()
+
+    async def reply(self, turn: PolicyInput) -> Reply:
+        """The model's reply to a turn, checked by :meth:`checked`."""
+        return await self.checked(await self.policy.reply(turn))
+
+    async def checked(self, reply: Reply) -> Reply:
+        """The reply, if it is of these weights, as far as the server reports that.
+
+        Raises:
+            ForeignReply: it is of other weights.
+            PolicyError: the server's label could not be queried.
+        """
+        if reply.policy != self.model:
+            raise ForeignReply(f"the endpoint replied with the model {reply.policy!r}, not {self.model!r}")
+        if self.is_labelled:
+            try:
+                version = reply.weight_version or await self.api.weight_version()
+            except LLMError as error:
+                raise as_policy_error(error) from error
+            if version != self.version:
+                raise ForeignReply(f"the endpoint replied with the weights {version!r}, not {self.version!r}")
+        if self.retest is not None:
+            async with self._retesting:
+                if (interruptions := self.policy.interruptions) != self._interruptions:
+                    await self.retest()
+                    self._interruptions = interruptions
+        return reply
+
+
+class ForeignReply(PolicyBadReply):
+    """The endpoint replied with other weights than were published."""
+
+
+class VllmPolicy(BasePolicy):
+    """Replies with the current weights of a server; during a change of weights, callers wait.
+
+    Args:
+        name: name of the model in records, the same for all of its weights.
+
+    Attributes:
+        name: as given.
+        served: the current weights.
+        distrusted: set when the server replied with other weights a few times.
+        why: the message of the last such reply.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.served: Served | None = None
+        self.distrusted = asyncio.Event()
+        self.why = ""
+        self._foreign = 0
+        self._open = asyncio.Event()
+
+    def switch(self, served: Served) -> Served | None:
+        """Reply with these weights from now on. Returns the previous ones, which may have requests in
+        flight."""
+        previous, self.served = self.served, served
+        self._foreign = 0
+        self._open.set()
+        return previous
+
+    async def close(self) -> None:
+        """Hold back further requests, and wait for those in flight."""
+        self._open.clear()
+        if self.served is not None:
+            await self.served.idle.wait()
+
+    def hold(self) -> None:
+        """Hold back further requests. Those in flight are lost, and will be sent again."""
+        self._open.clear()
+
+    @property
+    def problem(self) -> str:
+        """Why requests are delayed at this moment; empty if they are not."""
+        if not self._open.is_set():
+            return "replies wait for new weights"
+        return self.served.policy.problem if self.served is not None else ""
+
+    async def __aenter__(self) -> Self:
+        register_client(self)  # for each run; its client stays open for longer
+        return self
+
+    async def reply(self, turn: PolicyInput) -> Reply:
+        """The model's reply. A request that was lost because the server ended is sent again.
+
+        Raises:
+            PolicyError: the request failed, or the reply is of other weights than the published ones.
+        """
+        while True:
+            await self._open.wait()
+            served = self.served
+            assert served is not None
+            try:
+                with served.in_use():
+                    reply = await served.reply(turn)
+            except ForeignReply as error:
+                self._foreign += 1
+                self.why = error.message
+                if self._foreign >= _MOST_FOREIGN:
+                    self.distrusted.set()
+                raise
+            except PolicyError:
+                if self.served is served and self._open.is_set():
+                    raise
+                continue
+            return msgspec.structs.replace(reply, policy=self.name, weight_version=served.version)
 
 
 class VllmServing:
@@ -79,7 +242,7 @@ class VllmServing:
         self._log = logs / LOG
         self._lora = lora
         self._profile = profile or choose_profile(None, Path(model).name)
-        self._method = _method(config, has_adapters=lora is not None)
+        self._method: PublishMethod = "in_place" if lora is None else "lora"
         self._newest = (newest[0].resolve(), newest[1]) if newest else None
         # Weights that a server elsewhere may hold already; ``None`` once it is known which weights it holds.
         self._maybe_served = self._newest if self._method == "in_place" and not self._is_ours else None
@@ -132,7 +295,7 @@ class VllmServing:
         try:
             if self._is_ours:
                 self._log.parent.mkdir(parents=True, exist_ok=True)
-                first = self._newest if self._method == "restart" else None
+                first = self._newest if self._method == "in_place" else None
                 await self._start(*(first or (None, "0")))
             else:
                 await self._connect()
@@ -158,20 +321,22 @@ class VllmServing:
             weights: to serve; ``None`` for the initial ones.
             version: of the weights.
         """
-        config, method = self._config, self._method
+        config = self._config
+        method: PublishMethod = "in_place" if self._lora is None else "lora"
         await self._stop()
-        port, key = free_port("127.0.0.1", config.port), SecretStr(secrets.token_hex(16))
+        port, key = free_port(HOST, config.port), SecretStr(secrets.token_hex(16))
         name = _BASE if weights is None or method == "lora" else f"webgym-{version}"
         model = (config.model or self._first) if weights is None or method == "lora" else str(weights)
         command = config.command(model, name, port, method, self._lora.rank if self._lora else 0)
         self._server = await ManagedServer.start(command, config.environment(key, method), self._log)
-        self._api = VllmApi(f"http://127.0.0.1:{port}/v1", key)
+        self._api = VllmApi(f"http://{HOST}:{port}/v1", key)
         await self._until_up(self._server, self._api)
         self._weights = weights
         if weights is not None and method == "lora":
             await self._hot_load(weights, version)
             return
         if method == "in_place":
+            self._method = "restart" if await self._missing(self._api, method) else method
             await self._api.label(version)
         await self._switch(await self._tested(name, version, weights))
 
@@ -212,7 +377,7 @@ class VllmServing:
         self._api = api = VllmApi(config.base_url, key)
         try:
             names = await api.models()
-            missing = [path for path in _NEEDED[self._method] if not await api.offers(path)]
+            missing = await self._missing(api, self._method)
         except LLMError as error:
             raise ConfigError(error.message, hint="is vLLM running there, and the key right?") from error
         if missing:
@@ -235,6 +400,11 @@ class VllmServing:
                 )
             await api.label("0")
         await self._switch(await self._tested(name, "0", None))
+
+    @staticmethod
+    async def _missing(api: VllmApi, method: PublishMethod) -> list[str]:
+        """The endpoints that are needed to publish by a method, and that the server does not offer."""
+        return [path for path in _NEEDED[method] if not await api.offers(path)]
 
     # --- new weights --------------------------------------------------------------------------------------
 
@@ -282,9 +452,13 @@ class VllmServing:
         try:
             await self._api.update_weights(str(weights), version)
             served = await self._tested(before.model, version, weights)
-        except (LLMError, PolicyError, PublishError):
-            await self._restore(before)
-            raise
+        except (LLMError, PolicyError, PublishError) as error:
+            if not self._is_ours:
+                await self._restore(before)
+                raise
+            log.warning("vLLM did not take the weights %s, and is restarted: %s", version, error.message)
+            await self._start(weights, version)
+            return
         await self._switch(served)
 
     async def _restore(self, before: Served) -> None:
@@ -358,33 +532,10 @@ _NEEDED: Final[dict[PublishMethod, tuple[str, ...]]] = {
 _FLAGS: Final[dict[PublishMethod, str]] = {
     "lora": "VLLM_ALLOW_RUNTIME_LORA_UPDATING=True and --enable-lora --max-loras 2",
     "in_place": "VLLM_SERVER_DEV_MODE=1",
-    "restart": "",
 }
 
 
-def _method(config: VllmConfig, *, has_adapters: bool) -> PublishMethod:
-    """The method by which weights are published.
-
-    Raises:
-        ConfigError: the configured method does not fit the trained weights or the server.
-    """
-    if config.publish == "auto":
-        return "lora" if has_adapters else "restart" if config.base_url is None else "in_place"
-    if (config.publish == "lora") != has_adapters:
-        raise ConfigError(
-            f"vllm.publish is {config.publish!r}, and the learner trains "
-            f"{'adapters' if has_adapters else 'all weights'}",
-            hint="set learn.update.lora for adapters, or leave vllm.publish out",
-        )
-    if config.publish == "restart" and config.base_url is not None:
-        raise ConfigError(
-            "a server that webgym did not start cannot be restarted",
-            hint="leave vllm.publish or vllm.base_url out",
-        )
-    return config.publish
-
-
-@contextlib.contextmanager
+@contextmanager
 def _as_publish_error(version: str) -> Iterator[None]:
     """Convert the server's errors to a :class:`PublishError`."""
     try:

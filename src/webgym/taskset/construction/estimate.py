@@ -13,9 +13,8 @@ from webgym.llm.cache import ReplyCache
 from webgym.llm.client import ChatClient
 from webgym.llm.completion import Completion, read_completion
 from webgym.llm.config import Sampling
-from webgym.llm.formats import Formats
 from webgym.llm.prices import Prices
-from webgym.llm.request import Request
+from webgym.llm.request import Formats, Request
 from webgym.llm.tokens import count_messages, count_text
 from webgym.taskset import prompts
 from webgym.taskset.construction.config import Purpose

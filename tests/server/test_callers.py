@@ -1,4 +1,4 @@
-"""Tokens of several people, and what is written down about their sessions."""
+"""Tokens of several people, how many sessions each may hold, and what is written down about them."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ import pytest
 from tests.server.conftest import TOKEN
 
 from webgym.core.errors import ConfigError, TooManySessions, Unauthorized
-from webgym.server.audit import Audit, audit_to
+from webgym.server.callers import SERVER_CALLER, Audit, Quota, Tokens, audit_to
 from webgym.server.client import BrowserClient
 from webgym.server.config import ClientLimits, GatewayConfig, ServerConfig
 from webgym.server.gateway import running_gateway
-from webgym.server.tokens import SERVER_CALLER, Tokens
 
 ALICE, BOB, NEW = ("a" * 16, "b" * 20, "c" * 40)
 
@@ -134,6 +133,32 @@ def test_a_full_disk_under_the_audit_file_ends_nothing(
         _note(audit, "second")
     assert caplog.text.count("No space left on device") == 1
     assert not capsys.readouterr().err
+
+
+def test_a_requested_session_counts() -> None:
+    quota = Quota(2)
+    with quota.requesting("ann"):
+        quota.granted("ann", "1")
+    with quota.requesting("ann"):  # still waits in line
+        with pytest.raises(TooManySessions, match="2 sessions"), quota.requesting("ann"):
+            raise AssertionError
+        with quota.requesting("bob"):
+            pass
+    quota.ended("1")
+    quota.ended("1")
+    quota.ended("nobody's")
+    for name in ("2", "3"):
+        with quota.requesting("ann"):
+            quota.granted("ann", name)
+    with pytest.raises(TooManySessions), quota.requesting("ann"):
+        raise AssertionError
+
+
+def test_no_limit() -> None:
+    quota = Quota(None)
+    for number in range(1000):
+        with quota.requesting("ann"):
+            quota.granted("ann", str(number))
 
 
 @pytest.mark.browser

@@ -1,30 +1,41 @@
-"""Implements each operation of a worker, without HTTP."""
+"""One worker: what each operation does with its slots, leases and queues, and its HTTP application.
+
+The routes come from the table of operations.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import logging
+import secrets
 from collections.abc import AsyncIterator, Callable, Coroutine
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, closing
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
+from starlette.requests import Request
 
 from webgym.browser.document import Document, ReadRequest
+from webgym.browser.find import find_browser
 from webgym.browser.gestures import AnyAction
 from webgym.browser.observe import Metadata
 from webgym.browser.slot import Slot
 from webgym.core.action import Navigate
-from webgym.core.errors import BrowserError, ProtocolError
+from webgym.core.errors import BrowserError, ProtocolError, Unauthorized
 from webgym.core.observation import Probed
 from webgym.server.admission import AdmissionController, Permit
+from webgym.server.callers import SERVER_CALLER, Quota, Tokens, client_of
 from webgym.server.config import ServerConfig
-from webgym.server.feed import Feed
+from webgym.server.http import Feed, HttpFrontend, decode, while_connected
 from webgym.server.leases import Lease, Leases
+from webgym.server.listening import is_wildcard, listen, serving, url_of
 from webgym.server.messages import (
+    GENERATION_HEADER,
     HEALTHY,
+    SECRET_HEADER,
     Closed,
     EgressInfo,
     ExecuteRequest,
@@ -40,8 +51,8 @@ from webgym.server.messages import (
     StepRequest,
     Watched,
 )
-from webgym.server.metrics import Metrics
-from webgym.server.operations import QueueName, openapi
+from webgym.server.metrics import CallMetrics, Load
+from webgym.server.operations import ALLOCATE, Operation, QueueName, openapi
 from webgym.server.pool import Pool
 
 log = logging.getLogger(__name__)
@@ -79,7 +90,8 @@ class Service:
         """Called with the id of every session that ends."""
         self._asked = 0
         self.gate = AdmissionController(config.admission)
-        self._metrics = Metrics(self.gate, self.pool, self.leases)
+        self.observed = CallMetrics(Load(self.gate, self.pool, self.leases))
+        """The metrics, where the HTTP layer records times and errors."""
 
     async def __aenter__(self) -> Service:
         try:
@@ -118,11 +130,6 @@ class Service:
                 await self.pool.clean(slot)
         finally:
             self.pool.give_back(slot)
-
-    @property
-    def observed(self) -> Metrics:
-        """The metrics, where the HTTP layer records times and errors."""
-        return self._metrics
 
     # --- sessions -----------------------------------------------------------------------------------
 
@@ -291,7 +298,7 @@ class Service:
 
     async def metrics(self) -> bytes:
         """The metrics in Prometheus's text format."""
-        return self._metrics.exposition()
+        return self.observed.exposition()
 
     async def watch(self) -> AsyncIterator[bytes]:
         """The stream of the worker's state, for a gateway."""
@@ -319,3 +326,103 @@ def _queue_of(action: AnyAction | None) -> QueueName:
 
 def _page_metadata(metadata: Metadata) -> PageMetadata:
     return msgspec.convert(metadata, PageMetadata, from_attributes=True)
+
+
+TOKEN_BYTES = 32
+_INSTANCE_BYTES = 8
+
+
+@dataclass(frozen=True)
+class RunningServer:
+    """A running worker.
+
+    Attributes:
+        url: its base URL.
+        token: the bearer token.
+        service: its service.
+        instance: id of this run of the server.
+    """
+
+    url: str
+    token: str
+    service: Service
+    instance: str
+
+
+def new_instance() -> str:
+    """A unique id for a run of a server."""
+    return secrets.token_hex(_INSTANCE_BYTES)
+
+
+@asynccontextmanager
+async def running_server(config: ServerConfig | None = None) -> AsyncIterator[RunningServer]:
+    """Serve during the block; afterwards no browser is left.
+
+    Args:
+        config: the settings; by default loopback, a free port, a random token.
+
+    Raises:
+        BrowserNotFound, BrowserLaunchFailed: no browser can be started.
+        ConfigError: the address cannot be listened on.
+    """
+    config = config or ServerConfig()
+    token = config.token or secrets.token_urlsafe(TOKEN_BYTES)
+    tokens = Tokens(token, config.tokens_file)
+    instance = new_instance()
+    executable = (await asyncio.to_thread(find_browser, config.browser.executable)).path
+    with closing(listen(config)) as listener:
+        url = url_of(listener)
+        async with Service(config, executable) as service:
+            endpoint = "" if is_wildcard(config.host) else url
+            front = HttpFrontend(tokens, config.body_bytes, instance, service.observed)
+            app = front.application(_Calls(service, front, endpoint).serve)
+            async with tokens.watching_file(), serving(app, listener, config):
+                try:
+                    yield RunningServer(url, token, service, instance)
+                finally:
+                    service.feed.close()  # the streams of subscribers never end by themselves
+
+
+class _Calls:
+    """Calls of a service by HTTP. ``endpoint`` is its base URL for other machines; empty if unknown."""
+
+    def __init__(self, service: Service, front: HttpFrontend, endpoint: str) -> None:
+        self._service = service
+        self._front = front
+        self._endpoint = endpoint
+        self._quota = Quota(service.config.sessions_per_client)
+        service.on_end = self._quota.ended
+
+    async def serve(self, operation: Operation, request: Request) -> Any:
+        """Carry out an operation."""
+        arguments: list[Any] = []
+        if operation.has_lease:
+            arguments.append(
+                self._service.leases.check(
+                    request.path_params["id"],
+                    request.headers.get(SECRET_HEADER, ""),
+                    request.headers.get(GENERATION_HEADER, ""),
+                )
+            )
+        if operation.request is not None:
+            arguments.append(decode(await self._front.body(request), operation.request))
+        if operation is ALLOCATE:
+            return await self._allocate(request, arguments[0])
+        return await getattr(self._service, operation.name)(*arguments)
+
+    async def _allocate(self, request: Request, options: SessionOptions) -> SessionGrant:
+        if self._service.config.name and request.state.caller != SERVER_CALLER:
+            raise Unauthorized(
+                "a worker opens sessions only for its gateway, which counts them", hint="call the gateway"
+            )
+        client = client_of(request)
+        with self._quota.requesting(client):
+            grant = await while_connected(request, self._service.allocate(options), self._undo)
+            self._quota.granted(client, grant.session_id)
+            if grant.session_id not in self._service.leases:  # it has expired in the meantime
+                self._quota.ended(grant.session_id)
+        return msgspec.structs.replace(grant, endpoint=self._endpoint, instance=self._front.instance)
+
+    async def _undo(self, grant: SessionGrant) -> None:
+        leases = self._service.leases
+        await leases.end(leases.check(grant.session_id, grant.secret, str(grant.generation)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import subprocess
+import sys
 from collections.abc import AsyncIterator, Iterator
 from contextlib import closing
 from pathlib import Path
@@ -98,6 +99,39 @@ def test_an_earlier_version_of_a_task_set_is_refused_with_its_successor(
         2,
         True,
     )
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (
+            "rollout --policy oracle --out run",
+            "unknown policy 'oracle' (choose one of scripted, random, openai)",
+        ),
+        ("rollout policy.name=oracle --out run", "unknown policy 'oracle'"),
+        ("rollout --out file/run", "cannot create file/run: "),
+        ("eval --out file/run", "cannot create file/run: "),
+        ("demo --out file/run", "cannot create file/run: "),
+        ("demo --weights ../none/w", "cannot load the model ../none/w: there is no such folder"),
+        ("train tiny --out file/run", "cannot create file/run: "),
+        ("train tiny --out t --learn.model /nowhere/m", "cannot load the model /nowhere/m"),
+        ("train tiny --out t learn.model=null", "learn.model is missing"),
+        ("train tiny --out t learn.model=m --rollout.tasks.file none.jsonl", "cannot read none.jsonl"),
+        ("pretrain --out file/run", "cannot create file/run: "),
+        ("study --out study --weights /nowhere/w", "cannot load the model /nowhere/w"),
+        ("rollout --colector.sessions 2 --out run", "colector: there is no such setting; did you mean"),
+    ],
+)
+def test_what_is_wrong_is_found_before_websites_browsers_or_torch_start(
+    tmp_path: Path, calls: Calls, monkeypatch: pytest.MonkeyPatch, words: str, expected: str
+) -> None:
+    for module in ("torch", "webgym.train.start", "webgym.study.recipe"):
+        monkeypatch.setitem(sys.modules, module, None)  # whose import would be another error
+    monkeypatch.setattr(OfflineWeb, "__init__", lambda *_, **__: pytest.fail("websites are made"))
+    monkeypatch.chdir(tmp_path)
+    Path("file").touch()
+    code, said = calls.run(*words.split())
+    assert (code, expected in one_line(said)) == (2, True), said
 
 
 def test_settings_that_are_nested_without_end_are_one_line(tmp_path: Path, calls: Calls) -> None:
@@ -431,14 +465,15 @@ async def endpoint_stops_the_run(
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        (("--policy", "random"), "--policy has no effect without --collect-only"),
-        (("--mistakes", "0.5"), "--mistakes has no effect without"),
-        (("--base-url", "http://127.0.0.1:1/v1"), "--base-url has no effect without"),
-        (("--weights", "w", "--model", "m"), "--model has no effect without"),
-        (("--profile", "tiny"), "--profile has no effect without"),
-        (("--coordinates",), "--marks has no effect without"),
-        (("--collect-only", "--weights", "w"), "--weights has no effect with --collect-only"),
-        (("--collect-only", "--iterations", "3"), "--iterations has no effect with --collect-only"),
+        (("--policy", "random"), "the demo trains the tiny policy, and excludes --policy (add --collect"),
+        (("--mistakes", "0.5"), "excludes --mistakes (add"),
+        (("--base-url", "http://127.0.0.1:1/v1"), "excludes --base-url (add"),
+        (("--weights", "w", "--model", "m"), "excludes --model (add"),
+        (("--profile", "tiny"), "excludes --profile (add"),
+        (("--coordinates",), "excludes --marks/--coordinates (add"),
+        (("--collector.sessions", "3"), "excludes --set (add"),
+        (("--collect-only", "--weights", "w"), "--collect-only does not train, and excludes --weights"),
+        (("--collect-only", "--iterations", "3"), "--collect-only does not train, and excludes --iterations"),
         (("--weights", "w"), "cannot load the model w"),
         (("--weights", "/nowhere/w"), "cannot load the model /nowhere/w: there is no such folder"),
     ],

@@ -11,7 +11,7 @@ import typer
 from pydantic import Field
 from typer.testing import CliRunner
 
-from webgym.cli._fields import Given, Option, Options, takes
+from webgym.cli._fields import Given, Option, Options, SettingsCommand, all_settings, takes
 from webgym.core.settings import Settings
 
 
@@ -64,10 +64,15 @@ def call(*arguments: str) -> tuple[int, str, Given]:
     received: Given = {}
     app = typer.Typer(rich_markup_mode="rich")
 
-    @app.command()
+    @app.command(cls=SettingsCommand)
     @takes(outer=OPTIONS)
-    def command(*, outer: Given, more: bool = typer.Option(False, "--more")) -> None:
-        received.update(outer, more=more)
+    def command(
+        *,
+        outer: Given,
+        more: bool = typer.Option(False, "--more"),
+        note: str = typer.Option("", "--note"),
+    ) -> None:
+        received.update(outer, more=more, **({"note": note} if note else {}))
 
     result = CliRunner().invoke(app, arguments, env={"COLUMNS": "200", "NO_COLOR": "1"})
     return result.exit_code, result.output, received
@@ -77,6 +82,34 @@ def test_only_what_was_given_is_passed_in_the_shape_of_the_model() -> None:
     assert call()[2] == {"more": False}
     given = call("--count", "2", "--no-kind", "--size", "all", "--name", "x", "--name", "y", "--more")[2]
     assert given == {"count": 2, "kind": "b", "size": "all", "inner": {"names": ["x", "y"]}, "more": True}
+
+
+@pytest.mark.parametrize(
+    ("words", "given"),
+    [
+        (("--inner.folder", "x"), {"inner": {"folder": "x"}}),
+        (("--inner.folder=x=y", "--count", "2"), {"inner": {"folder": "x=y"}, "count": 2}),
+        (("inner.names=[a, b]", "count=4"), {"inner": {"names": ["a", "b"]}, "count": "4"}),
+        (("--set", "kind=null", "--count", "2", "count=3"), {"kind": None, "count": "3"}),
+        (("--note", "count=3", "--more"), {"note": "count=3"}),
+        (("--more", "nowhere.key=1"), {"nowhere": {"key": "1"}}),  # which validation refuses
+    ],
+)
+def test_every_setting_is_set_by_its_path(words: tuple[str, ...], given: Given) -> None:
+    assert call(*words)[2] == {"more": "--more" in words, **given}
+
+
+@pytest.mark.parametrize("words", [("--inner.folder",), ("--set", "count"), ("count=[1",)])
+def test_a_setting_without_a_value_is_refused(words: tuple[str, ...]) -> None:
+    assert call(*words)[0] != 0
+
+
+def test_all_settings_are_listed_with_their_help() -> None:
+    code, told, _ = call("--help-all")
+    assert (code, told) == (0, "\n".join(all_settings(Outer)) + "\n")
+    assert "count=3\n    How many.\n" in told
+    assert "\ninner.names=\n    Several.\n" in told
+    assert "\ninner=" not in told
 
 
 @pytest.mark.parametrize("wrong", [("--count", "0"), ("--count", "x"), ("--share", "1.5")])

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
+from rich.console import Console
+from rich.text import Text
+
+from webgym.cli import EXIT_USAGE
+from webgym.cli._print import say
+from webgym.core.errors import UsageError
+from webgym.core.tables import Table, put
+from webgym.core.text import plain
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from rich.console import Console
-
     from webgym.taskset.sources import Read
 
 
@@ -30,10 +35,6 @@ def sources(
     ),
 ) -> None:
     """List the benchmarks that tasks come from; with --read, count tasks in files. Fails if one has none."""
-    from rich.console import Console
-
-    from webgym.cli import EXIT_USAGE
-
     console = Console()
     if not read:
         _list(console)
@@ -46,7 +47,6 @@ def sources(
 
 
 def _name_and_location(option: str) -> tuple[str, str]:
-    from webgym.core.errors import UsageError
     from webgym.taskset.sources import HUB
 
     name, separator, location = option.partition("=")
@@ -56,7 +56,6 @@ def _name_and_location(option: str) -> tuple[str, str]:
 
 
 def _list(console: Console) -> None:
-    from webgym.core.tables import Table, put
     from webgym.taskset.sources import SOURCES
 
     rows = [
@@ -68,15 +67,13 @@ def _list(console: Console) -> None:
 
 def _print_source(console: Console, name: str, location: str, lines: int) -> bool:
     """Read a source and print its counts; whether it contains any task."""
-    from rich.text import Text
-
     from webgym.taskset.sources import SOURCES, read_source
 
     records = read_source(name, location)
     source = SOURCES[name]
     console.print(Text.assemble((name, "bold"), f"  {location}"), soft_wrap=True)
     for label, value in _counts(records, source.paper_tasks, source.paper_websites):
-        console.print(f"  {label:<10} {value}", highlight=False, markup=False, soft_wrap=True)
+        say(f"  {label:<10} {value}", console)
     _print_some(console, records.skipped, lines)
     _print_some(console, records.passed_over, lines)
     return bool(records.tasks)
@@ -94,10 +91,8 @@ def _counts(records: Read, paper_tasks: int, paper_websites: int) -> Iterable[tu
 
 
 def _print_some(console: Console, entries: Iterable[object], lines: int) -> None:
-    from webgym.core.text import plain
-
     listed = list(entries)
     for entry in listed[:lines]:
-        console.print(f"    {plain(str(entry))}", highlight=False, markup=False, soft_wrap=True)
+        say(f"    {plain(str(entry))}", console)
     if lines and len(listed) > lines:
-        console.print(f"    and {len(listed) - lines:,} more (--lines)", highlight=False)
+        say(f"    and {len(listed) - lines:,} more (--lines)", console)

@@ -167,7 +167,6 @@ def test_a_pipe_in_a_run_or_a_training_is_not_waited_for(tmp_path: Path, calls: 
         ((), "--out or --resume"),
         (("--out", "x", "--resume", "y"), "--out or --resume"),
         (("--out", "x", "--split", "dev"), "split"),
-        (("--out", "x", "--policy", "oracle"), "oracle"),
         (("--out", "x", "--policy", "openai"), "--base-url"),
         (("--out", "x", "--profile", "qwen9"), "choose one of generic, gpt-4"),
         (("--out", "x", "--base-url", "ftp://x", "--model", "m"), "http"),

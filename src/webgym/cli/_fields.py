@@ -145,11 +145,10 @@ def takes(**groups: Options) -> Callable[[Callable[..., None]], Callable[..., No
                 print("\n".join(all_settings(group.model)))
             raise typer.Exit
 
+    listing = typer.Option("--help-all", help=_HELP_ALL, callback=print_all, is_eager=True)
     every = (
-        _extra("assignments", list[str], _SET),
-        _extra(
-            "help_all", bool, typer.Option("--help-all", help=_HELP_ALL, callback=print_all, is_eager=True)
-        ),
+        _extra("assignments", Annotated[list[str] | None, _SET]),
+        _extra("help_all", Annotated[bool | None, listing]),
     )
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
@@ -185,8 +184,7 @@ _SET: Final = typer.Option(
 _HELP_ALL: Final = "Print all settings with their defaults and exit."
 
 
-def _extra(name: str, kind: Any, option: Any) -> inspect.Parameter:
-    annotation = Annotated[kind | None, option]
+def _extra(name: str, annotation: Any) -> inspect.Parameter:
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
 
 
@@ -198,7 +196,8 @@ class SettingsCommand(TyperCommand):
         options = {flag: each for each in self.params for flag in (*each.opts, *each.secondary_opts)}
         if "--set" not in options:
             return super().parse_args(ctx, args)
-        words, rest = [], iter(args)
+        words: list[str] = []
+        rest = iter(args)
         for word in rest:
             if setting := _SETTING.fullmatch(word):
                 value = setting[2] if setting[2] is not None else next(rest, None)

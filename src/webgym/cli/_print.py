@@ -39,6 +39,15 @@ def shortened(message: str, limit: int = 300) -> str:
     return text if len(text) <= limit else f"{text[: limit - 1]}…"
 
 
+def say_some(entries: Iterable[object], limit: int, console: Console, indent: str = "    ") -> None:
+    """Print the first entries of a list, and how many more there are."""
+    listed = list(entries)
+    for entry in listed[:limit]:
+        say(f"{indent}{plain(str(entry))}", console)
+    if limit and len(listed) > limit:
+        say(f"{indent}and {len(listed) - limit:,} more (--lines)", console)
+
+
 def counted(number: int, noun: str) -> str:
     """A number with its noun, such as ``1 task`` and ``1,024 tasks``."""
     return f"{number:,} {noun}{'' if number == 1 else 's'}"

@@ -320,17 +320,21 @@ def policy_section(settings: Mapping[str, Any], given: Mapping[str, Any]) -> dic
     return section
 
 
-def settings(files: Sequence[Path], given: Mapping[str, Any]) -> RunConfig:
+def settings(
+    files: Sequence[Path], given: Mapping[str, Any], defaults: Mapping[str, Any] | None = None
+) -> RunConfig:
     """The settings of a run, from YAML files and options.
 
     Args:
         files: later files override earlier ones.
         given: values of options, nested like the settings; they override the files, ``None`` does not.
+        defaults: settings that the files override.
 
     Raises:
         ConfigError: a file cannot be read, or a setting is missing, unknown or out of range.
     """
-    merged_files, given = read_files(files, hint="see configs/ for examples"), without_none(given)
+    merged_files = merged(defaults or {}, read_files(files, hint="see configs/ for examples"))
+    given = without_none(given)
     judge = given.pop("judge", None)
     if "policy" in given:
         policy = merged_files.pop("policy", None)

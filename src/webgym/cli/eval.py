@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
     from webgym.results.evaluation import Evaluation
     from webgym.results.summary import Summary
-    from webgym.run.config import RunConfig
 
 
 RUN = options.run_options(
@@ -113,11 +112,19 @@ def _collection(
     from webgym.cli import _run
     from webgym.cli._checks import check_folder
     from webgym.core.settings import merged
+    from webgym.results.evaluation import TEST_BUDGET
     from webgym.run.collect import collect
 
     check_folder(folder)
-    defaults = {"tasks": {"spread": True, "split": "test"}, "attempt": _budgets(budget)}
-    run = _with_test_defaults(_run.settings(config, merged(defaults, settings)))
+    # The slowest attempts do not end early: they would have fewer steps than the others.
+    defaults = {
+        "attempt": {f"budget_{level}": getattr(TEST_BUDGET, level) for level in LEVELS},
+        "collector": {"straggler_share": 1.0},
+    }
+    always = {"tasks": {"spread": True, "split": "test"}, "attempt": _budgets(budget)}
+    run = _run.settings(config, merged(always, settings), defaults)
+    if run.tasks.file is not None and run.tasks.count is None:
+        run = run.model_copy(update={"tasks": run.tasks.model_copy(update={"count": "all"})})
     return partial(collect, run, folder)
 
 
@@ -130,7 +137,7 @@ def _print_results(
     if as_json:
         print_json(results[0] if len(results) == 1 else results)
         return
-    shown = [*tables(results), conditions(results)] if as_markdown else tables(results)
+    shown = [*tables(results), *([conditions(results)] if as_markdown else [])]
     print_tables(shown, console, as_markdown=as_markdown, as_latex=as_latex)
     for result in results:
         for note in notes(result, alone=len(results) == 1):
@@ -144,30 +151,6 @@ def _budgets(budget: str | None) -> dict[str, int]:
     if len(parts) != 3 or not all(part.isascii() and part.isdecimal() for part in parts):
         raise ConfigError(f"--budget {budget!r} is not three numbers", hint="as in --budget 30,50,70")
     return {f"budget_{level}": int(part) for level, part in zip(LEVELS, parts, strict=True)}
-
-
-def _with_test_defaults(settings: RunConfig) -> RunConfig:
-    """Settings of a run, with the defaults of an evaluation for what is not set.
-
-    These are the paper's test budgets, all tasks of a file, and no early end of the slowest attempts, which
-    would have fewer steps than the others.
-    """
-    from webgym.results.evaluation import TEST_BUDGET
-
-    attempt = {
-        f"budget_{level}": getattr(TEST_BUDGET, level)
-        for level in LEVELS
-        if f"budget_{level}" not in settings.attempt.model_fields_set
-    }
-    collector = {} if "straggler_share" in settings.collector.model_fields_set else {"straggler_share": 1.0}
-    is_whole = settings.tasks.file is not None and settings.tasks.count is None
-    return settings.model_copy(
-        update={
-            "attempt": settings.attempt.model_copy(update=attempt),
-            "collector": settings.collector.model_copy(update=collector),
-            "tasks": settings.tasks.model_copy(update={"count": "all"} if is_whole else {}),
-        }
-    )
 
 
 def _new_folder() -> Path:

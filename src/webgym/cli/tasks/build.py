@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -167,9 +166,11 @@ def _print_batches(pending: PendingBatches, paths: BuildPaths, console: Console)
 def _print_build(finished: FinishedBuild, paths: BuildPaths, console: Console) -> None:
     build = finished.build
     cells = []
-    for stage, of_stage in groupby(build.accounting.rows, key=lambda row: row.stage):
-        rows = list(of_stage)
-        reasons = sum((Counter(row.lost) for row in rows), Counter())
+    for stage in dict.fromkeys(row.stage for row in build.accounting.rows):
+        rows = [row for row in build.accounting.rows if row.stage == stage]
+        reasons: Counter[str] = Counter()
+        for row in rows:
+            reasons.update(row.lost)
         came, made, left = (sum(getattr(row, name) for row in rows) for name in ("came", "made", "left"))
         why = ", ".join(f"{reason} {count:,}" for reason, count in reasons.items())
         cells.append((stage, str(came), str(made), str(reasons.total()), str(left), why))

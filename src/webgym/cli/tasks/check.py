@@ -14,7 +14,7 @@ from rich.console import Console
 
 from webgym.cli import EXIT_FAILED, EXIT_USAGE
 from webgym.cli._checks import check_writable
-from webgym.cli._print import print_json, say
+from webgym.cli._print import print_json, say, say_some
 from webgym.cli.tasks._files import print_set_aside, read_all, read_unique
 from webgym.core.errors import TaskFileError
 from webgym.core.tables import Table, csv_text, markdown, put, show
@@ -63,28 +63,22 @@ def validate(
 def _print_report(report: Report, broken: Sequence[str], lines: int) -> None:
     from webgym.taskset.validate import RULES
 
+    console = Console()
     print(
         f"{report.tasks:,} tasks on {report.websites:,} websites, {report.train:,} for training and", end=" "
     )
     print(f"{report.test:,} for testing, on {report.test_websites:,} websites")
     for rule, count in report.counts().items():
         print(f"{'ok ' if not count else 'BAD'} {RULES[rule]}" + (f": {count:,} exceptions" if count else ""))
-        _print_some([str(offender) for offender in report.offenders if offender.rule == rule], lines)
+        say_some((each for each in report.offenders if each.rule == rule), lines, console, "      ")
     for rule in report.unchecked:
         print(f"--  not checked, as the tasks are not split yet: {RULES[rule]}")
     if broken:
         print(f"BAD every record can be read: {len(broken):,} cannot")
-        _print_some(broken, lines)
+        say_some(broken, lines, console, "      ")
     if report.orphans:
         some = plain(", ".join(report.orphans[:3]))
         print(f"{len(report.orphans):,} derived tasks have no parent here, which is allowed: {some}, ...")
-
-
-def _print_some(entries: Sequence[str], lines: int) -> None:
-    for line in entries[:lines]:
-        print(f"      {line}")
-    if len(entries) > lines:
-        print(f"      and {len(entries) - lines:,} more (--lines)")
 
 
 def check(file: Path = typer.Argument(..., help="Task file.")) -> None:

@@ -11,10 +11,9 @@ from rich.console import Console
 from rich.text import Text
 
 from webgym.cli import EXIT_USAGE
-from webgym.cli._print import say
+from webgym.cli._print import say, say_some
 from webgym.core.errors import UsageError
 from webgym.core.tables import Table, put
-from webgym.core.text import plain
 
 if TYPE_CHECKING:
     from webgym.taskset.sources import Read
@@ -74,8 +73,8 @@ def _print_source(console: Console, name: str, location: str, lines: int) -> boo
     console.print(Text.assemble((name, "bold"), f"  {location}"), soft_wrap=True)
     for label, value in _counts(records, source.paper_tasks, source.paper_websites):
         say(f"  {label:<10} {value}", console)
-    _print_some(console, records.skipped, lines)
-    _print_some(console, records.passed_over, lines)
+    say_some(records.skipped, lines, console)
+    say_some(records.passed_over, lines, console)
     return bool(records.tasks)
 
 
@@ -88,11 +87,3 @@ def _counts(records: Read, paper_tasks: int, paper_websites: int) -> Iterable[tu
         yield label, ", ".join(f"{count:,} {value}" for value, count in sorted(counts.items())) or "none"
     if records.passed_over:
         yield "no tasks", f"in {len(records.passed_over):,} files"
-
-
-def _print_some(console: Console, entries: Iterable[object], lines: int) -> None:
-    listed = list(entries)
-    for entry in listed[:lines]:
-        say(f"    {plain(str(entry))}", console)
-    if lines and len(listed) > lines:
-        say(f"    and {len(listed) - lines:,} more (--lines)", console)

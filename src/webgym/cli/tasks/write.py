@@ -135,7 +135,7 @@ SAMPLER = Options(
             help="Ratio of easy:medium:hard, such as 2:1:1.",
             default="as in the files",
             metavar="RATIO",
-            parse=lambda ratio: parse_ratio(ratio),
+            parse=parse_ratio,
         ),
         "--domain": "domains",
         "--without": "without",

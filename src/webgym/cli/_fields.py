@@ -216,6 +216,8 @@ class SettingsCommand(TyperCommand):
 
 def _group_of(assignment: str, groups: Mapping[str, Options]) -> str:
     """The group that has the section of an assignment; the first one, which will refuse it, if none has."""
+    if len(groups) == 1:  # whose class may take seconds to import
+        return next(iter(groups))
     section = re.split(r"[.=]", assignment)[0]
     known = (name for name, group in groups.items() if section in group.model.model_fields)
     return next(known, next(iter(groups)))

@@ -64,50 +64,10 @@ def one_line(said: str) -> str:
     return line
 
 
-def test_an_unknown_task_file(tmp_path: Path, calls: Calls) -> None:
-    code, said = calls.run("rollout", "--tasks", tmp_path / "none.jsonl", "--out", tmp_path / "run")
-    assert code == 2
-    assert "none.jsonl" in one_line(said)
-    assert not (tmp_path / "run").exists()
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("rollout", "--tasks", "/dev/zero", "--out", "run"),
-        ("tasks", "build", "--source", "deepshop=/dev/zero", "--dry-run", "--out", "tasks"),
-        ("train", "/dev/zero", "--out", "training"),
-    ],
-)
-def test_a_device_has_no_end_and_is_not_read(
-    tmp_path: Path, calls: Calls, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    code, said = calls.run(*words)
-    assert (code, one_line(said)) == (2, "webgym: /dev/zero is a device (give a file)")
-
-
-@pytest.mark.parametrize(
-    "words", [("rollout", "--out", "run", "--tasks"), ("tasks", "show"), ("export", "--out", "rows")]
-)
-@pytest.mark.parametrize("name", ["offline", "offline-small", "offline-cross"])
-def test_an_earlier_version_of_a_task_set_is_refused_with_its_successor(
-    calls: Calls, words: tuple[str, ...], name: str
-) -> None:
-    code, said = calls.run(*words, f"{name}-v1")
-    assert (code, f"there are no tasks named '{name}-v1' any more ({name}-v2 replaces them)" in said) == (
-        2,
-        True,
-    )
-
-
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (
-            "rollout --policy oracle --out run",
-            "unknown policy 'oracle' (choose one of scripted, random, openai)",
-        ),
+        ("rollout --policy oracle --out run", "unknown policy 'oracle' (choose one of scripted"),
         ("rollout policy.name=oracle --out run", "unknown policy 'oracle'"),
         ("rollout --out file/run", "cannot create file/run: "),
         ("eval --out file/run", "cannot create file/run: "),
@@ -120,6 +80,25 @@ def test_an_earlier_version_of_a_task_set_is_refused_with_its_successor(
         ("pretrain --out file/run", "cannot create file/run: "),
         ("study --out study --weights /nowhere/w", "cannot load the model /nowhere/w"),
         ("rollout --colector.sessions 2 --out run", "colector: there is no such setting; did you mean"),
+        ("rollout --tasks none.jsonl --out run", "cannot read the task file none.jsonl"),
+        ("rollout --tasks /dev/zero --out run", "webgym: /dev/zero is a device (give a file)"),
+        ("tasks build --source deepshop=/dev/zero --dry-run --out run", "/dev/zero is a device"),
+        ("train /dev/zero --out run", "webgym: /dev/zero is a device (give a file)"),
+        ("train none.yaml --out run", "cannot read none.yaml"),
+        ("train tiny --resume t --explain", "give either settings and --out, or --resume"),
+        ("train tiny", "give either settings and --out, or --resume"),
+        ("train --out t --resume t", "give either settings and --out, or --resume"),
+        ("train", "give either settings and --out, or --resume"),
+        ("rollout --tasks offline-v1 --out run", "no tasks named 'offline-v1' any more (offline-v2 replaces"),
+        ("tasks show offline-small-v1", "any more (offline-small-v2 replaces them)"),
+        ("export offline-cross-v1 --out run", "any more (offline-cross-v2 replaces them)"),
+        ("eval --of none --model B --retry-errors --judge offline", "and excludes --model, --retry-errors ("),
+        ("demo --out run --policy random", "the demo trains the tiny policy, and excludes --policy"),
+        ("demo --out run --mistakes 0.5 --profile tiny", "excludes --mistakes, --profile (add"),
+        ("demo --out run --base-url http://127.0.0.1:1/v1 --model m", "excludes --base-url, --model (add"),
+        ("demo --out run --coordinates seed=3", "excludes --marks/--coordinates, --set (add"),
+        ("demo --out run --collect-only --weights w", "does not train, and excludes --weights"),
+        ("demo --out run --collect-only --iterations 3", "does not train, and excludes --iterations"),
     ],
 )
 def test_what_is_wrong_is_found_before_websites_browsers_or_torch_start(
@@ -132,6 +111,8 @@ def test_what_is_wrong_is_found_before_websites_browsers_or_torch_start(
     Path("file").touch()
     code, said = calls.run(*words.split())
     assert (code, expected in one_line(said)) == (2, True), said
+    assert not Path("run").exists()
+    assert "resume with" not in said
 
 
 def test_settings_that_are_nested_without_end_are_one_line(tmp_path: Path, calls: Calls) -> None:
@@ -210,13 +191,6 @@ def test_a_benchmark_that_would_never_end(calls: Calls, call: str) -> None:
     code, said = calls.run("bench", *call.split(), "inf")
     assert code == 2
     assert f"'{call.split()[1]}'" in one_line(said)
-
-
-def test_options_that_printing_a_runs_results_would_ignore_are_refused(calls: Calls) -> None:
-    given = ("--model", "B", "--retry-errors", "--judge", "offline", "--json")
-    code, said = calls.run("eval", "--of", "none", *given)
-    assert code == 2
-    assert "--of prints a run's results, and excludes --model, --retry-errors" in one_line(said)
 
 
 SHARED = "/nowhere/claims"
@@ -461,26 +435,7 @@ async def endpoint_stops_the_run(
     assert summary["success_rate"]["overall"] is None
 
 
-@pytest.mark.parametrize(
-    ("options", "told"),
-    [
-        (("--policy", "random"), "the demo trains the tiny policy, and excludes --policy (add --collect"),
-        (("--mistakes", "0.5"), "excludes --mistakes (add"),
-        (("--base-url", "http://127.0.0.1:1/v1"), "excludes --base-url (add"),
-        (("--weights", "w", "--model", "m"), "excludes --model (add"),
-        (("--profile", "tiny"), "excludes --profile (add"),
-        (("--coordinates",), "excludes --marks/--coordinates (add"),
-        (("--collector.sessions", "3"), "excludes --set (add"),
-        (("--collect-only", "--weights", "w"), "--collect-only does not train, and excludes --weights"),
-        (("--collect-only", "--iterations", "3"), "--collect-only does not train, and excludes --iterations"),
-        (("--weights", "w"), "cannot load the model w"),
-        (("--weights", "/nowhere/w"), "cannot load the model /nowhere/w: there is no such folder"),
-    ],
-)
-def test_a_demo_refuses_options_that_it_would_not_look_at(
-    tmp_path: Path, calls: Calls, options: tuple[str, ...], told: str
-) -> None:
-    code, said = calls.run("demo", "--out", tmp_path / "run", *options)
-    assert code == 2
-    assert told in one_line(said)
+def test_a_demo_of_weights_that_are_not_there(tmp_path: Path, calls: Calls) -> None:
+    code, said = calls.run("demo", "--out", tmp_path / "run", "--weights", "w")
+    assert (code, "cannot load the model w" in one_line(said)) == (2, True)
     assert not (tmp_path / "run").exists()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -99,11 +98,6 @@ def test_every_setting_is_set_by_its_path(words: tuple[str, ...], given: Given) 
     assert call(*words)[2] == {"more": "--more" in words, **given}
 
 
-@pytest.mark.parametrize("words", [("--inner.folder",), ("--set", "count"), ("count=[1",)])
-def test_a_setting_without_a_value_is_refused(words: tuple[str, ...]) -> None:
-    assert call(*words)[0] != 0
-
-
 def test_all_settings_are_listed_with_their_help() -> None:
     code, told, _ = call("--help-all")
     assert (code, told) == (0, "\n".join(all_settings(Outer)) + "\n")
@@ -112,9 +106,12 @@ def test_all_settings_are_listed_with_their_help() -> None:
     assert "\ninner=" not in told
 
 
-@pytest.mark.parametrize("wrong", [("--count", "0"), ("--count", "x"), ("--share", "1.5")])
-def test_values_out_of_a_fields_range_are_refused(wrong: tuple[str, str]) -> None:
-    assert call(*wrong)[0] == 2
+@pytest.mark.parametrize(
+    "wrong",
+    ["--count 0", "--count x", "--share 1.5", "--inner.folder", "--set count", "count=[1", "--count"],
+)
+def test_values_that_a_field_does_not_take_are_refused(wrong: str) -> None:
+    assert call(*wrong.split())[0] != 0
 
 
 def test_help_is_the_first_paragraph_of_the_docstring_with_the_default() -> None:
@@ -122,13 +119,3 @@ def test_help_is_the_first_paragraph_of_the_docstring_with_the_default() -> None
     assert "How many. [default: (3)]" in told
     assert "Where, with markup and a.Role; [brackets] stay." in told
     assert "Not in the help" not in told
-
-
-@pytest.mark.parametrize("module", ["rollout", "eval", "serve", "judge", "tasks.build"])
-def test_every_option_of_a_verb_has_a_help_text(module: str) -> None:
-    verb = importlib.import_module(f"webgym.cli.{module}")
-    groups = [each for each in vars(verb).values() if isinstance(each, Options)]
-    assert groups
-    for parameter in (each for group in groups for each in group.parameters()):
-        (option,) = parameter.annotation.__metadata__
-        assert option.help, parameter.name

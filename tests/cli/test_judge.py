@@ -263,5 +263,5 @@ def test_help_is_enough(capsys: pytest.CaptureFixture[str]) -> None:
     assert "webgym judge RUN" in capsys.readouterr().out
     assert webgym("judge", "run", "--help") == 0
     said = capsys.readouterr().out
-    for option in ("--judge", "--base-url", "--rubric.fact.chat.model", "--compare", "--again"):
+    for option in ("--judge", "--base-url", "--set", "--compare", "--again"):
         assert option in said

@@ -66,7 +66,7 @@ def test_a_run_is_judged_and_compared(
         judge_model.url,
         "--model",
         "judge-1",
-        "--fact-model",
+        "--rubric.fact.chat.model",
         "big-1",
         "--price",
         "2,8",
@@ -263,5 +263,5 @@ def test_help_is_enough(capsys: pytest.CaptureFixture[str]) -> None:
     assert "webgym judge RUN" in capsys.readouterr().out
     assert webgym("judge", "run", "--help") == 0
     said = capsys.readouterr().out
-    for option in ("--judge", "--base-url", "--fact-model", "--compare", "--again"):
+    for option in ("--judge", "--base-url", "--set", "--compare", "--again"):
         assert option in said

@@ -122,7 +122,7 @@ def test_tasks_without_a_fact_to_judge_are_set_aside_and_counted(
     [
         (("none.jsonl", "out.parquet"), "cannot read the task file"),
         (("tasks.parquet", "out.txt"), "has no known suffix"),
-        (("tasks.parquet", "out.jsonl", "--format", "csv"), "jsonl, parquet, published"),
+        (("tasks.parquet", "out.jsonl", "--format", "csv"), "'jsonl', 'parquet', 'published'"),
         (
             ("tasks.parquet", "out.jsonl", "--format", "parquet"),
             "not a valid file name for the format parquet",

@@ -101,15 +101,6 @@ def test_an_iteration_is_told_on_one_line(tmp_path: Path) -> None:
     assert "; nothing to train on (left out:" in iteration_line(nothing, TrainingProgress(iterations=2))
 
 
-@pytest.mark.parametrize(
-    "words", [("x.yaml", "--resume", "t", "--explain"), ("x.yaml",), ("--out", "t", "--resume", "t"), ()]
-)
-def test_settings_or_a_training_to_go_on_with(calls: Calls, words: tuple[str, ...]) -> None:
-    code, said = calls.run("train", *words)
-    assert code == 2
-    assert "give either settings and --out, or --resume" in said
-
-
 def test_the_pages_commands_train_and_go_on(
     tmp_path: Path, calls: Calls, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -171,9 +162,3 @@ def test_a_stop_says_how_to_go_on(
     (line,) = [each for each in printed.splitlines() if "resume with:" in each]
     assert line == f"finished work is stored; resume with: webgym train --resume '{folder}'"
     assert "Traceback" not in printed
-
-
-def test_one_that_did_not_begin_says_nothing_about_going_on(tmp_path: Path, calls: Calls) -> None:
-    code, said = calls.run("train", tmp_path / "none.yaml", "--out", tmp_path / "out")
-    assert code == 2
-    assert "resume with" not in said

@@ -17,7 +17,7 @@ from playwright.async_api import Browser, expect
 from tests.report.conftest import HOSTILE
 from tests.report.test_pages import CONTRAST, opened
 
-from webgym.cli.view import _has_tasks
+from webgym.cli.tasks._files import has_tasks
 from webgym.core.errors import TaskFileError
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.truth import AnswerTruth, Click, Truth
@@ -149,12 +149,12 @@ def test_a_set_of_a_single_task_has_a_page(tmp_path: Path) -> None:
 
 
 def test_what_is_viewed_is_told_by_what_is_there(run_folder: Path, folder: Path, tmp_path: Path) -> None:
-    assert not _has_tasks(run_folder)  # though a run holds its tasks, too
-    assert _has_tasks(folder)
-    assert _has_tasks(folder / "tasks.jsonl")
-    assert _has_tasks(tmp_path / "none.parquet")
-    assert not _has_tasks(tmp_path)
-    assert not _has_tasks(tmp_path / "nowhere")
+    assert not has_tasks(run_folder)  # though a run holds its tasks, too
+    assert has_tasks(folder)
+    assert has_tasks(folder / "tasks.jsonl")
+    assert has_tasks(tmp_path / "none.parquet")
+    assert not has_tasks(tmp_path)
+    assert not has_tasks(tmp_path / "nowhere")
 
 
 # --- in a browser -------------------------------------------------------------------------------------

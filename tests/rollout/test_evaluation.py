@@ -19,9 +19,10 @@ from tests.conftest import Calls
 from tests.report.conftest import build_run
 from tests.rollout.test_summary import attempt, task
 
-from webgym.cli._evaluation import notes, show
+from webgym.cli._evaluation import notes, tables
 from webgym.core.errors import RunFolderError
 from webgym.core.outcome import Outcome
+from webgym.core.tables import put
 from webgym.core.task import LEVELS, Level
 from webgym.core.verdict import Judgement, Verdict
 from webgym.judge.offline import OfflineJudge
@@ -313,8 +314,8 @@ def test_conditions_stand_beside_the_score(run: Path, calls: Calls) -> None:
     rows = [line.strip("| ").split(" | ") for line in said.partition("**Conditions**")[2].splitlines()[2:]]
     told = {row[0]: row[1:] for row in rows}
     assert told["browser"] == ["not recorded"] * 2
-    assert told["judged samples, successes"] == ["7, 4"] * 2
-    assert all("judge_error" in cell for cell in told["samples without a reward"])
+    assert (told["judged"], told["successes"]) == (["7"] * 2, ["4"] * 2)
+    assert all("judge_error" in cell for cell in told["invalid"])
 
 
 def test_several_samples_per_task_fit_a_terminal_and_are_explained(run: Path) -> None:
@@ -322,12 +323,11 @@ def test_several_samples_per_task_fit_a_terminal_and_are_explained(run: Path) ->
     rows = rows_of(samples, drawn(easy=600), 4, QUICK)
     result = msgspec.structs.replace(evaluate(run, config=QUICK), samples=4, rows=rows)
     said = io.StringIO()
-    show(result, Console(file=said, width=80))
-    table, _, _ = said.getvalue().strip("\n").partition("\n\n")
-    assert max(map(len, table.splitlines())) <= 80
-    assert "86.4, 88.5" in table
-    assert "…" not in table
-    assert "95 % intervals over tasks: bootstrap" in said.getvalue()
+    put(next(tables([result])), Console(file=said, width=80, force_terminal=True, color_system=None))
+    assert max(map(len, said.getvalue().splitlines())) <= 80
+    assert "86.4, 88.5" in said.getvalue()
+    assert "…" not in said.getvalue()
+    assert any(note.startswith("95 % intervals over tasks: bootstrap") for note in notes(result))
     assert any(note.startswith("ever:") for note in notes(result))
     assert not any(note.startswith("ever:") for note in notes(result, alone=False))
     alike = rows_of(attempts("easy", "ssss", "ssss"), drawn(easy=2), 4, QUICK)

@@ -50,9 +50,8 @@ def test_the_preset_of_groups_is_asyncwebrls() -> None:
 
 
 def test_the_preset_of_the_tiny_policy_is_the_demo() -> None:
-    weights = Path("src/webgym/study/weights")
-    assert (CONFIGS.parent / weights / "config.json").exists()
-    expected = demo.settings(weights, seed=0, tasks=200, iterations=None, sessions=8)
+    assert (demo.WEIGHTS / "config.json").exists()
+    expected = demo.settings(demo.WEIGHTS, seed=0, tasks=200, iterations=None, sessions=8)
     assert load_train_config([CONFIGS / "train/tiny.yaml"]) == expected
 
 

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 from shutil import get_terminal_size
 
 import typer
+from typer.core import TyperCommand
 
 from webgym.core.errors import UsageError, WebGymError
 from webgym.core.text import plain
@@ -106,13 +107,21 @@ def build(loaded: str | None) -> typer.Typer:
             continue
         target = getattr(importlib.import_module(verb.module), verb.attribute)
         if isinstance(target, typer.Typer):
-            for command in target.registered_commands:  # lists without boxes would cut their texts
+            for command in target.registered_commands:
+                command.cls = _command_class()
+                # lists without boxes would cut the texts of commands
                 told = command.help or inspect.getdoc(command.callback) or ""
                 command.short_help = " ".join(told.partition("\n\n")[0].split())
             app.add_typer(target, name=verb.name, help=verb.help)
         else:
-            app.command(verb.name)(target)
+            app.command(verb.name, cls=_command_class())(target)
     return app
+
+
+def _command_class() -> type[TyperCommand]:
+    from webgym.cli._fields import SettingsCommand  # imports pydantic, which `webgym --help` does not need
+
+    return SettingsCommand
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -6,20 +6,24 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Final, Literal, TypeAlias
 
 import typer
 
+from webgym.cli._fields import Given, Option, Options, takes
+from webgym.cli._print import AsJson, AsLatex, AsMarkdown, print_json, print_tables, refuse_several, say
 from webgym.core.errors import UsageError
+from webgym.core.tables import DASH, Table
 from webgym.core.text import plain
+from webgym.judge.agreement import AgreementConfig, agreement, draw_agreement
+from webgym.judge.labels import Humans
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
-    from webgym.core.tables import Table
-    from webgym.judge.agreement import Agreement, AgreementConfig, Case, Confusion, Estimate, Group, Metric
+    from webgym.judge.agreement import Agreement, Case, Confusion, Estimate, Group, Metric
     from webgym.judge.labels import AnnotatorAgreement, BrokenLabel, HumanLabel, Humans
     from webgym.judge.webjudge import Labelled
+
+Unsure: TypeAlias = Literal["failure", "left_out"]
 
 _METRICS: Final[dict[Metric, str]] = {
     "accuracy": "accuracy",
@@ -49,7 +53,22 @@ class _Labelled:
     annotators: AnnotatorAgreement | None = None
 
 
+AGREEMENT = Options(
+    AgreementConfig,
+    {
+        "--no-verdict": Option(
+            "no_verdict",
+            help="How a trajectory without a verdict is counted: left_out or failure.",
+            default="left_out; failure with --webjudge",
+        ),
+        "--seed": Option("seed", help="Seed of the bootstrap."),
+    },
+)
+
+
+@takes(settings=AGREEMENT)
 def agreement_command(
+    settings: Given,
     run: Path | None = typer.Argument(None, help="The run folder; not with --webjudge.", show_default=False),
     labels: Path | None = typer.Option(
         None,
@@ -83,50 +102,47 @@ def agreement_command(
         "are left out.",
         show_default=False,
     ),
-    humans: str | None = typer.Option(
+    humans: Humans | None = typer.Option(
         None,
         "--humans",
         help="How labels of several annotators are combined: majority, first or unanimous.",
         show_default="majority; first with --webjudge",
     ),
-    no_verdict: str | None = typer.Option(
-        None,
-        "--no-verdict",
-        help="How a trajectory without a verdict is counted: left_out or failure.",
-        show_default="left_out; failure with --webjudge",
-    ),
-    unsure: str = typer.Option(
+    unsure: Unsure = typer.Option(
         "failure", "--unsure", help="With --webjudge: how the label 'unsure' is counted: failure or left_out."
     ),
-    resamples: int = typer.Option(10_000, "--resamples", min=100, help="Number of bootstrap resamples."),
-    seed: int = typer.Option(0, "--seed", help="Seed of the bootstrap."),
     figure: list[Path] = typer.Option(
         [],
         "--figure",
         help="Draw the agreement to this file: .png, .svg or .pdf. May be repeated.",
         show_default=False,
     ),
-    as_json: bool = typer.Option(False, "--json", help="Print the results as JSON."),
-    as_markdown: bool = typer.Option(False, "--markdown", help="Print the table as Markdown."),
-    as_latex: bool = typer.Option(False, "--latex", help="Print the table as LaTeX (booktabs)."),
+    as_json: AsJson = False,
+    as_markdown: AsMarkdown = False,
+    as_latex: AsLatex = False,
 ) -> None:
     """Compare judges with human labels: accuracy, precision, recall, F1 and Cohen's kappa, by difficulty.
 
     Intervals are 95 % bootstrap intervals over tasks, stratified by difficulty; differences from the first
     judge are paired.
     """
-    from webgym.judge.agreement import agreement
+    from rich.console import Console
+
+    from webgym.cli._checks import check_figure
+    from webgym.core.settings import validated
 
     if bool(webjudge) == (run is not None):
         raise UsageError("give either a run folder or --webjudge", hint="see webgym judge agreement --help")
-    if as_json + as_markdown + as_latex > 1:
-        raise UsageError("--json, --markdown and --latex exclude each other", hint="give one of them")
-    config = _config(no_verdict or ("failure" if webjudge else "left_out"), resamples, seed)
+    refuse_several(json=as_json, markdown=as_markdown, latex=as_latex)
+    for path in figure:
+        check_figure(path)
+    combined: Humans = humans or ("majority" if run else "first")
+    config = validated(AgreementConfig, {"no_verdict": "failure" if webjudge else "left_out"} | settings)
     if run is None:
         own = _labels_of_tasks(labels, annotator, agent) if labels else []
-        labelled = _read_webjudge(webjudge, own, _humans(humans or "first"), unsure)
+        labelled = _read_webjudge(webjudge, own, combined, unsure)
     else:
-        labelled = _read_run(run, labels, judge, annotator, agent, _humans(humans or "majority"))
+        labelled = _read_run(run, labels, judge, annotator, agent, combined)
     if not labelled.cases:
         left_out = [f"{count} × {reason}" for reason, count in labelled.left_out.items()]
         why = ", ".join(left_out or labelled.notes[:1]) or "there are no labels"
@@ -136,29 +152,15 @@ def agreement_command(
         )
     result = agreement(labelled.judges, labelled.cases, config)
     for path in figure:
-        _draw(result, path)
+        draw_agreement(result, path)
     if as_json:
-        _print_json(result, labelled, config)
-    elif as_markdown or as_latex:
-        _print_document(result, labelled, config, as_latex=as_latex)
-    else:
-        _print_terminal(result, labelled, config)
-
-
-def _config(no_verdict: str, resamples: int, seed: int) -> AgreementConfig:
-    from webgym.judge.agreement import AgreementConfig
-
-    known: dict[str, Literal["left_out", "failure"]] = {"left_out": "left_out", "failure": "failure"}
-    if no_verdict not in known:
-        raise UsageError(f"invalid --no-verdict {no_verdict!r}", hint="give left_out or failure")
-    return AgreementConfig(no_verdict=known[no_verdict], resamples=resamples, seed=seed)
-
-
-def _humans(name: str) -> Humans:
-    known: dict[str, Humans] = {"majority": "majority", "first": "first", "unanimous": "unanimous"}
-    if name not in known:
-        raise UsageError(f"invalid --humans {name!r}", hint=f"give one of {', '.join(known)}")
-    return known[name]
+        print_json(_document(result, labelled, config))
+        return
+    console = Console(stderr=as_markdown or as_latex)
+    tables = _tables(result) if as_markdown or as_latex else _blocks(result)
+    print_tables(tables, console, as_markdown=as_markdown, as_latex=as_latex)
+    for note in _notes(result, labelled, config):
+        say(plain(note), console)
 
 
 def _read_run(
@@ -223,8 +225,6 @@ def _read_webjudge(
 ) -> _Labelled:
     from webgym.judge.webjudge import pairs_of, read_labelled
 
-    if unsure not in ("failure", "left_out"):
-        raise UsageError(f"invalid --unsure {unsure!r}", hint="give failure or left_out")
     records: list[Labelled] = []
     notes: list[str] = []
     for path in paths:
@@ -237,9 +237,6 @@ def _read_webjudge(
         for key in pairs.apart
     ]
     return _Labelled(pairs.judges, pairs.cases, pairs.left_out, notes)
-
-
-# --- output --------------------------------------------------------------------------------------------
 
 
 def _rows(result: Agreement) -> Iterator[tuple[str, Group, int, int, Mapping[Metric, Estimate]]]:
@@ -257,8 +254,6 @@ def _differences(result: Agreement) -> Iterator[tuple[str, Group, int, Mapping[M
 
 
 def _tables(result: Agreement) -> Iterator[Table]:
-    from webgym.core.tables import Table
-
     def cell(estimate: Estimate, write: Callable[[float], str]) -> str:
         value, interval = _parts(estimate, write)
         return f"{value} [{interval}]" if interval else value
@@ -287,8 +282,6 @@ def _signed(value: float) -> str:
 
 def _parts(estimate: Estimate, write: Callable[[float], str]) -> tuple[str, str]:
     """A value and its interval as text; a dash if the value is undefined."""
-    from webgym.core.tables import DASH
-
     if estimate.value is None:
         return DASH, ""
     if estimate.low is None or estimate.high is None:
@@ -301,52 +294,28 @@ def _short(figure: str) -> str:
     return figure.replace("0.", ".", 1)
 
 
-def _print_document(
-    result: Agreement, labelled: _Labelled, config: AgreementConfig, *, as_latex: bool
-) -> None:
-    """Print tables in Markdown or LaTeX on stdout, and the notes on stderr."""
-    from rich.console import Console
-
-    from webgym.core.tables import latex, markdown
-
-    _print_notes(result, labelled, config, Console(stderr=True))
-    print((latex if as_latex else markdown)(_tables(result)), end="")
-
-
-def _print_terminal(result: Agreement, labelled: _Labelled, config: AgreementConfig) -> None:
-    from rich.console import Console
-    from rich.table import Table as RichTable
-
-    console = Console()
-
-    def block(title: str, rows: Sequence[tuple[Group, str, Mapping[Metric, Estimate]]], signed: bool) -> None:
-        console.print()
-        console.print(plain(title), style="bold", highlight=False, soft_wrap=True, markup=False)
-        table = RichTable(box=None, pad_edge=False, padding=(0, 1 if signed else 2, 0, 0), header_style="dim")
-        table.add_column("", no_wrap=True, min_width=len("overall"))
-        for name in ("n", *_METRICS.values()):
-            table.add_column(name, justify="right", no_wrap=True)
-        for group, cases, metrics in rows:
-            parts = [_parts(metrics[name], _signed if signed else _rate) for name in _METRICS]
-            table.add_row(group, cases, *(value for value, _ in parts))
-            table.add_row("", "", *(interval for _, interval in parts), style="dim")
-        console.print(table)
-
+def _blocks(result: Agreement) -> Iterator[Table]:
+    """A table for each judge and each difference, narrow enough for a terminal: intervals below values."""
     for judge in result.judges:
-        rows = [(group, str(n), metrics) for name, group, n, _, metrics in _rows(result) if name == judge]
-        missing = result.judges[judge]["overall"].no_verdict
-        block(f"{judge}{f'  ({missing} without a verdict)' if missing else ''}", rows, signed=False)
-        console.print(_confusion(result.judges[judge]["overall"].confusion), style="dim", highlight=False)
+        rows = [(group, n, metrics) for name, group, n, _, metrics in _rows(result) if name == judge]
+        overall = result.judges[judge]["overall"]
+        missing = f"  ({overall.no_verdict} without a verdict)" if overall.no_verdict else ""
+        yield _block(f"{judge}{missing}: {_confusion(overall.confusion)}", rows, _rate)
     for difference in result.differences:
-        rows = [(group, str(n), difference.metrics[group]) for group, n in difference.cases.items()]
-        block(f"{difference.judge} − {difference.baseline}", rows, signed=True)
-    console.print()
-    _print_notes(result, labelled, config, console)
+        rows = [(group, n, difference.metrics[group]) for group, n in difference.cases.items()]
+        yield _block(f"{difference.judge} − {difference.baseline}", rows, _signed)
 
 
-def _print_notes(result: Agreement, labelled: _Labelled, config: AgreementConfig, console: Console) -> None:
-    for note in _notes(result, labelled, config):
-        console.print(plain(note), highlight=False, soft_wrap=True, markup=False)
+def _block(
+    title: str,
+    rows: Sequence[tuple[Group, int, Mapping[Metric, Estimate]]],
+    write: Callable[[float], str],
+) -> Table:
+    cells: list[tuple[str, ...]] = []
+    for group, count, metrics in rows:
+        values, intervals = zip(*(_parts(metrics[name], write) for name in _METRICS), strict=True)
+        cells += [(group, str(count), *values), ("", "", *intervals)]
+    return Table(title, ("", "n", *_METRICS.values()), cells)
 
 
 def _confusion(counts: Confusion) -> str:
@@ -380,20 +349,13 @@ def _or_undefined(value: float | None) -> str:
     return "undefined" if value is None else _rate(value)
 
 
-def _print_json(result: Agreement, labelled: _Labelled, config: AgreementConfig) -> None:
+def _document(result: Agreement, labelled: _Labelled, config: AgreementConfig) -> dict[str, object]:
     import msgspec
 
-    document = {
+    return {
         **msgspec.to_builtins(result),
         "left_out": dict(labelled.left_out),
         "annotators": msgspec.to_builtins(labelled.annotators),
         "notes": labelled.notes,
         "config": config.model_dump(mode="json"),
     }
-    print(msgspec.json.format(msgspec.json.encode(document), indent=2).decode())
-
-
-def _draw(result: Agreement, path: Path) -> None:
-    from webgym.judge.agreement import draw_agreement
-
-    draw_agreement(result, path)

@@ -1,30 +1,15 @@
-"""Tables and notes of evaluations, for ``webgym eval``."""
+"""Tables and notes of ``webgym eval``."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Final
-
-from rich.console import Console
-from rich.table import Table as RichTable
+from typing import Any
 
 from webgym.agent.policy import ORACLES
 from webgym.core.tables import DASH, Table
-from webgym.core.text import plain
 from webgym.results.evaluation import GROUPS, Evaluation, Row
 from webgym.results.manifest import Manifest
 from webgym.results.rates import Interval
-
-_SHORT: Final = {
-    "difficulty": "",
-    "success, %": "success\n%",
-    "of planned, %": "of all\n%",
-    "95 % interval": "95 %",
-    "ever, %": "ever\n%",
-    "mean steps": "mean\nsteps",
-    "no reward": "no\nreward",
-}
-"""Shorter column headers, for a terminal of 80 characters."""
 
 
 def tables(results: Sequence[Evaluation]) -> Iterator[Table]:
@@ -57,67 +42,30 @@ def conditions(results: Sequence[Evaluation]) -> Table:
 
 
 def _conditions(manifest: Manifest) -> Iterator[tuple[str, str]]:
-    yield "WebGym", _recorded(manifest.webgym)
-    yield "first and last attempt, UTC", _recorded(manifest.began and f"{manifest.began} to {manifest.ended}")
-    yield "policy", _recorded(manifest.policies)
-    yield "weights", _recorded(manifest.weights)
-    yield "sampling", _recorded(manifest.sampling)
-    yield "agent", _recorded(manifest.agent)
-    yield "system prompts, SHA-256", _recorded(manifest.prompts)
-    yield "judge", _recorded(manifest.judges)
-    yield "tasks", _recorded(manifest.task_file or manifest.offline_web)
-    yield "sources", _recorded(manifest.sources)
-    yield "split", manifest.split
-    yield "drawn tasks, SHA-256", manifest.tasks_sha256
-    yield "left out of the set", _recorded(manifest.left_out, empty="none")
-    yield "seed", _recorded(manifest.seed)
-    yield "samples per task", str(manifest.samples)
-    yield "steps for easy, medium, hard", _recorded(manifest.budget)
-    yield "browser", _recorded(manifest.browser)
-    yield "sandboxed", _recorded(manifest.sandboxed)
-    yield "viewport, CSS pixels", _recorded(manifest.viewport)
-    yield "server", _recorded(manifest.server)
-    yield "egress", _recorded(manifest.egress)
-    yield "planned samples", str(manifest.planned)
-    yield "judged samples, successes", f"{manifest.judged}, {manifest.successes}"
-    yield "attempts, repeated ones included", str(manifest.attempts)
-    yield "samples that are missing", str(manifest.missing)
-    invalid = {
-        f"{outcome} ({code})" if code else outcome: count
-        for outcome, codes in manifest.invalid.items()
-        for code, count in codes.items()
-    }
-    yield "samples without a reward", _recorded(invalid, empty="none")
-    yield "blocked websites", _recorded(manifest.blocked_websites, empty="none")
+    """The fields of a manifest by their names, which it documents."""
+    for field in manifest.__struct_fields__:
+        value = getattr(manifest, field)
+        if field == "invalid":
+            value = {
+                f"{outcome} {code}".strip(): n
+                for outcome, codes in value.items()
+                for code, n in codes.items()
+            }
+        if field != "run":
+            yield field.replace("_", " "), _recorded(value)
 
 
-def _recorded(value: Any, empty: str = "not recorded") -> str:
+def _recorded(value: Any) -> str:
     if value is None:
         return "not recorded"
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, Mapping):
         items = (f"{name}: {_recorded(item)}" for name, item in value.items() if item is not None)
-        return "; ".join(items) or empty
+        return "; ".join(items) or "none"
     if isinstance(value, list | tuple):
-        return ", ".join(map(str, value)) or empty
+        return ", ".join(map(str, value)) or "none"
     return str(value)
-
-
-def show(result: Evaluation, console: Console) -> None:
-    """Print an evaluation's table and notes to a terminal."""
-    columns, rows = _by_difficulty(result)
-    table = RichTable(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="dim")
-    for index, name in enumerate(columns):
-        short = _SHORT.get(name, name)
-        table.add_column(short, justify="right" if index else "left", no_wrap=True)
-    for row in rows:
-        table.add_row(*row, style="bold" if row[0] == "overall" else "")
-    console.print()
-    console.print(table)
-    console.print()
-    for note in notes(result):
-        console.print(plain(note), highlight=False, soft_wrap=True, markup=False)
 
 
 def notes(result: Evaluation, *, alone: bool = True) -> Iterator[str]:
@@ -153,7 +101,7 @@ def _by_difficulty(result: Evaluation) -> tuple[tuple[str, ...], list[tuple[str,
     is_repeated = result.samples > 1
     solved = ("ever, %",) if is_repeated else ()
     rates = ("success, %", "95 % interval", "of planned, %", "95 % interval")
-    columns = ("difficulty", "tasks", "judged", *rates, *solved, "mean steps", "no reward")
+    columns = ("", "tasks", "judged", *rates, *solved, "mean steps", "no reward")
     rows = []
     for group in GROUPS:
         row = result.rows[group]

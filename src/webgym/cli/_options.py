@@ -1,17 +1,17 @@
-"""Options that several commands share, and the settings of a run from the values of options."""
+"""Options that several commands share."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import Annotated, TypeAlias
 
 import typer
 
-from webgym.cli._fields import Given, Option, Options
-
-if TYPE_CHECKING:
-    from webgym.run.config import RunConfig
+from webgym.cli._fields import Option, Options
+from webgym.core.errors import ConfigError
+from webgym.llm.prices import Prices
+from webgym.offline.config import SitesConfig
+from webgym.run.config import RunConfig
 
 Resume: TypeAlias = Annotated[
     Path | None,
@@ -45,14 +45,20 @@ RetryErrors: TypeAlias = Annotated[
         help="With --resume: retry samples that ended in errors and have exhausted their retries.",
     ),
 ]
+Price: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--price",
+        help="Price in dollars per million tokens: PROMPT,COMPLETION or PROMPT,CACHED,COMPLETION.",
+        show_default=False,
+    ),
+]
+PriceFile: TypeAlias = Annotated[
+    Path | None,
+    typer.Option("--prices", help="YAML file of prices by model, instead of --price.", show_default=False),
+]
 WriteReport: TypeAlias = Annotated[
     bool, typer.Option("--report/--no-report", help="Write report.html when the run ends.")
-]
-Collection: TypeAlias = Annotated[
-    str,
-    typer.Option(
-        "--collection", help="large or small websites, or cross: tasks that need two of the large ones."
-    ),
 ]
 
 
@@ -64,8 +70,6 @@ def run_options(*, split: str, limit: str, **more: str) -> Options:
         limit: the default that the help shows for ``--limit``.
         more: further options: name and field.
     """
-    from webgym.run.config import RunConfig
-
     key = "its key is read from WEBGYM_JUDGE_API_KEY, else WEBGYM_API_KEY"
     return Options(
         RunConfig,
@@ -100,26 +104,48 @@ def _count(value: str) -> int | str:
     return value if value == "all" else int(value)
 
 
+def number(value: str) -> int:
+    """The value of an option that takes a positive number, though its field takes more.
+
+    Raises:
+        BadParameter: it is none.
+    """
+    if not (value.isascii() and value.isdecimal() and int(value) > 0):
+        raise typer.BadParameter(f"{value!r} is not a positive number")
+    return int(value)
+
+
+def prices_of(price: str | None, file: Path | None) -> Prices:
+    """The prices of model calls.
+
+    Raises:
+        ConfigError: both were given, or what was given has no prices.
+    """
+    if price and file:
+        raise ConfigError("--price and --prices exclude each other", hint="give one of them")
+    return Prices.parse(price) if price else Prices.read(file) if file else Prices()
+
+
 def mode_of(marks: bool | None) -> str | None:
     """The interaction mode of ``--marks/--coordinates``; ``None`` if the option was not given."""
     return None if marks is None else "marks" if marks else "coordinates"
 
 
-def run_settings(files: Sequence[Path] | None, given: Given) -> RunConfig:
-    """The settings of a run.
+def web_options(*options: str, **more: str | Option) -> Options:
+    """The options that choose websites of the offline web.
 
     Args:
-        files: YAML files; later ones override earlier ones.
-        given: values of options, nested like the settings; they override the files.
-
-    Raises:
-        ConfigError: a file cannot be read, or a setting is missing or invalid.
+        options: names of :class:`webgym.offline.config.SitesConfig`.
+        more: further options, by name.
     """
-    from webgym.cli import _run
-    from webgym.cli._judge_options import judge_choice
-
-    judge = given.get("judge")
-    settings = _run.settings(files or (), {name: value for name, value in given.items() if name != "judge"})
-    if judge:
-        settings = settings.model_copy(update={"judge": judge_choice(judge, default=settings.judge)})
-    return settings
+    every: dict[str, str | Option] = {
+        "seed": "seed",
+        "collection": Option(
+            "collection", help="large or small websites, or cross: tasks that need two of the large ones."
+        ),
+        "per_family": Option(
+            "per_family", help="Number of websites per family.", default="50 large, 72 small"
+        ),
+    }
+    chosen = {name: every[name] for name in options} | more
+    return Options(SitesConfig, {f"--{name.replace('_', '-')}": option for name, option in chosen.items()})

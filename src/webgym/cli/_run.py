@@ -22,6 +22,10 @@ from rich.console import Console
 from rich.text import Text
 
 from webgym.cli import EXIT_INTERRUPTED
+from webgym.cli._checks import check_policy_name
+from webgym.cli._judge_options import judge_choice
+from webgym.cli._print import say
+from webgym.cli._summary import all_failed, print_retry
 from webgym.core.errors import ConfigError, StoreCorrupt, StoreLocked, UsageError
 from webgym.core.outcome import Outcome
 from webgym.core.settings import merged, read_files, validated, without_none
@@ -187,13 +191,19 @@ def refuse_unused_with_resume(context: typer.Context, folder: Path) -> None:
     refuse_unused(context, used, "--resume keeps the run's settings")
 
 
-def refuse_unused(context: typer.Context, used: Collection[str], reason: str) -> None:
+def refuse_unused(
+    context: typer.Context,
+    used: Collection[str],
+    reason: str,
+    hint: str = "leave out the latter, or give --out for a new run",
+) -> None:
     """Refuse options that have no effect.
 
     Args:
         context: of the command.
         used: names of the parameters that have one.
         reason: why the others have none.
+        hint: what to do instead.
 
     Raises:
         UsageError: there is such an option.
@@ -207,10 +217,40 @@ def refuse_unused(context: typer.Context, used: Collection[str], reason: str) ->
         and source.name == "COMMANDLINE"
     ]
     if unused:
-        raise UsageError(
-            f"{reason}, and excludes {', '.join(unused)}",
-            hint="leave out the latter, or give --out for a new run",
-        )
+        raise UsageError(f"{reason}, and excludes {', '.join(unused)}", hint=hint)
+
+
+def end(
+    summary: Summary,
+    resumed_by: tuple[str, Path],
+    console: Console,
+    *,
+    report: Path | None = None,
+    finishing: asyncio.Event | None = None,
+) -> None:
+    """Print where a run is and how what is missing is made up for, and end the command.
+
+    Args:
+        summary: of the run.
+        resumed_by: the command that resumes the run, and the run folder.
+        console: where it is printed.
+        report: the run's report, if it was written.
+        finishing: the event that the first Ctrl-C sets.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C was pressed.
+        typer.Exit: all attempts ended in errors.
+    """
+    command, folder = resumed_by
+    quoted = shlex.quote(str(folder))
+    say(f"\nrun      {folder}\nbrowse   webgym view {quoted}", console)
+    if report is not None:
+        say(f"report   {report}", console)
+    print_retry(summary, f"{command} --resume {quoted}", console)
+    if finishing is not None:
+        raise_if_interrupted(finishing, resumed_by)
+    if all_failed(summary):
+        raise typer.Exit(1)
 
 
 def raise_if_interrupted(finishing: asyncio.Event, resumed_by: tuple[str, Path]) -> None:
@@ -280,21 +320,28 @@ def policy_section(settings: Mapping[str, Any], given: Mapping[str, Any]) -> dic
     return section
 
 
-def settings(files: Sequence[Path], given: Mapping[str, Any]) -> RunConfig:
+def settings(
+    files: Sequence[Path], given: Mapping[str, Any], defaults: Mapping[str, Any] | None = None
+) -> RunConfig:
     """The settings of a run, from YAML files and options.
 
     Args:
         files: later files override earlier ones.
         given: values of options, nested like the settings; they override the files, ``None`` does not.
+        defaults: settings that the files override.
 
     Raises:
         ConfigError: a file cannot be read, or a setting is missing, unknown or out of range.
     """
-    merged_files, given = read_files(files, hint="see configs/ for examples"), without_none(given)
+    merged_files = merged(defaults or {}, read_files(files, hint="see configs/ for examples"))
+    given = without_none(given)
+    judge = given.pop("judge", None)
     if "policy" in given:
         policy = merged_files.pop("policy", None)
         given["policy"] = policy_section(policy if isinstance(policy, Mapping) else {}, given["policy"])
-    return validated(RunConfig, merged(merged_files, given), ", ".join(map(str, files)) or "options")
+    config = validated(RunConfig, merged(merged_files, given), ", ".join(map(str, files)) or "options")
+    check_policy_name(config.policy.name)
+    return config.model_copy(update={"judge": judge_choice(judge, default=config.judge)}) if judge else config
 
 
 def lasting_console(*, stderr: bool = False) -> Console:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
+from webgym.cli._print import say, shortened
 from webgym.core.outcome import Outcome
+from webgym.core.tables import DASH, Table, put
 from webgym.core.task import LEVELS
 from webgym.core.text import plain
 from webgym.results.rates import Interval
@@ -17,17 +18,6 @@ REASONS = 5
 """Number of reasons and hosts that are printed; the report shows all."""
 
 
-def line(message: str, limit: int = 300) -> str:
-    """A message of a foreign program, made safe for a terminal: on one line, without control characters.
-
-    Args:
-        message: the text.
-        limit: the greatest length in characters; the rest is cut off.
-    """
-    text = plain(message)
-    return text if len(text) <= limit else f"{text[: limit - 1]}…"
-
-
 def all_failed(summary: Summary) -> bool:
     """Whether a run made attempts and all of them ended in errors."""
     failed = sum(summary["outcomes"].get(outcome, 0) for outcome in Outcome if outcome.is_error)
@@ -36,23 +26,20 @@ def all_failed(summary: Summary) -> bool:
 
 def print_summary(summary: Summary, console: Console) -> None:
     """Print a run's outcomes and success rates."""
-    rates = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="dim")
-    columns = ("", "success", "95 %", "judged", "success", "95 %", "planned", "median\nsteps")
-    for name in columns:  # 80 characters
-        rates.add_column(name, justify="left" if not name else "right", no_wrap=True)
+    columns = ("", "success", "95 %", "judged", "success", "95 %", "planned", "median steps")
+    rows = []
     for level in ("overall", *LEVELS):
         group = summary if level == "overall" else summary["by_level"][level]
-        outcomes_of = group["outcomes"]
-        judged = sum(count for name, count in outcomes_of.items() if Outcome(name).is_rewarded)
+        judged = sum(count for name, count in group["outcomes"].items() if Outcome(name).is_rewarded)
         steps = group["steps_per_attempt"]["p50"]
-        rates.add_row(
-            level,
+        cells = (
             *_rate(summary["success_rate"][level], summary["success_interval"][level]),
             str(judged),
             *_rate(summary["success_rate_of_planned"][level], summary["success_interval_of_planned"][level]),
             str(summary["planned"][level]),
-            "–" if steps is None else f"{steps:.0f}",
+            DASH if steps is None else f"{steps:.0f}",
         )
+        rows.append((level, *cells))
     outcomes = Text()
     for outcome in Outcome:
         if count := summary["outcomes"].get(outcome, 0):
@@ -65,44 +52,37 @@ def print_summary(summary: Summary, console: Console) -> None:
     if invalid is not None:
         more += f", {invalid:.1%} of replies invalid"
     console.print()
-    console.print(rates)
+    put(Table("", columns, rows), console)
     console.print()
     console.print(outcomes)
     if faults := summary.get("faults"):
-        said = ", ".join(f"{count} {fault}" for fault, count in faults.items())
-        console.print(f"  failed by {said}", highlight=False, soft_wrap=True)
+        say(f"  failed by {', '.join(f'{count} {fault}' for fault, count in faults.items())}", console)
     print_losses(summary, console)
     if hosts := summary["blocked_hosts"]:
         named = ", ".join(f"{plain(host)} ({count})" for host, count in list(hosts.items())[:REASONS])
         others = f", and {len(hosts) - REASONS} others" if len(hosts) > REASONS else ""
-        console.print(f"  blocked by {named}{others}", highlight=False, soft_wrap=True, markup=False)
-    print_notes(summary, console)
-    console.print(
+        say(f"  blocked by {named}{others}", console)
+    for note in summary["notes"]:
+        console.print(Text.assemble(("note ", "yellow"), shortened(note)), soft_wrap=True)
+    say(
         f"{summary['attempts']} trajectories, {summary['steps']} steps in "
         f"{duration(summary['wall_seconds'])}: {summary['steps_per_second']:.1f} steps/s{more}",
-        highlight=False,
+        console,
     )
 
 
 def _rate(rate: float | None, interval: Interval | None) -> tuple[str, str]:
     return (
-        "–" if rate is None else f"{rate:.1%}",
-        "–" if interval is None else f"{interval[0]:.1%} – {interval[1]:.1%}",
+        DASH if rate is None else f"{rate:.1%}",
+        DASH if interval is None else f"{interval[0]:.1%}–{interval[1]:.1%}",
     )
-
-
-def print_notes(summary: Summary, console: Console) -> None:
-    """Print notes that apply to all figures of a run."""
-    for note in summary["notes"]:
-        console.print(Text.assemble(("note ", "yellow"), line(note)), soft_wrap=True)
 
 
 def print_retry(summary: Summary, command: str, console: Console) -> None:
     """Print how to retry samples that ended in errors, and how to judge attempts without a verdict."""
     if count := summary["lost_samples"]:
         lost = "1 sample ended in an error" if count == 1 else f"{count} samples ended in errors"
-        text = f"errors   {lost}; retry with: {command} --retry-errors"
-        console.print(text, highlight=False, soft_wrap=True, markup=False)
+        say(f"errors   {lost}; retry with: {command} --retry-errors", console)
     print_unjudged(summary["outcomes"][Outcome.JUDGE_ERROR], command, console)
 
 
@@ -110,13 +90,11 @@ def print_unjudged(count: int, command: str, console: Console) -> None:
     """Print how to judge attempts without a verdict, if there are any."""
     if count:
         unjudged = "1 attempt has" if count == 1 else f"{count} attempts have"
-        text = f"unjudged {unjudged} no verdict; judge with: {command}"
-        console.print(text, highlight=False, soft_wrap=True, markup=False)
+        say(f"unjudged {unjudged} no verdict; judge with: {command}", console)
 
 
 def print_losses(summary: Summary, console: Console) -> None:
     """Print why attempts have no reward, the most frequent reasons first."""
     for code, loss in list(summary["losses"].items())[:REASONS]:
-        reason = f": {line(loss['message'])}" if loss["message"] else ""
-        text = plain(f"{loss['count']} {code}{reason} ({loss['attempt_id']})")
-        console.print(f"  {text}", highlight=False, soft_wrap=True, markup=False)
+        reason = f": {shortened(loss['message'])}" if loss["message"] else ""
+        say("  " + plain(f"{loss['count']} {code}{reason} ({loss['attempt_id']})"), console)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, cast
 
 import typer
 
-from webgym.cli._outputs import check_figure, check_writable
+from webgym.cli._checks import check_figure, check_writable
 from webgym.core.errors import ConfigError
 
 if TYPE_CHECKING:

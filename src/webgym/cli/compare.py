@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
-import msgspec
 import typer
 from rich.console import Console
 
-from webgym.core.tables import Table, markdown, show
+from webgym.cli._print import AsJson, AsMarkdown, counted, print_json, print_tables, refuse_several
+from webgym.core.tables import Table
 from webgym.core.text import plain
 from webgym.results.evaluation import Comparison, Difference, compare
 from webgym.store.runs import RECORDED
@@ -21,24 +22,22 @@ def command(
     judge: Annotated[
         str, typer.Option(help="Judge whose verdicts count; recorded is the judge of the collection.")
     ] = (RECORDED),
-    as_json: Annotated[bool, typer.Option("--json", help="Print the results as JSON.")] = False,
-    as_markdown: Annotated[bool, typer.Option("--markdown", help="Print the table as Markdown.")] = False,
+    as_json: AsJson = False,
+    as_markdown: AsMarkdown = False,
 ) -> None:
     """Compare the success of two runs, task by task, with a 95 % interval (paired bootstrap) and
     an exact permutation test over the tasks; a run is better only if both say so.
 
     Only tasks with a reward in both runs are compared; the number of others is printed.
     """
+    refuse_several(json=as_json, markdown=as_markdown)
     result = compare(first, second, judge)
     if as_json:
-        typer.echo(msgspec.json.format(msgspec.json.encode(result), indent=2).decode())
+        print_json(result)
         return
-    if as_markdown:
-        typer.echo(markdown([_table(result)]), nl=False)
-    else:
-        show([_table(result)], Console(highlight=False))
+    print_tables([_table(result)], Console(highlight=False), as_markdown=as_markdown)
     for line in _conclusions(result):
-        typer.echo(line)
+        print(line)
 
 
 def _table(result: Comparison) -> Table:
@@ -54,16 +53,14 @@ def _cells(row: Difference) -> tuple[str, ...]:
     return (str(row.tasks), *rates, spread, str(row.better), str(row.worse))
 
 
-def _conclusions(result: Comparison) -> list[str]:
+def _conclusions(result: Comparison) -> Iterator[str]:
     overall = result.rows["overall"]
     better = result.second if (overall.difference or 0) > 0 else result.first
     conclusion = f"{better} is better" if overall.is_decided else "the difference may be chance"
     exact = "" if overall.p_value is None else f" (exact permutation test: p = {overall.p_value:.2g})"
-    lines = [f"overall: {conclusion}{exact}"]
-    if left_out := [
-        f"{count:,} task{'' if count == 1 else 's'} with a reward in {name} only"
-        for count, name in ((result.only_first, result.first), (result.only_second, result.second))
-        if count
-    ]:
-        lines.append(f"left out: {', '.join(left_out)}")
-    return [*lines, *map(plain, result.notes)]
+    yield f"overall: {conclusion}{exact}"
+    alone = ((result.only_first, result.first), (result.only_second, result.second))
+    left_out = [f"{counted(count, 'task')} with a reward in {name} only" for count, name in alone if count]
+    if left_out:
+        yield f"left out: {', '.join(left_out)}"
+    yield from map(plain, result.notes)

@@ -10,8 +10,11 @@ import typer
 
 from webgym.cli import _options as options
 from webgym.cli._fields import Given, takes
+from webgym.cli._print import AsJson, AsLatex, AsMarkdown, print_json, print_tables, refuse_several, say
 from webgym.core.errors import ConfigError, UsageError
 from webgym.core.outcome import Outcome
+from webgym.core.task import LEVELS
+from webgym.core.text import plain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Sequence
@@ -20,7 +23,6 @@ if TYPE_CHECKING:
 
     from webgym.results.evaluation import Evaluation
     from webgym.results.summary import Summary
-    from webgym.run.config import RunConfig
 
 
 RUN = options.run_options(
@@ -55,11 +57,9 @@ def command(
     skip_corrupt: options.SkipCorrupt = False,
     retry_errors: options.RetryErrors = False,
     report: options.WriteReport = True,
-    as_json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
-    as_markdown: bool = typer.Option(
-        False, "--markdown", help="Print the table as Markdown, with the conditions of the run."
-    ),
-    as_latex: bool = typer.Option(False, "--latex", help="Print the table as LaTeX (booktabs)."),
+    as_json: AsJson = False,
+    as_markdown: AsMarkdown = False,
+    as_latex: AsLatex = False,
 ) -> None:
     """Evaluate a policy on a test set with the paper's test budgets, and print success rates with intervals.
 
@@ -67,15 +67,14 @@ def command(
     again and browsed. Without network and model: webgym eval --policy scripted --limit 50.
     """
     from webgym.cli import _run
-    from webgym.cli._summary import all_failed, print_losses, print_retry, print_unjudged
+    from webgym.cli._summary import print_losses, print_unjudged
     from webgym.report.write import write_report
     from webgym.results.evaluation import evaluate
     from webgym.store.runs import RECORDED
 
     if sum(1 for option in (out, resume, of) if option) > 1:
         raise UsageError("--out, --resume and --of exclude each other", hint="see webgym eval --help")
-    if as_json + as_markdown + as_latex > 1:
-        raise UsageError("--json, --markdown and --latex exclude each other", hint="give one of them")
+    refuse_several(json=as_json, markdown=as_markdown, latex=as_latex)
     console = _run.lasting_console(stderr=as_json or as_markdown or as_latex)
     if of:
         formats = ("as_json", "as_markdown", "as_latex")
@@ -93,36 +92,39 @@ def command(
         job = _run.resume_job(folder, settings, skip_corrupt=skip_corrupt, retry_errors=retry_errors)
     else:
         folder = out or _new_folder()
-        job = _collection(folder, config, settings, budget)
+        job = _collection(folder, config or (), settings, budget)
     resumed_by = ("webgym eval", folder)
     summary, finishing = _run.make_run(
         job, resumed_by=resumed_by, console=console, token_file=token_file, report=report
     )
-    if report:
-        write_report(folder)
+    path = write_report(folder) if report else None
     _print_results([evaluate(folder)], console, as_json, as_markdown, as_latex)
     print_losses(summary, console)
-    quoted = shlex.quote(str(folder))
-    console.print(
-        f"\nrun      {folder}\nbrowse   webgym view {quoted}", highlight=False, soft_wrap=True, markup=False
-    )
-    print_retry(summary, f"webgym eval --resume {quoted}", console)
-    _run.raise_if_interrupted(finishing, resumed_by)
-    if all_failed(summary):
-        raise typer.Exit(1)
+    _run.end(summary, resumed_by, console, report=path, finishing=finishing)
 
 
 def _collection(
-    folder: Path, config: Sequence[Path] | None, settings: Given, budget: str | None
+    folder: Path, config: Sequence[Path], settings: Given, budget: str | None
 ) -> Callable[..., Coroutine[Any, Any, Summary]]:
     """The job that collects a new evaluation; see :func:`webgym.cli._run.make_run`."""
     from functools import partial
 
+    from webgym.cli import _run
+    from webgym.cli._checks import check_folder
     from webgym.core.settings import merged
+    from webgym.results.evaluation import TEST_BUDGET
     from webgym.run.collect import collect
 
-    defaults = {"tasks": {"spread": True, "split": "test"}, "attempt": _budgets(budget)}
-    run = _with_test_defaults(options.run_settings(config, merged(defaults, settings)))
+    check_folder(folder)
+    # The slowest attempts do not end early: they would have fewer steps than the others.
+    defaults = {
+        "attempt": {f"budget_{level}": getattr(TEST_BUDGET, level) for level in LEVELS},
+        "collector": {"straggler_share": 1.0},
+    }
+    always = {"tasks": {"spread": True, "split": "test"}, "attempt": _budgets(budget)}
+    run = _run.settings(config, merged(always, settings), defaults)
+    if run.tasks.file is not None and run.tasks.count is None:
+        run = run.model_copy(update={"tasks": run.tasks.model_copy(update={"count": "all"})})
     return partial(collect, run, folder)
 
 
@@ -130,30 +132,16 @@ def _print_results(
     results: Sequence[Evaluation], console: Console, as_json: bool, as_markdown: bool, as_latex: bool
 ) -> None:
     """Print results in the requested format on stdout, and notes on the console."""
-    import msgspec
-
-    from webgym.cli._evaluation import conditions, notes, show, tables
-    from webgym.core.tables import latex, markdown
-    from webgym.core.tables import show as show_tables
-    from webgym.core.text import plain
+    from webgym.cli._evaluation import conditions, notes, tables
 
     if as_json:
-        encoded = msgspec.json.encode(results[0] if len(results) == 1 else results)
-        print(msgspec.json.format(encoded, indent=2).decode())
+        print_json(results[0] if len(results) == 1 else results)
         return
-    if as_latex:
-        print(latex(tables(results)), end="")
-    elif as_markdown:
-        print(markdown([*tables(results), conditions(results)]), end="")
-    elif len(results) == 1:
-        show(results[0], console)
-        return
-    else:
-        show_tables(tables(results), console)
+    shown = [*tables(results), *([conditions(results)] if as_markdown else [])]
+    print_tables(shown, console, as_markdown=as_markdown, as_latex=as_latex)
     for result in results:
         for note in notes(result, alone=len(results) == 1):
-            name = f"{result.run}: " if len(results) > 1 else ""
-            console.print(plain(f"{name}{note}"), highlight=False, soft_wrap=True, markup=False)
+            say(plain(f"{result.run}: {note}" if len(results) > 1 else note), console)
 
 
 def _budgets(budget: str | None) -> dict[str, int]:
@@ -162,33 +150,7 @@ def _budgets(budget: str | None) -> dict[str, int]:
     parts = [part.strip() for part in budget.split(",")]
     if len(parts) != 3 or not all(part.isascii() and part.isdecimal() for part in parts):
         raise ConfigError(f"--budget {budget!r} is not three numbers", hint="as in --budget 30,50,70")
-    return dict(zip(("budget_easy", "budget_medium", "budget_hard"), map(int, parts), strict=True))
-
-
-def _with_test_defaults(settings: RunConfig) -> RunConfig:
-    """Settings of a run, with the defaults of an evaluation for what is not set.
-
-    These are the paper's test budgets, all tasks of a file, and no early end of the slowest attempts, which
-    would have fewer steps than the others.
-    """
-    from webgym.results.evaluation import TEST_BUDGET
-
-    budgets = {
-        "budget_easy": TEST_BUDGET.easy,
-        "budget_medium": TEST_BUDGET.medium,
-        "budget_hard": TEST_BUDGET.hard,
-    }
-    attempt = {
-        name: value for name, value in budgets.items() if name not in settings.attempt.model_fields_set
-    }
-    collector = settings.collector
-    if "straggler_share" not in collector.model_fields_set:
-        collector = collector.model_copy(update={"straggler_share": 1.0})
-    tasks = settings.tasks
-    if tasks.file is not None and tasks.count is None:
-        tasks = tasks.model_copy(update={"count": "all"})
-    attempts = settings.attempt.model_copy(update=attempt)
-    return settings.model_copy(update={"attempt": attempts, "collector": collector, "tasks": tasks})
+    return {f"budget_{level}": int(part) for level, part in zip(LEVELS, parts, strict=True)}
 
 
 def _new_folder() -> Path:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from enum import StrEnum
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal, TypeAlias
 
 import typer
-from rich.console import Console
-from rich.progress import Progress, TextColumn
 
-from webgym.cli.tasks._files import read_all
+from webgym.cli._checks import check_folder
+from webgym.cli._print import bars
+from webgym.cli.tasks._files import has_tasks, read_all
 from webgym.core.errors import UsageError
 from webgym.core.outcome import Outcome
 from webgym.offline.config import collection_of
@@ -21,21 +22,8 @@ from webgym.store.files import make_folder, refuse_used
 from webgym.tasks.formats import write_tasks
 from webgym.tasks.split import leaking
 
-
-class Format(StrEnum):
-    """The format of the files."""
-
-    JSONL = "jsonl"
-    PARQUET = "parquet"
-    SHAREGPT = "sharegpt"
-
-
-class Split(StrEnum):
-    """The split of the tasks."""
-
-    TRAIN = "train"
-    TEST = "test"
-    ALL = "all"
+Format: TypeAlias = Literal["jsonl", "parquet", "sharegpt"]
+Split: TypeAlias = Literal["train", "test", "all"]
 
 
 def command(
@@ -52,10 +40,10 @@ def command(
             "--format",
             help="Format of the files; sharegpt is for LLaMA-Factory, with its settings in train.yaml.",
         ),
-    ] = Format.PARQUET,
+    ] = "parquet",
     split: Annotated[
         Split, typer.Option(help="Only attempts at tasks of this split, or tasks of it.")
-    ] = Split.TRAIN,
+    ] = "train",
     outcome: Annotated[
         list[Outcome] | None,
         typer.Option(
@@ -68,47 +56,45 @@ def command(
     jsonl and sharegpt write pictures as files next to their own, parquet in its rows, as the library datasets
     does. Tasks are written as a row each, to tasks.parquet or tasks.jsonl.
     """
-    if collection_of(str(source)) or source.is_file() or _has_tasks(source):
-        if kind is Format.SHAREGPT or outcome:
+    check_folder(out)
+    if collection_of(str(source)) or (source.exists() and has_tasks(source)):
+        if kind == "sharegpt" or outcome:
             raise UsageError(
                 "tasks have no replies and no outcomes",
                 hint="export a run, or leave out sharegpt and --outcome",
             )
         _export_tasks(source, out, kind, split)
         return
-    console = Console(stderr=True)
-    columns = TextColumn("{task.completed} attempts read")
-    with Progress(columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        bar = progress.add_task("", total=None)
+    with bars() as advance:
         result = export(
             source,
             out,
-            kind.value,
-            split=split.value,
+            kind,
+            split=split,
             outcomes=frozenset(outcome) if outcome else None,
-            progress=lambda count: progress.update(bar, completed=count),
+            progress=partial(advance, "attempts"),
         )
-    typer.echo(f"{result.steps:,} steps of {result.attempts:,} attempts, {result.pictures:,} pictures: {out}")
+    print(f"{result.steps:,} steps of {result.attempts:,} attempts, {result.pictures:,} pictures: {out}")
     for note in oracle_notes(sorted(result.policies)):
-        typer.echo(note)
-    left_out = {
-        "attempts at tasks of another split": result.other_split,
-        "attempts with other outcomes": result.unrewarded,
-        "steps that the format cannot represent": result.unusable,
-    }
-    if any(left_out.values()):
-        typer.echo("left out: " + ", ".join(f"{count:,} {what}" for what, count in left_out.items() if count))
+        print(note)
+    _print_left_out(
+        {
+            "attempts at tasks of another split": result.other_split,
+            "attempts with other outcomes": result.unrewarded,
+            "steps that the format cannot represent": result.unusable,
+        }
+    )
 
 
-def _has_tasks(folder: Path) -> bool:
-    names = ("tasks.*", "train*.*", "test*.*")
-    return not (folder / "trajectories").exists() and any(any(folder.glob(name)) for name in names)
+def _print_left_out(counts: Mapping[str, int]) -> None:
+    if any(counts.values()):
+        print("left out: " + ", ".join(f"{count:,} {what}" for what, count in counts.items() if count))
 
 
 def _export_tasks(source: Path, out: Path, kind: Format, split: Split) -> None:
     records = read_all([source])
-    leaks = leaking(records.tasks) if split is Split.TRAIN else {}
-    chosen = [task for task in records.tasks if split is Split.ALL or task.split == split.value]
+    leaks = leaking(records.tasks) if split == "train" else {}
+    chosen = [task for task in records.tasks if split == "all" or task.split == split]
     tasks = [task for task in chosen if task.id not in leaks]
     if chosen and not tasks:
         raise UsageError(
@@ -119,17 +105,17 @@ def _export_tasks(source: Path, out: Path, kind: Format, split: Split) -> None:
         held = Counter(task.split or "unsplit" for task in records.tasks)
         splits = ", ".join(f"{count:,} {name}" for name, count in held.items()) or "none that can be judged"
         raise UsageError(
-            f"{source} has no task of the split {split.value!r}; it holds {splits}",
+            f"{source} has no task of the split {split!r}; it holds {splits}",
             hint="choose with --split train, test or all",
         )
     make_folder(out)
     refuse_used(out)
-    file = out / f"tasks.{kind.value}"
-    typer.echo(f"{write_tasks(file, tasks):,} tasks: {file}")
-    left_out = {
-        "tasks of another split": len(records.tasks) - len(chosen),
-        "tasks that share a website or family with test tasks": len(chosen) - len(tasks),
-    }
-    if any(left_out.values()):
-        typer.echo("left out: " + ", ".join(f"{count:,} {what}" for what, count in left_out.items() if count))
+    file = out / f"tasks.{kind}"
+    print(f"{write_tasks(file, tasks):,} tasks: {file}")
+    _print_left_out(
+        {
+            "tasks of another split": len(records.tasks) - len(chosen),
+            "tasks that share a website or family with test tasks": len(chosen) - len(tasks),
+        }
+    )
     records.print_left_out()

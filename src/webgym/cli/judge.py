@@ -13,14 +13,17 @@ from typer.core import TyperGroup
 
 from webgym.cli._agreement import agreement_command
 from webgym.cli._fields import Given, Option, Options, takes
+from webgym.cli._options import Price, PriceFile, prices_of
 from webgym.judge.config import JudgeChoice
 from webgym.rollout.rejudge import RejudgeConfig
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.text import Text
 
     from webgym.core.verdict import Cost
-    from webgym.llm.prices import Prices
+    from webgym.llm.ledger import Ledger
+    from webgym.llm.prices import Prices, Usage
     from webgym.rollout.rejudge import Judging
 
 
@@ -59,21 +62,11 @@ JUDGE = Options(
             "else WEBGYM_API_KEY.",
         ),
         "--model": "rubric.chat.model",
-        "--keypoint-model": Option(
-            "rubric.keypoint.chat.model", help="Model that selects the screenshots to judge by."
-        ),
-        "--fact-model": Option("rubric.fact.chat.model", help="Model that judges criterion A."),
-        "--response-model": Option("rubric.response.chat.model", help="Model that judges criterion B."),
-        "--blocking-model": Option("rubric.blocking.chat.model", help="Model that detects blocked attempts."),
-        "--reference-model": Option(
-            "rubric.reference.chat.model", help="Model that compares answers with reference answers."
-        ),
         "--samples": "panel.samples",
-        "--early-exit/--all-facts": "rubric.early_exit",
         "--without-rubric/--with-rubric": "without_rubric",
     },
 )
-REJUDGE = Options(RejudgeConfig, {"--limit": "limit", "--concurrency": "judges"})
+REJUDGE = Options(RejudgeConfig, {"--limit": "limit"})
 
 
 @app.command("run")
@@ -89,15 +82,8 @@ def judge_a_run(
     again: bool = typer.Option(
         False, "--again", help="Also judge attempts that this judge has judged before."
     ),
-    price: str | None = typer.Option(
-        None,
-        "--price",
-        help="Price in dollars per million tokens: PROMPT,COMPLETION or PROMPT,CACHED,COMPLETION.",
-        show_default=False,
-    ),
-    prices: Path | None = typer.Option(
-        None, "--prices", help="YAML file of prices by model, instead of --price.", show_default=False
-    ),
+    price: Price = None,
+    prices: PriceFile = None,
     compare: str | None = typer.Option(
         None,
         "--compare",
@@ -118,10 +104,8 @@ def judge_a_run(
     from webgym.core.consent import confirm
     from webgym.core.settings import validated
     from webgym.judge.factory import refuse_unjudgeable
-    from webgym.llm.prices import Prices
-    from webgym.rollout.rejudge import compare as compare_verdicts
     from webgym.store.files import CONFIG
-    from webgym.store.runs import RunReader, verdicts_of
+    from webgym.store.runs import RunReader
 
     console = Console()
     reader = RunReader(run)
@@ -129,16 +113,14 @@ def judge_a_run(
         confirm(reader.config, run / CONFIG)
     choice = judge_choice(judge, file=config, default=own_choice(reader.config))
     refuse_unjudgeable(choice, list(RunReader(run, skip_corrupt=True).tasks.values()))
-    table = Prices.parse(price) if price else Prices.read(prices) if prices else Prices()
+    table = prices_of(price, prices)
     settings = validated(RejudgeConfig, rejudge | {"again": again})
     state, spent = run_job(
         lambda: _judge(run, choice, settings, table, console), kept="the verdicts so far are stored"
     )
     _print_result(state, spent, console)
     if compare is not None:
-        _, verdicts = verdicts_of(run, state.judge)
-        other, other_verdicts = verdicts_of(run, compare)
-        _print_comparison(state.judge, other, compare_verdicts(verdicts, other_verdicts), console)
+        _print_comparison(run, state.judge, compare, console)
     if 0 < sum(state.failures.values()) == state.done - state.earlier:
         raise typer.Exit(1)
 
@@ -152,7 +134,7 @@ async def _judge(
     """Judge a run; its state afterwards, and the cost of all calls made now."""
     import msgspec
 
-    from webgym.cli._judge_output import print_costs, progress_bar, spent_since
+    from webgym.cli._print import bars
     from webgym.cli._run import print_notes_on
     from webgym.judge.factory import open_judge
     from webgym.llm.cache import ReplyCache
@@ -167,60 +149,120 @@ async def _judge(
     async with ReplyCache(folder / REPLIES) as cache:
         ledger = Ledger(cache, prices=prices)
         before = msgspec.structs.replace(ledger.totals.all)
-        with watch_clients() as problem, progress_bar(console) as show:
+
+        def show(state: Judging) -> None:
+            advance("judging", state.done, state.total, _cost_line(state.spent))
+
+        with watch_clients() as problem, bars(console) as advance:
             async with (
                 report_problems(problem, print_notes_on(console)),
                 open_judge(choice, cache=cache, ledger=ledger) as judge,
             ):
                 state = await judge_run(run, judge, settings, show=show)
         if choice.name == "rubric":
-            print_costs(ledger, console)
-        return state, spent_since(before, ledger.totals.all)
+            _print_costs(ledger, console)
+        return state, _spent_since(before, ledger.totals.all)
 
 
 def _print_result(state: Judging, spent: Cost, console: Console) -> None:
-    from webgym.cli._judge_output import cost_line, outcomes_line
-    from webgym.cli._summary import REASONS, line
+    from webgym.cli._print import counted, say, shortened
+    from webgym.cli._summary import REASONS
     from webgym.results.summary import oracle_notes
 
-    console.print(f"judge      {line(state.judge)}", highlight=False, soft_wrap=True, markup=False)
+    say(f"judge      {shortened(state.judge)}", console)
     unjudged = sum(state.failures.values())
     judged = f"{state.done - unjudged} of {state.total} attempts judged, {state.earlier} of them earlier"
     skipped = f"; {state.skipped} were cut off or belong to another collector" if state.skipped else ""
-    console.print(f"judged     {judged}{skipped}", highlight=False, soft_wrap=True)
+    say(f"judged     {judged}{skipped}", console)
     if state.left_out:
-        records = "1 record" if len(state.left_out) == 1 else f"{len(state.left_out)} records"
-        console.print(f"left out   {records} that cannot be judged", highlight=False)
+        say(f"left out   {counted(len(state.left_out), 'record')} that cannot be judged", console)
         for why in state.left_out[:REASONS]:
-            console.print(f"  {line(why)}", highlight=False, soft_wrap=True, markup=False)
-    console.print("outcomes  ", outcomes_line(state))
+            say(f"  {shortened(why)}", console)
+    console.print("outcomes  ", _outcomes_line(state))
     for note in oracle_notes(sorted(state.policies)):
-        console.print(f"note       {note}", highlight=False, soft_wrap=True)
+        say(f"note       {note}", console)
     for message, count in state.failures.most_common(REASONS):
-        console.print(f"  {count} {line(message)}", highlight=False, soft_wrap=True, markup=False)
-    console.print(f"cost       {cost_line(state.cost)}", highlight=False, soft_wrap=True)
+        say(f"  {count} {shortened(message)}", console)
+    say(f"cost       {_cost_line(state.cost)}", console)
     if spent.calls > state.spent.calls - state.spent.cached:
         # The costs of attempts without a verdict are in no verdict.
-        console.print(f"paid now   {cost_line(spent)}", highlight=False, soft_wrap=True)
+        say(f"paid now   {_cost_line(spent)}", console)
     elif state.earlier:
-        console.print(f"cost now   {cost_line(state.spent)}", highlight=False, soft_wrap=True)
+        say(f"cost now   {_cost_line(state.spent)}", console)
 
 
-def _print_comparison(judge: str, other: str, comparison: Any, console: Console) -> None:
-    from webgym.cli._summary import line
+def _print_comparison(run: Path, judge: str, selector: str, console: Console) -> None:
+    """Compare a judge's verdicts with those of another judge of the run, and print differences."""
+    from webgym.cli._print import say, shortened
+    from webgym.rollout.rejudge import compare
+    from webgym.store.runs import verdicts_of
 
+    other, other_verdicts = verdicts_of(run, selector)
+    comparison = compare(verdicts_of(run, judge)[1], other_verdicts)
     both, agreed = comparison.both, comparison.agreed
     share = f"{agreed / both:.1%}" if both else "–"
-    console.print()
-    console.print(
-        f"compared   {line(judge)}\nwith       {line(other)}", highlight=False, soft_wrap=True, markup=False
-    )
-    console.print(f"agreement  {agreed} of {both} rewards ({share}); {comparison.unjudged} attempts lack one")
+    say(f"\ncompared   {shortened(judge)}\nwith       {shortened(other)}", console)
+    say(f"agreement  {agreed} of {both} rewards ({share}); {comparison.unjudged} attempts lack one", console)
     for difference in comparison.differences:
         outcomes = f"{difference.one.outcome} / {difference.other.outcome}"
-        console.print(
-            f"  {line(difference.attempt_id)}: {outcomes}: {line(difference.why(), 600)}",
-            highlight=False,
-            soft_wrap=True,
-            markup=False,
+        why = shortened(difference.why(), 600)
+        say(f"  {shortened(difference.attempt_id)}: {outcomes}: {why}", console)
+
+
+def _outcomes_line(state: Judging) -> Text:
+    """The number of attempts by outcome, on one line."""
+    from rich.text import Text
+
+    from webgym.core.outcome import Outcome
+    from webgym.rollout.live import COLORS
+
+    line = Text()
+    for outcome in Outcome:
+        if count := state.outcomes[outcome]:
+            line.append(f"{count} ", style="bold")
+            line.append(f"{outcome}   ", style=COLORS[outcome])
+    return line
+
+
+def _cost_line(cost: Cost) -> str:
+    """The number of model calls, their tokens and their price, on one line."""
+    if not cost.calls:
+        return "no model was called"
+    parts = [f"{cost.calls:,} replies"]
+    if cost.cached:
+        parts.append(f"{cost.cached:,} from the cache")
+    if cost.repeats:
+        parts.append(f"{cost.repeats:,} repeated")
+    parts.append(f"{cost.prompt_tokens:,} + {cost.completion_tokens:,} tokens")
+    parts.append(f"${cost.dollars:.4f}" if cost.dollars else "price unknown")
+    return ", ".join(parts)
+
+
+def _print_costs(ledger: Ledger, console: Console) -> None:
+    """Print the cost of every stage and model, including earlier calls of ``webgym judge`` for the run."""
+    from webgym.core.tables import Table, put
+
+    columns = ("stage", "model", "paid", "cached", "prompt tokens", "reply tokens", "dollars")
+    rows = [
+        (
+            purpose,
+            model,
+            *map(str, (usage.calls, usage.hits, usage.prompt_tokens, usage.completion_tokens)),
+            "unknown" if usage.unpriced else f"{usage.dollars:.4f}",
         )
+        for (purpose, model), usage in sorted(ledger.rows.items())
+    ]
+    console.print("all calls to judge models for this run:", style="dim", highlight=False)
+    put(Table("", columns, rows, names=2), console)
+
+
+def _spent_since(before: Usage, now: Usage) -> Cost:
+    """The cost of all calls between two states of a ledger, whether or not they led to a verdict."""
+    from webgym.core.verdict import Cost
+
+    return Cost(
+        calls=now.calls - before.calls,
+        prompt_tokens=now.prompt_tokens - before.prompt_tokens,
+        completion_tokens=now.completion_tokens - before.completion_tokens,
+        dollars=now.dollars - before.dollars,
+    )

@@ -6,9 +6,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
+from rich.console import Console
+
+from webgym.cli._options import Price, PriceFile, prices_of
+from webgym.cli._print import say
+from webgym.core.errors import UsageError
+from webgym.core.tables import Table, put
+from webgym.core.text import plain
 
 if TYPE_CHECKING:
-    from webgym.llm.prices import Prices, Totals
+    from webgym.llm.prices import Totals
 
 app = typer.Typer(no_args_is_help=True, help="Report the cost of model calls, and import batch results.")
 
@@ -32,26 +39,15 @@ def import_(
     files: list[Path] = typer.Argument(
         ..., help="Result files of batches: replies and errors, in any order."
     ),
-    price: str = typer.Option(
-        "",
-        "--price",
-        metavar="PROMPT,COMPLETION",
-        help="Price of batches in dollars per million tokens, for every model.",
-        show_default=False,
-    ),
-    prices: Path | None = typer.Option(
-        None, "--prices", help="YAML file of prices by model, instead of --price.", show_default=False
-    ),
+    price: Price = None,
+    prices: PriceFile = None,
 ) -> None:
     """Store the results of batches in a cache. Fails if a request has no reply."""
-    from rich.console import Console
-
     from webgym.cli._run import run
-    from webgym.core.text import plain
     from webgym.llm.cache import ReplyCache
     from webgym.taskset.batch import Imported, import_results
 
-    table = _prices(price, prices)
+    table = prices_of(price, prices)
 
     async def read() -> Imported:
         async with ReplyCache(_existing(cache)) as opened:
@@ -60,7 +56,7 @@ def import_(
     result = run(read)
     console = Console(stderr=True)
     for line in result.unanswered:
-        console.print(plain(str(line)), highlight=False, markup=False, soft_wrap=True)
+        say(plain(str(line)), console)
     print(
         f"{result.stored} replies stored, {result.known} stored before, {len(result.unanswered)} not answered"
     )
@@ -69,29 +65,12 @@ def import_(
 
 
 def _existing(cache: Path) -> Path:
-    from webgym.core.errors import UsageError
-
     if not cache.is_file():
         raise UsageError(f"there is no file {cache}", hint="give the path of an existing cache")
     return cache
 
 
-def _prices(price: str, table: Path | None) -> Prices:
-    from webgym.core.errors import ConfigError
-    from webgym.llm.prices import Prices
-
-    if price and table:
-        raise ConfigError("--price and --prices exclude each other", hint="give one of them")
-    if table is not None:
-        return Prices.read(table)
-    return Prices.parse(price) if price else Prices()
-
-
 def _print_totals(totals: Totals) -> None:
-    from rich.console import Console
-
-    from webgym.core.tables import Table, put
-
     columns = {
         "calls": "calls",
         "in batches": "batched",
@@ -112,11 +91,9 @@ def _print_totals(totals: Totals) -> None:
     ]
     put(Table("", ("purpose", "model", *columns, "dollars"), rows, names=2), console)
     if whole.unpriced:
-        console.print(
-            f"{whole.unpriced:,} calls had no price and are not included in the dollars", highlight=False
-        )
+        say(f"{whole.unpriced:,} calls had no price and are not included in the dollars", console)
     if whole.estimated:
-        console.print(f"the tokens of {whole.estimated:,} calls are estimates", highlight=False)
+        say(f"the tokens of {whole.estimated:,} calls are estimates", console)
 
 
 def _dollars(dollars: float, calls: int, unpriced: int) -> str:

@@ -6,8 +6,14 @@ from pathlib import Path
 
 import typer
 
+from webgym.cli._fields import Given, Options, takes
 
+RECIPE = Options("webgym.study.recipe:RecipeConfig")
+
+
+@takes(settings=RECIPE)
 def command(
+    settings: Given,
     config: list[Path] = typer.Argument(
         None, help="YAML files of settings; see configs/tiny/recipe.yaml.", show_default=False
     ),
@@ -24,46 +30,34 @@ def command(
     import time
 
     import msgspec
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+    from webgym.cli._checks import check_folder
+    from webgym.cli._print import bars, say
     from webgym.cli._run import lasting_console
     from webgym.core.errors import RunFolderError
     from webgym.core.settings import load_settings
     from webgym.store.files import CONFIG, locked, make_folder
+
+    if (out / CONFIG).exists():
+        raise RunFolderError(f"{out} holds a run or a training already", hint="choose another folder")
+    check_folder(out)
     from webgym.study.recipe import RecipeConfig, follow
     from webgym.train.figures import success_line
 
-    settings = load_settings(RecipeConfig, config or [], hint="see configs/tiny/recipe.yaml")
-    if (out / CONFIG).exists():
-        raise RunFolderError(f"{out} holds a run or a training already", hint="choose another folder")
+    recipe = load_settings(
+        RecipeConfig, config or [], hint="see configs/tiny/recipe.yaml", overrides=settings
+    )
     make_folder(out)
     console = lasting_console()
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[details]}"),
-    )
-    with (
-        locked(out),
-        Progress(*columns, console=console) as progress,
-        (out / "metrics.jsonl").open("ab") as log,
-    ):
-        bars = {}
-
-        def advance(name: str, done: int, total: int, details: str = "") -> None:
-            if name not in bars:
-                bars[name] = progress.add_task(name, total=total, details="")
-            progress.update(bars[name], completed=done, total=total, details=details)
+    with locked(out), bars(console) as advance, (out / "metrics.jsonl").open("ab") as log:
 
         def write_metrics(figures: object) -> None:
             assert isinstance(figures, dict)
             log.write(msgspec.json.encode({"at": time.time(), **figures}) + b"\n")  # NaN as null
             log.flush()
             losses = f"loss {figures['pointing']:.2f} pointing, {figures['acting']:.2f} acting"
-            advance("pretraining", figures["step"], settings.pretrain.steps, losses)
+            advance("pretraining", figures["step"], recipe.pretrain.steps, losses)
 
-        summaries = asyncio.run(follow(settings, out, tell=write_metrics, advance=advance))
+        summaries = asyncio.run(follow(recipe, out, tell=write_metrics, advance=advance))
     for split, summary in summaries.items():
-        console.print(f"{split}, {summary['attempts']} attempts: {success_line(summary)}")
+        say(f"{split}, {summary['attempts']} attempts: {success_line(summary)}", console)

@@ -6,46 +6,25 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
+from webgym.cli._fields import Given, Options, takes
+from webgym.cli._print import bars
+from webgym.core.settings import validated
 from webgym.report.config import ReportConfig
 from webgym.report.training import write_training_report
 from webgym.report.write import write_report
 from webgym.store.files import is_training
 
-_DEFAULTS = ReportConfig()
+REPORT = Options(ReportConfig, {"--embed/--no-embed": "embed", "--width": "image_width"})
 
 
+@takes(settings=REPORT)
 def command(
-    run: Annotated[Path, typer.Argument(help="Folder of a run or of a training.")],
-    embed: Annotated[
-        bool,
-        typer.Option(
-            "--embed/--no-embed",
-            help="Embed screenshots in the file; otherwise it links to those in the run folder.",
-        ),
-    ] = _DEFAULTS.embed,
-    width: Annotated[
-        int, typer.Option(help="Width of embedded screenshots in pixels.", min=64)
-    ] = _DEFAULTS.image_width,
-    megabytes: Annotated[
-        int,
-        typer.Option(
-            help="Maximum size of all embedded screenshots in MiB; further ones are linked to.", min=0
-        ),
-    ] = _DEFAULTS.image_budget_bytes // 2**20,
+    run: Annotated[Path, typer.Argument(help="Folder of a run or of a training.")], settings: Given
 ) -> None:
     """Write RUN/report.html, which needs no network access, and print its path."""
-    config = ReportConfig(embed=embed, image_width=width, image_budget_bytes=megabytes * 2**20)
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
-        bar = bars.add_task("trajectories", total=None)
-
-        def show(what: str, done: int, total: int) -> None:
-            bars.update(bar, description=what, completed=done, total=total or None)
-
-        write = write_training_report if is_training(run) else write_report
-        path = write(run, config=config, progress=show)
-    typer.echo(path)
+    config = validated(ReportConfig, settings)
+    write = write_training_report if is_training(run) else write_report
+    with bars() as advance:
+        path = write(run, config=config, progress=advance)
+    print(path)

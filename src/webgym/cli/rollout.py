@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 
 import typer
@@ -40,7 +39,8 @@ def command(
     from functools import partial
 
     from webgym.cli import _run
-    from webgym.cli._summary import all_failed, print_retry, print_summary
+    from webgym.cli._checks import check_folder
+    from webgym.cli._summary import print_summary
     from webgym.core.errors import UsageError
     from webgym.report.write import write_report
     from webgym.run.collect import collect
@@ -52,7 +52,8 @@ def command(
         job = _run.resume_job(folder, settings, skip_corrupt=skip_corrupt, retry_errors=retry_errors)
     elif out is not None and resume is None:
         folder = out
-        job = partial(collect, options.run_settings(config, settings), folder)
+        check_folder(folder)
+        job = partial(collect, _run.settings(config or (), settings), folder)
     else:
         raise UsageError("give either --out or --resume", hint="--out makes a run, --resume continues one")
     resumed_by = ("webgym rollout", folder)
@@ -61,10 +62,4 @@ def command(
     )
     path = write_report(folder) if report else None
     print_summary(summary, console)
-    console.print(f"\nrun      {folder}", highlight=False, soft_wrap=True, markup=False)
-    print_retry(summary, f"webgym rollout --resume {shlex.quote(str(folder))}", console)
-    if path is not None:
-        console.print(f"report   {path}", highlight=False, soft_wrap=True, markup=False)
-    _run.raise_if_interrupted(finishing, resumed_by)
-    if all_failed(summary):
-        raise typer.Exit(1)
+    _run.end(summary, resumed_by, console, report=path, finishing=finishing)

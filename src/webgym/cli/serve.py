@@ -41,7 +41,6 @@ GATEWAY = Options(
     GatewayConfig,
     {
         "--workers": "workers",
-        "--worker-host": "worker_host",
         "--worker-ports": Option(
             "worker_ports", metavar="FIRST-LAST", parse=lambda ports: ports.split("-", maxsplit=1)
         ),

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-from webgym.cli._outputs import check_figure, check_writable
+from webgym.cli._checks import check_figure, check_writable
 from webgym.core.errors import UsageError
 
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from webgym.cli._options import Collection
+from webgym.cli._fields import Given, Option, takes
+from webgym.cli._options import web_options
 from webgym.core.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -15,23 +16,26 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
+    from webgym.offline.config import SitesConfig
+    from webgym.offline.web import OfflineWeb, Spec
+
+_PORT = 8123
 
 app = typer.Typer(no_args_is_help=True, help="Serve, list and check the websites of the offline web.")
 
 
 @app.command()
-def serve(
-    host: str = typer.Option("127.0.0.1", "--host", help="Address to listen on."),
-    port: int = typer.Option(8123, "--port", min=0, max=65535, help="Port to listen on; 0 for a free one."),
-    seed: int | None = typer.Option(None, "--seed", help="Seed of all websites.", show_default="7"),
-    collection: Collection = "large",
-    per_family: int | None = typer.Option(
-        None, "--per-family", min=1, help="Number of websites per family.", show_default="50 large, 72 small"
-    ),
-    latency: float = typer.Option(
-        1.0, "--latency", min=0, max=100, help="Factor of the simulated latency; 0 for none."
-    ),
-) -> None:
+@takes(
+    settings=web_options(
+        "seed",
+        "collection",
+        "per_family",
+        host="host",
+        port=Option("port", default=str(_PORT)),
+        latency="latency",
+    )
+)
+def serve(settings: Given) -> None:
     """Serve the offline web until Ctrl-C, and print how browsers reach it.
 
     The token of the administration API is read from WEBGYM_SITES_TOKEN; without it, a random one is printed.
@@ -39,24 +43,14 @@ def serve(
     import asyncio
     import os
 
-    from pydantic import SecretStr
-
     from webgym.cli._run import run
+    from webgym.core.settings import validated
     from webgym.offline.app import serving
-    from webgym.offline.config import DEFAULT_SEED, SitesConfig
-    from webgym.offline.web import collection_name
+    from webgym.offline.config import SitesConfig
     from webgym.run.config import SITES_TOKEN
 
-    token = os.environ.get(SITES_TOKEN)
-    config = SitesConfig(
-        host=host,
-        port=port,
-        seed=DEFAULT_SEED if seed is None else seed,
-        collection=collection_name(collection),
-        per_family=per_family,
-        latency=latency,
-        token=SecretStr(token) if token else None,
-    )
+    token = os.environ.get(SITES_TOKEN) or None
+    config = validated(SitesConfig, {"port": _PORT, "token": token} | settings)
 
     async def forever() -> None:
         async with serving(config) as sites:
@@ -76,43 +70,54 @@ def serve(
 
 
 @app.command("list")
+@takes(settings=web_options("seed", "collection"))
 def list_sites(
+    settings: Given,
     family: str | None = typer.Option(
         None, "--family", help="Only websites of this family.", show_default=False
     ),
-    seed: int | None = typer.Option(None, "--seed", help="Seed of all websites.", show_default="7"),
-    collection: Collection = "large",
 ) -> None:
     """List the websites: address, family, split and behaviour."""
-    from webgym.offline.config import DEFAULT_SEED
-    from webgym.offline.web import OfflineWeb, collection_name
+    from webgym.core.settings import validated
+    from webgym.offline.config import SitesConfig
 
-    web = OfflineWeb(DEFAULT_SEED if seed is None else seed, collection=collection_name(collection))
-    listed = [(host, spec) for host, spec in web.specs.items() if family in (None, spec.family.family)]
-    if not listed:
-        raise _unknown_family(family, collection)
-    for host, spec in listed:
+    _, chosen = _websites(validated(SitesConfig, settings), family)
+    for host, spec in chosen.items():
         print(f"http://{host}/  {spec.family.family}  {spec.split}  {spec.behaviour}")
 
 
-def _unknown_family(family: str | None, collection: str) -> ConfigError:
-    return ConfigError(
-        f"unknown family {family!r}", hint=f"webgym sites list --collection {collection} shows the families"
-    )
+def _websites(config: SitesConfig, family: str | None) -> tuple[OfflineWeb, dict[str, Spec]]:
+    """The offline web, and its websites of a family, or all of them.
+
+    Raises:
+        ConfigError: there is no such family.
+    """
+    from webgym.offline.web import OfflineWeb
+
+    web = OfflineWeb(config.seed, per_family=config.per_family, collection=config.collection)
+    chosen = {host: spec for host, spec in web.specs.items() if family in (None, spec.family.family)}
+    if not chosen:
+        listed = f"webgym sites list --collection {config.collection}"
+        raise ConfigError(f"unknown family {family!r}", hint=f"{listed} shows the families")
+    return web, chosen
 
 
 def _report(console: Console, failures: list[str], tasks: Sequence[str]) -> None:
     """Print the failures and the number of tasks that passed; exit with 1 if there are failures."""
+    from webgym.cli._print import say
+
     for failure in failures:
-        console.print(failure, highlight=False, markup=False, soft_wrap=True)
+        say(failure, console)
     failed = {failure.partition(": ")[0] for failure in failures} & set(tasks)
-    console.print(f"{len(tasks) - len(failed)} of {len(tasks)} tasks passed", highlight=False)
+    say(f"{len(tasks) - len(failed)} of {len(tasks)} tasks passed", console)
     if failures:
         raise typer.Exit(1)
 
 
 @app.command()
+@takes(settings=web_options("collection", latency=Option("latency", default="0")))
 def check(
+    settings: Given,
     out: Path | None = typer.Option(
         None,
         "--out",
@@ -128,13 +133,9 @@ def check(
         None, "--sample", min=1, help="Number of tasks to check.", show_default="all"
     ),
     sessions: int = typer.Option(12, "--sessions", min=1, help="Number of browsers."),
-    latency: float = typer.Option(
-        0.0, "--latency", min=0, max=100, help="Factor of the simulated latency; 0 for none."
-    ),
     marks: bool = typer.Option(False, "--marks", help="Use Set-of-Marks instead of coordinates."),
     quick: bool = typer.Option(False, "--quick", help="Only checks that need no browser."),
     seed: int = typer.Option(0, "--seed", help="Seed of the sample."),
-    collection: Collection = "large",
 ) -> None:
     """Check in real browsers that every task can be solved, and that only a solution passes the judge.
 
@@ -149,24 +150,20 @@ def check(
     from zlib import crc32
 
     from webgym.cli._run import lasting_console, run, show_progress_on
-    from webgym.offline.web import OfflineWeb, collection_name
+    from webgym.core.settings import validated
+    from webgym.offline.config import SitesConfig
     from webgym.tasks.sampling import draw
     from webgym.testing.solutions import check_in_browsers, typed
 
     if shard >= shards:
         raise ConfigError(f"there is no part {shard} of {shards}: they count from 0")
     console = lasting_console()
-    web = OfflineWeb(collection=collection_name(collection))
-    tasks = [
-        task
-        for host, spec in web.specs.items()
-        if family in (None, spec.family.family) and crc32(host.encode()) % shards == shard
-        for task in web.tasks_of(host)
-    ]
-    if not tasks and shards > 1:
+    config = validated(SitesConfig, {"latency": 0} | settings)
+    web, chosen = _websites(config, family)
+    hosts = [host for host in chosen if crc32(host.encode()) % shards == shard]
+    if not hosts:
         raise ConfigError(f"part {shard} of {shards} has no website", hint="give fewer parts")
-    if not tasks:
-        raise _unknown_family(family, collection)
+    tasks = [task for host in hosts for task in web.tasks_of(host)]
     tasks = draw(tasks, sample, seed)
     if quick:
         _report(console, list(typed(web, tasks)), [task.id for task in tasks])
@@ -179,7 +176,7 @@ def check(
                 out or Path(scratch) / "run",
                 mode="marks" if marks else "coordinates",
                 sessions=sessions,
-                latency=latency,
+                latency=config.latency,
                 show=show_progress_on(console),
             ),
             kept="" if out is None else "the attempts so far are stored",

@@ -6,8 +6,14 @@ from pathlib import Path
 
 import typer
 
+from webgym.cli._fields import Given, Options, takes
 
+STUDY = Options("webgym.study.conditions:StudyConfig")
+
+
+@takes(settings=STUDY)
 def command(
+    settings: Given,
     config: list[Path] = typer.Argument(
         None,
         help="YAML files that override the study's settings; see webgym.study.conditions.",
@@ -37,36 +43,38 @@ def command(
     times faster; the setting server.static: false uses browsers. Writes study.md, study.json and study.png
     after every training.
     """
+    from webgym.cli import _run
+    from webgym.cli._checks import check_folder, check_model
+    from webgym.core.errors import UsageError
+
+    if out is None and not list_rows:
+        raise UsageError("the study needs a folder", hint="--out FOLDER makes or continues one")
+    if out is not None:
+        check_folder(out)
+    if weights is not None:
+        check_model(weights)
     import torch
     from rich.console import Console
 
-    from webgym.cli import _run
-    from webgym.core.errors import UsageError
+    from webgym.cli._print import say
     from webgym.store.files import locked, make_folder
     from webgym.study.conditions import carry_out, findings, read_study, table
     from webgym.study.demo import WEIGHTS
 
-    study, console = read_study(config or []), Console()
+    study = read_study(config or [], settings)
     rows = row or list(study.rows)
     if unknown := [name for name in rows if name not in study.rows]:
         raise UsageError(f"unknown row {unknown[0]!r}", hint=f"choose one of {', '.join(study.rows)}")
-    if list_rows:
-        for name in rows:
-            typer.echo(name)
+    if list_rows or out is None:
+        print("\n".join(rows))
         return
-    if out is None:
-        raise UsageError("the study needs a folder", hint="--out FOLDER makes or continues one")
     torch.set_num_threads(1)
     make_folder(out)
-
-    def print_line(line: str) -> None:
-        console.print(line, highlight=False, soft_wrap=True, markup=False)
-
-    initial = weights or WEIGHTS
+    console, initial = Console(), weights or WEIGHTS
     with locked(out):
         results = _run.run(
-            lambda: carry_out(study, initial, rows, seeds, out, print_line),
+            lambda: carry_out(study, initial, rows, seeds, out, lambda line: say(line, console)),
             kept="finished stages of trainings are stored",
         )
     for line in (*table(study, results), "", *findings(study, results)):
-        print_line(line)
+        say(line, console)

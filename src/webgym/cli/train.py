@@ -9,12 +9,17 @@ from typing import TYPE_CHECKING
 import typer
 
 from webgym.cli import _options as options
+from webgym.cli._fields import Given, Options, takes
 
 if TYPE_CHECKING:
     from webgym.train.loop import TrainConfig
 
+TRAIN = Options("webgym.train.loop:TrainConfig")
 
+
+@takes(settings=TRAIN)
 def command(
+    settings: Given,
     config: list[Path] = typer.Argument(
         None,
         help="YAML files of settings; later files override earlier ones. See configs/train/.",
@@ -41,30 +46,32 @@ def command(
     A training that was killed is resumed with --resume FOLDER: no attempt is lost and none is made twice.
     """
     from webgym.cli import _run
+    from webgym.cli._checks import check_training
+    from webgym.cli._print import say
     from webgym.core.errors import UsageError
+    from webgym.core.settings import merged, read_files
 
     files = list(config or ())
-    if (resume and (files or out)) or not (explain or resume or (files and out)):
+    if (resume and (files or out or settings)) or not (explain or resume or (files and out)):
         hint = "webgym train CONFIG --out FOLDER starts one, webgym train --resume FOLDER continues it"
         raise UsageError("give either settings and --out, or --resume", hint=hint)
+    if not (resume or explain):
+        check_training(merged(read_files(files, hint="see configs/train/ for examples"), settings), out)
     from webgym.cli._training_output import run_training
     from webgym.train.start import follow, is_follower, load_train_config, read_config
 
     console = _run.lasting_console()
+    chosen = read_config(resume) if resume else load_train_config(files, settings)
     if explain:
-        settings = read_config(resume) if resume else load_train_config(files)
-        for line in _explanation(settings, gpus):
-            console.print(line, highlight=False, soft_wrap=True)
+        for line in _explanation(chosen, gpus):
+            say(line, console)
         return
     folder = out or resume
     assert folder is not None
-    settings = read_config(folder) if resume else load_train_config(files)
     if is_follower():
-        follow(settings, folder)
+        follow(chosen, folder)
         return
-    run_training(
-        settings, folder, resume=resume is not None, secrets=_run.secrets(token_file), console=console
-    )
+    run_training(chosen, folder, resume=resume is not None, secrets=_run.secrets(token_file), console=console)
 
 
 def _explanation(settings: TrainConfig, gpus: str) -> list[str]:

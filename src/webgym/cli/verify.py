@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import Progress, TextColumn
 
+from webgym.cli._print import bars, counted
 from webgym.core.text import plain
 from webgym.store.files import SET_ASIDE
 from webgym.store.verify import verify
@@ -26,23 +25,17 @@ def command(
     Damaged records are listed with file, line and reason. With --set-aside they are moved away, and webgym
     rollout --resume RUN repeats those attempts. Exits with 1 if damaged records are left in the run.
     """
-    console = Console(stderr=True)
-    columns = TextColumn("{task.completed} {task.description} verified")
-    with Progress(columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        bars = {kind: progress.add_task(kind, total=None) for kind in ("pictures", "trajectories")}
-        result = verify(
-            run, set_aside=set_aside, progress=lambda kind, done: progress.update(bars[kind], completed=done)
-        )
+    with bars() as advance:
+        result = verify(run, set_aside=set_aside, progress=advance)
     for problem in result.problems:
-        typer.echo(plain(str(problem)))
-    typer.echo(f"{result.trajectories} trajectories and {result.pictures} pictures are intact")
+        print(plain(str(problem)))
+    print(f"{result.trajectories} trajectories and {result.pictures} pictures are intact")
     if not result.problems:
         return
     folder = shlex.quote(str(run))
     if result.is_whole:
-        typer.echo(f"resume with: webgym rollout --resume {folder}")
+        print(f"resume with: webgym rollout --resume {folder}")
         return
-    count = len(result.problems)
-    advice = f"; move damaged records away: webgym verify --set-aside {folder}"
-    typer.echo(f"{count} problem{'s' * (count != 1)}{'' if set_aside else advice}")
+    advice = "" if set_aside else f"; move damaged records away: webgym verify --set-aside {folder}"
+    print(f"{counted(len(result.problems), 'problem')}{advice}")
     raise typer.Exit(1)

@@ -15,10 +15,10 @@ from difflib import get_close_matches
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Annotated, Any, TypeAlias, TypeVar, get_args
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError, model_validator
 
 from webgym.core.consent import confirm
 from webgym.core.errors import ConfigError, WebGymError
@@ -101,11 +101,23 @@ def without_none(options: Mapping[str, Any]) -> dict[str, Any]:
 
 @cache
 def presets() -> dict[str, Path]:
-    """The files of settings that come with WebGym, by their names, such as ``train/tiny`` and ``tiny``."""
+    """The files of settings that come with WebGym, by their names, such as ``train/tiny`` and ``tiny``.
+
+    Those of ``accelerate`` are another program's.
+    """
     package = Path(__file__).parents[1]
     folder = package / "configs" if (package / "configs").is_dir() else package.parents[1] / "configs"
     files = {path: path.relative_to(folder).with_suffix("") for path in sorted(folder.rglob("*.yaml"))}
-    return {name: path for path, known in files.items() for name in (known.name, str(known))}
+    ours = {path: known for path, known in files.items() if known.parts[0] != "accelerate"}
+    return {name: path for path, known in ours.items() for name in (known.name, str(known))}
+
+
+def _weights_named(model: str) -> str:
+    return str(Path(__file__).parents[1] / "study" / "weights") if model == "tiny" else model
+
+
+ModelName: TypeAlias = Annotated[str, AfterValidator(_weights_named)]
+"""A model's folder, its id on the hub, or ``tiny``, whose weights are part of the package."""
 
 
 def _found(path: Path) -> Path:

@@ -20,7 +20,7 @@ from webgym.agent.policy import PolicyInput
 from webgym.agent.profile import Profile
 from webgym.agent.profiles import choose_profile
 from webgym.core.errors import ConfigError, PolicyError
-from webgym.core.settings import Settings
+from webgym.core.settings import ModelName, Settings
 from webgym.core.task import Task
 from webgym.core.tokens import ReplyTokens
 from webgym.core.trajectory import Message, Reply
@@ -36,8 +36,8 @@ _SEED_SPACE = 2**63
 class LocalConfig(Settings):
     """Settings of a model that runs in this process."""
 
-    path: str
-    """A folder, or the id of a model on the Hugging Face hub."""
+    path: ModelName
+    """A folder, or the id of a model on the Hugging Face hub; ``tiny`` for the tiny policy."""
 
     dtype: Literal["float32", "bfloat16"] = "float32"
     """Data type of the weights."""

@@ -43,7 +43,7 @@ from webgym import (
     View,
     Wait,
 )
-from webgym.integrations.shared import NoReward
+from webgym.integrations.shared import NoReward as NoReward
 
 P = ParamSpec("P")
 T = TypeVar("T")

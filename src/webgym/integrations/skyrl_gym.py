@@ -20,7 +20,8 @@ from typing import Any
 from skyrl_gym.envs.base_text_env import BaseTextEnv, BaseTextEnvStepOutput
 
 from webgym import Environment, EnvironmentPool, LoopThread, UsageError, WebGymError, task_rows
-from webgym.integrations.shared import NoReward, chosen_by_environment, parts, why_none
+from webgym.integrations.shared import NoReward as NoReward
+from webgym.integrations.shared import chosen_by_environment, parts, why_none
 
 ENV_CLASS = "webgym"
 """Name of the environment in the rows of :func:`skyrl_rows`."""

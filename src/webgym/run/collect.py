@@ -149,6 +149,8 @@ async def collect(
     if requested is None and config.tasks.count is None and len(tasks) < len(selected.tasks):
         drawn = f"{len(tasks):,} of {len(selected.tasks):,} tasks are drawn"
         say(tell, f"{drawn}; --limit (tasks.count) takes another number, or all")
+    elif requested is None and config.tasks.count == "all":
+        say(tell, f"{len(tasks):,} tasks, {len(tasks) * config.samples:,} attempts; --limit N takes fewer")
     tell_left_out(chosen.broken, chosen.set_aside, tell)
     if pictured := sum(NEEDS_PICTURES in task.flags for task in tasks):
         say(

@@ -112,13 +112,13 @@ class Result(msgspec.Struct):
         return self.rates[-1]
 
 
-def read_study(files: Sequence[Path]) -> StudyConfig:
-    """The study included in the package, with files that override its settings.
+def read_study(files: Sequence[Path], overrides: Mapping[str, Any] | None = None) -> StudyConfig:
+    """The study included in the package, with files and options that override its settings.
 
     Raises:
         ConfigError: a file cannot be read, or a setting is unknown.
     """
-    return load_settings(StudyConfig, [SETTINGS, *files], hint=f"see {SETTINGS}")
+    return load_settings(StudyConfig, [SETTINGS, *files], f"see {SETTINGS}", overrides)
 
 
 async def carry_out(

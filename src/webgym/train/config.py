@@ -7,7 +7,7 @@ from typing import Any, Literal, TypeAlias
 
 from pydantic import Field, field_validator, model_validator
 
-from webgym.core.settings import Settings
+from webgym.core.settings import ModelName, Settings
 
 Precision: TypeAlias = Literal["bf16", "fp32"]
 
@@ -169,8 +169,8 @@ class FrontierConfig(Settings):
 class LearnConfig(Settings):
     """Everything between judged trajectories and new weights."""
 
-    model: str
-    """Folder or hub id of the weights that learning starts from."""
+    model: ModelName
+    """Folder or hub id of the weights that learning starts from; ``tiny`` for those of the tiny policy."""
 
     replay: ReplayConfig = ReplayConfig()
     """Selection of the steps to train on."""

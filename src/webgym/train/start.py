@@ -10,10 +10,10 @@ import asyncio
 import os
 import time
 import warnings
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import AsyncExitStack, ExitStack, asynccontextmanager, suppress
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import yaml
 
@@ -220,13 +220,13 @@ def make_serving(config: TrainConfig, folder: TrainingFolder) -> Serving:
     )
 
 
-def load_train_config(files: Sequence[Path]) -> TrainConfig:
-    """Settings from YAML files, each overriding those before it.
+def load_train_config(files: Sequence[Path], overrides: Mapping[str, Any] | None = None) -> TrainConfig:
+    """Settings from YAML files, each overriding those before it, and from options, which override the files.
 
     Raises:
         ConfigError: a file cannot be read, or a setting is missing, unknown or out of range.
     """
-    return load_settings(TrainConfig, files, hint="see configs/train/ for examples")
+    return load_settings(TrainConfig, files, "see configs/train/ for examples", overrides)
 
 
 def read_config(out: Path) -> TrainConfig:

@@ -7,6 +7,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from webgym.cli._fields import SettingsCommand
 from webgym.cli.tasks.check import check, stats, validate
 from webgym.cli.tasks.show import show
 from webgym.cli.tasks.sources import sources
@@ -22,7 +23,7 @@ class _LazyBuild(TyperGroup):
         from webgym.cli.tasks.build import build
 
         single = typer.Typer(add_completion=False, rich_markup_mode="rich")
-        single.command("build")(build)
+        single.command("build", cls=SettingsCommand)(build)
         return typer.main.get_command(single)
 
 

@@ -10,8 +10,9 @@ from pathlib import Path
 
 from webgym.core.errors import TaskFileError
 from webgym.core.task import Task
+from webgym.store.files import TRAJECTORIES
 from webgym.tasks.files import BrokenRecord
-from webgym.tasks.formats import leaks_of_withheld, read_tasks
+from webgym.tasks.formats import leaks_of_withheld, read_tasks, task_files
 
 _LIMIT = 5
 """Number of broken records that are printed."""
@@ -40,6 +41,13 @@ class TaskRecords:
             print(record, file=sys.stderr)
         if len(self.broken) > _LIMIT:
             print(f"and {len(self.broken) - _LIMIT:,} more broken records", file=sys.stderr)
+
+
+def has_tasks(path: Path) -> bool:
+    """Whether a path is a task set: a file, or a folder of task files that is no run (which has one, too)."""
+    if path.is_dir():
+        return not (path / TRAJECTORIES).is_dir() and bool(task_files(path))
+    return path.is_file() or bool(path.suffix)
 
 
 def print_set_aside(records: Sequence[BrokenRecord]) -> None:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
+from rich.console import Console
 
 from webgym.cli._fields import Given, Options, takes
+from webgym.cli._options import Price
+from webgym.cli._print import say
+from webgym.core.errors import ConfigError, UsageError
+from webgym.core.tables import Table, put
 from webgym.taskset.construction.config import BuildConfig
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from webgym.taskset.construction.estimate import Estimate
     from webgym.taskset.construction.progress import StageProgress
     from webgym.taskset.construction.run import BuildPaths, FinishedBuild, PendingBatches
@@ -50,12 +54,7 @@ def build(
     limit: int | None = typer.Option(
         None, "--limit", min=1, help="Maximum number of tasks per source.", show_default=False
     ),
-    price: str | None = typer.Option(
-        None,
-        "--price",
-        help="Price in dollars per million tokens: PROMPT,COMPLETION or PROMPT,CACHED,COMPLETION.",
-        show_default=False,
-    ),
+    price: Price = None,
     cache: Path | None = typer.Option(
         None,
         "--cache",
@@ -78,10 +77,7 @@ def build(
     A build that was stopped for any reason continues when the same command is run again: no reply is paid for
     twice.
     """
-    from rich.console import Console
-
     from webgym.cli import _run
-    from webgym.core.errors import UsageError
     from webgym.taskset.construction.config import read_config
     from webgym.taskset.construction.progress import StageProgress
     from webgym.taskset.construction.run import BuildPaths, PendingBatches, run_dry
@@ -119,8 +115,6 @@ def _run_stages(
 
 
 def _sources(given: Sequence[str]) -> dict[str, dict[str, str]]:
-    from webgym.core.errors import ConfigError
-
     sources = {}
     for source in given:
         name, equals, path = source.partition("=")
@@ -138,32 +132,19 @@ def _prices(given: str | None) -> dict[str, Any]:
 
 
 def _print_estimate(estimate: Estimate, console: Console) -> None:
-    from webgym.core.tables import Table, put
-
     columns = ("stage", "tasks", "done", "calls", "prompt tokens", "reply tokens", "dollars")
-    numbers = [
-        (
-            line.purpose,
-            line.things,
-            line.there,
-            line.calls,
-            line.prompt_tokens,
-            line.reply_tokens,
-            line.dollars,
-        )
-        for line in estimate.lines
+    fields = ("purpose", "things", "there", "calls", "prompt_tokens", "reply_tokens")
+    rows = [
+        (*(str(getattr(line, name)) for name in fields), _dollars(line.dollars)) for line in estimate.lines
     ]
-    rows = [(*map(str, row[:-1]), _dollars(row[-1])) for row in numbers]
     sums = map(str, (estimate.calls, estimate.prompt_tokens, estimate.reply_tokens))
     rows.append(("all", "", "", *sums, _dollars(estimate.dollars)))
     put(Table("", columns, rows), console)
     for line in estimate.lines:
         if line.basis:
-            console.print(
-                f"{line.purpose} ({line.model}): {line.basis}", highlight=False, markup=False, soft_wrap=True
-            )
+            say(f"{line.purpose} ({line.model}): {line.basis}", console)
     if estimate.dollars is None:
-        console.print("the price is unknown: give --price, or `prices:` in the config", highlight=False)
+        say("the price is unknown: give --price, or `prices:` in the config", console)
 
 
 def _dollars(value: float | None) -> str:
@@ -172,45 +153,34 @@ def _dollars(value: float | None) -> str:
 
 def _print_batches(pending: PendingBatches, paths: BuildPaths, console: Console) -> None:
     for file in pending.files:
-        text = f"{file.path}  {file.requests:,} requests, about {file.prompt_tokens:,} prompt tokens"
-        console.print(text, highlight=False, markup=False, soft_wrap=True)
+        requests = f"{file.requests:,} requests, about {file.prompt_tokens:,} prompt tokens"
+        say(f"{file.path}  {requests}", console)
     new = sum(file.requests for file in pending.files)
-    console.print(
+    say(
         f"\nwaiting  {pending.build.pending:,} replies, {new:,} of them requested in the files above\n"
         f"next     webgym llm import {paths.cache} RESULTS, then this command again",
-        highlight=False,
-        markup=False,
-        soft_wrap=True,
+        console,
     )
 
 
 def _print_build(finished: FinishedBuild, paths: BuildPaths, console: Console) -> None:
-    from webgym.core.tables import Table, put
-
     build = finished.build
-    rows: dict[str, list[Any]] = {}
-    for row in build.accounting.rows:
-        rows.setdefault(row.stage, []).append(row)
     cells = []
-    for stage, of_stage in rows.items():
-        reasons: dict[str, int] = {}
-        for row in of_stage:
-            for reason, count in row.lost.items():
-                reasons[reason] = reasons.get(reason, 0) + count
-        came, made, left = (sum(getattr(row, name) for row in of_stage) for name in ("came", "made", "left"))
+    for stage in dict.fromkeys(row.stage for row in build.accounting.rows):
+        rows = [row for row in build.accounting.rows if row.stage == stage]
+        reasons: Counter[str] = Counter()
+        for row in rows:
+            reasons.update(row.lost)
+        came, made, left = (sum(getattr(row, name) for row in rows) for name in ("came", "made", "left"))
         why = ", ".join(f"{reason} {count:,}" for reason, count in reasons.items())
-        cells.append((stage, str(came), str(made), str(sum(reasons.values())), str(left), why))
+        cells.append((stage, str(came), str(made), str(reasons.total()), str(left), why))
     put(Table("", ("stage", "in", "created", "removed", "out", "reasons for removal"), cells), console)
     spent = finished.ledger.totals.all
     unpriced = f", {spent.unpriced:,} of them without a known price" if spent.unpriced else ""
-    console.print(
+    say(
         f"\npaid     ${spent.dollars:,.4f} for {spent.calls:,} calls{unpriced}, {spent.tokens:,} tokens",
-        highlight=False,
-        soft_wrap=True,
+        console,
     )
     if may_pass := sum(failure.may_pass for failure in build.failures):
-        console.print(
-            f"failed   {may_pass:,} requests, by the endpoint; run the command again to retry them",
-            highlight=False,
-        )
-    console.print(f"set      {paths.out}", highlight=False, soft_wrap=True, markup=False)
+        say(f"failed   {may_pass:,} requests, by the endpoint; run the command again to retry them", console)
+    say(f"set      {paths.out}", console)

@@ -2,14 +2,28 @@
 
 from __future__ import annotations
 
+import sys
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
+import msgspec
 import typer
+from rich.console import Console
+
+from webgym.cli import EXIT_FAILED, EXIT_USAGE
+from webgym.cli._checks import check_writable
+from webgym.cli._print import print_json, say, say_some
+from webgym.cli.tasks._files import print_set_aside, read_all, read_unique
+from webgym.core.errors import TaskFileError
+from webgym.core.tables import Table, csv_text, markdown, put, show
+from webgym.core.task import LEVELS
+from webgym.core.text import plain
+from webgym.tasks.files import whole_file
+from webgym.tasks.formats import read_tasks
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from webgym.core.task import Level
     from webgym.taskset.validate import Report
 
@@ -27,13 +41,9 @@ def validate(
     Tasks without a split get it from the name of their file, train or test. Broken records are violations,
     too; tasks without a fact to judge are counted and not checked.
     """
-    import msgspec
-
-    from webgym.cli import EXIT_FAILED, EXIT_USAGE
-    from webgym.cli.tasks._files import print_set_aside, read_all
-    from webgym.tasks.files import whole_file
     from webgym.taskset.validate import validate as run
 
+    check_writable(json)
     records = read_all(files)
     report = run(records.tasks, split=not unsplit)
     broken = [str(record) for record in records.broken]
@@ -51,45 +61,29 @@ def validate(
 
 
 def _print_report(report: Report, broken: Sequence[str], lines: int) -> None:
-    from webgym.core.text import plain
     from webgym.taskset.validate import RULES
 
+    console = Console()
     print(
         f"{report.tasks:,} tasks on {report.websites:,} websites, {report.train:,} for training and", end=" "
     )
     print(f"{report.test:,} for testing, on {report.test_websites:,} websites")
     for rule, count in report.counts().items():
         print(f"{'ok ' if not count else 'BAD'} {RULES[rule]}" + (f": {count:,} exceptions" if count else ""))
-        _print_some([str(offender) for offender in report.offenders if offender.rule == rule], lines)
+        say_some((each for each in report.offenders if each.rule == rule), lines, console, "      ")
     for rule in report.unchecked:
         print(f"--  not checked, as the tasks are not split yet: {RULES[rule]}")
     if broken:
         print(f"BAD every record can be read: {len(broken):,} cannot")
-        _print_some(broken, lines)
+        say_some(broken, lines, console, "      ")
     if report.orphans:
         some = plain(", ".join(report.orphans[:3]))
         print(f"{len(report.orphans):,} derived tasks have no parent here, which is allowed: {some}, ...")
 
 
-def _print_some(entries: Sequence[str], lines: int) -> None:
-    for line in entries[:lines]:
-        print(f"      {line}")
-    if len(entries) > lines:
-        print(f"      and {len(entries) - lines:,} more (--lines)")
-
-
 def check(file: Path = typer.Argument(..., help="Task file.")) -> None:
     """Count the tasks of a task file, and list its broken records. Fails if there are any."""
-    from collections import Counter
-
-    from rich.console import Console
-
-    from webgym.cli import EXIT_USAGE
-    from webgym.cli.tasks._files import print_set_aside
-    from webgym.core.tables import Table, put
-    from webgym.core.task import LEVELS
     from webgym.core.websites import site_or_text
-    from webgym.tasks.formats import read_tasks
 
     records = read_tasks(file)
     console = Console()
@@ -103,12 +97,12 @@ def check(file: Path = typer.Argument(..., help="Task file.")) -> None:
     console.print(f"{len(records.tasks)} tasks on {websites} websites, {len(records.broken)} broken records")
     print_set_aside(records.set_aside)
     for record in records.broken:
-        console.print(str(record), highlight=False, markup=False, soft_wrap=True)
+        say(record, console)
     if records.broken:
         raise typer.Exit(EXIT_USAGE)
 
 
-FORMS = ("terminal", "markdown", "csv", "json")
+Form: TypeAlias = Literal["terminal", "markdown", "csv", "json"]
 
 
 def stats(
@@ -119,26 +113,16 @@ def stats(
     run: list[Path] = typer.Option(
         [], "--run", help="Run folder: count the steps of its answered attempts. May be repeated."
     ),
-    form: str = typer.Option("terminal", "--form", help="Output format: terminal, markdown, csv or json."),
+    form: Form = typer.Option("terminal", "--form", help="Output format."),
 ) -> None:
     """Count a task set by source, difficulty, domain and website; draw its figures."""
-    import sys
-
-    import msgspec
-    from rich.console import Console
-
-    from webgym.cli.tasks._files import read_unique
-    from webgym.core.errors import ConfigError, TaskFileError
-    from webgym.core.tables import csv_text, markdown, show
     from webgym.taskset.statistics import describe, tables
 
-    if form not in FORMS:
-        raise ConfigError(f"unknown form {form!r}", hint=f"choose one of {', '.join(FORMS)}")
     counts = describe(read_unique(files), _lengths(run))
     if form == "terminal":
         show(tables(counts), Console())
     elif form == "json":
-        print(msgspec.json.format(msgspec.json.encode(counts)).decode())
+        print_json(counts)
     else:
         print(markdown(tables(counts)) if form == "markdown" else csv_text(tables(counts)), end="")
     if figures is not None:
@@ -154,7 +138,6 @@ def stats(
 def _lengths(runs: list[Path]) -> dict[Level, list[int]]:
     """Steps of answered attempts by level of the task; attempts that spent their budget do not count."""
     from webgym.core.outcome import Outcome
-    from webgym.core.task import LEVELS
     from webgym.store.runs import RunReader
 
     lengths: dict[Level, list[int]] = {level: [] for level in LEVELS}

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
+from webgym.cli._print import counted
+from webgym.cli.tasks._files import print_set_aside, read_all
+from webgym.core.errors import UsageError
+from webgym.core.text import plain
+
 if TYPE_CHECKING:
+    from webgym.core.task import Task
     from webgym.tasks.index import TaskIndex, TaskQuery
 
 
@@ -37,8 +43,6 @@ def show(
     In a terminal the list opens in the pager ($PAGER, else less); `webgym view` shows it in a web browser.
     In a pipe it consists of tab-separated lines: id, number of facts, level, website, domain, instruction.
     """
-    from webgym.cli.tasks._files import print_set_aside, read_all
-    from webgym.core.errors import UsageError
     from webgym.tasks.index import TaskIndex, TaskQuery
 
     records = read_all([file])
@@ -64,23 +68,17 @@ def show(
 
 
 def _print_task(index: TaskIndex, task_id: str, file: Path) -> None:
-    from rich.console import Console
-
-    from webgym.cli.tasks._pages import page_of
-    from webgym.core.errors import UsageError
-
     task = index.get(task_id)
     if task is None:
         close = index.close_ids(task_id)
         hint = f"similar ids: {', '.join(close)}" if close else f"webgym tasks show {file} lists the ids"
         raise UsageError(f"there is no task {task_id!r} in {file}", hint=hint)
-    Console(highlight=False, soft_wrap=not sys.stdout.isatty()).print(page_of(task, index))
+    for line in _page_of(task, index):  # foreign text: control characters in it are replaced
+        print(line[: len(line) - len(line.lstrip())] + plain(line))
 
 
 def _print_list(index: TaskIndex, positions: list[int]) -> None:
-    from webgym.cli.tasks._pages import row_of
-
-    rows = (row_of(index.tasks[position]) for position in positions)
+    rows = (_row_of(index.tasks[position]) for position in positions)
     if sys.stdin.isatty() and sys.stdout.isatty():
         import pydoc
 
@@ -109,3 +107,46 @@ def _hint(index: TaskIndex, query: TaskQuery) -> str:
         if value and value.casefold() not in map(str.casefold, known):
             return f"--{facet} is one of {', '.join(list(known)[:30])}" if known else f"no task has a {facet}"
     return "give fewer conditions"
+
+
+def _row_of(task: Task) -> tuple[str, ...]:
+    """A task as a row: id, number of facts, level, website, domain, instruction."""
+    from webgym.tasks.index import website_key
+
+    domain = " / ".join(filter(None, (task.domain, task.subdomain)))
+    cells = (task.id, str(task.difficulty), task.level, website_key(task.website), domain, task.instruction)
+    return tuple(map(plain, cells))
+
+
+def _page_of(task: Task, index: TaskIndex) -> Iterator[str]:
+    """Lines with all of a task: instruction, rubric, origin, and its relatives."""
+    yield f"{task.id}  {task.level}, {counted(task.difficulty, 'fact')}"
+    yield " · ".join(filter(None, (task.website, task.domain, task.subdomain)))
+    yield from ("", task.instruction, "")
+    for group in task.rubric.groups:
+        yield f"{group.id}. {group.description}"
+        yield from (f"  - {fact}" for fact in group.facts)
+    properties = {
+        "source": task.source,
+        "split": task.split,
+        "website": None if task.website_from == "given" else task.website_from,
+        "flags": ", ".join(task.flags),
+        "reference answer": task.reference_answer,
+        "example answer": task.example_answer,
+        **{name: str(value) for name, value in task.extra.items() if name != "published"},
+    }
+    yield ""
+    yield from (f"{name}: {value}" for name, value in properties.items() if value)
+    if task.parent_id is not None:
+        parent = index.get(task.parent_id)
+        yield from ("", "derived from")
+        yield _relative(parent) if parent else f"  {task.parent_id} (not in this set)"
+    if children := index.children(task.id):
+        yield from ("", f"{len(children)} tasks derived from it", *map(_relative, children))
+    if task.truth is not None:
+        yield from ("", "solution", *(f"  {move!r}" for move in task.truth.moves))
+
+
+def _relative(task: Task) -> str:
+    groups = ", ".join(str(group.id) for group in task.rubric.groups)
+    return f"  {task.id}  groups {groups}  {task.instruction}"

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
+from rich.console import Console
+from rich.text import Text
+
+from webgym.cli import EXIT_USAGE
+from webgym.cli._print import say, say_some
+from webgym.core.errors import UsageError
+from webgym.core.tables import Table, put
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from rich.console import Console
-
     from webgym.taskset.sources import Read
 
 
@@ -30,10 +34,6 @@ def sources(
     ),
 ) -> None:
     """List the benchmarks that tasks come from; with --read, count tasks in files. Fails if one has none."""
-    from rich.console import Console
-
-    from webgym.cli import EXIT_USAGE
-
     console = Console()
     if not read:
         _list(console)
@@ -46,7 +46,6 @@ def sources(
 
 
 def _name_and_location(option: str) -> tuple[str, str]:
-    from webgym.core.errors import UsageError
     from webgym.taskset.sources import HUB
 
     name, separator, location = option.partition("=")
@@ -56,7 +55,6 @@ def _name_and_location(option: str) -> tuple[str, str]:
 
 
 def _list(console: Console) -> None:
-    from webgym.core.tables import Table, put
     from webgym.taskset.sources import SOURCES
 
     rows = [
@@ -68,17 +66,15 @@ def _list(console: Console) -> None:
 
 def _print_source(console: Console, name: str, location: str, lines: int) -> bool:
     """Read a source and print its counts; whether it contains any task."""
-    from rich.text import Text
-
     from webgym.taskset.sources import SOURCES, read_source
 
     records = read_source(name, location)
     source = SOURCES[name]
     console.print(Text.assemble((name, "bold"), f"  {location}"), soft_wrap=True)
     for label, value in _counts(records, source.paper_tasks, source.paper_websites):
-        console.print(f"  {label:<10} {value}", highlight=False, markup=False, soft_wrap=True)
-    _print_some(console, records.skipped, lines)
-    _print_some(console, records.passed_over, lines)
+        say(f"  {label:<10} {value}", console)
+    say_some(records.skipped, lines, console)
+    say_some(records.passed_over, lines, console)
     return bool(records.tasks)
 
 
@@ -91,13 +87,3 @@ def _counts(records: Read, paper_tasks: int, paper_websites: int) -> Iterable[tu
         yield label, ", ".join(f"{count:,} {value}" for value, count in sorted(counts.items())) or "none"
     if records.passed_over:
         yield "no tasks", f"in {len(records.passed_over):,} files"
-
-
-def _print_some(console: Console, entries: Iterable[object], lines: int) -> None:
-    from webgym.core.text import plain
-
-    listed = list(entries)
-    for entry in listed[:lines]:
-        console.print(f"    {plain(str(entry))}", highlight=False, markup=False, soft_wrap=True)
-    if lines and len(listed) > lines:
-        console.print(f"    and {len(listed) - lines:,} more (--lines)", highlight=False)

@@ -2,31 +2,44 @@
 
 from __future__ import annotations
 
+import json
 import sys
+from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
+from rich.console import Console
 
-from webgym.cli._options import Collection
+from webgym.cli import EXIT_USAGE
+from webgym.cli._checks import check_writable
+from webgym.cli._fields import Given, Option, Options, takes
+from webgym.cli._options import web_options
+from webgym.cli.tasks._files import print_set_aside, read_unique
+from webgym.core.errors import ConfigError
+from webgym.core.settings import validated
+from webgym.core.tables import Table, show
+from webgym.core.task import LEVELS
+from webgym.core.text import plain
+from webgym.rollout.blocklist import Blocklist, BlocklistConfig
+from webgym.tasks.files import whole_file
+from webgym.tasks.formats import Format, read_tasks, write_tasks
+from webgym.tasks.sampling import SamplerConfig, parse_ratio
+from webgym.tasks.split import SplitConfig
 
 if TYPE_CHECKING:
     from webgym.core.task import Task
-    from webgym.tasks.sampling import Sampler, SamplerConfig, Weigh
+    from webgym.tasks.sampling import Sampler, Weigh
     from webgym.tasks.split import Split
 
+SPLIT = Options(SplitConfig, {"--test": "test_tasks", "--seed": "seed"})
 
+
+@takes(settings=SPLIT)
 def split(
+    settings: Given,
     files: list[Path] = typer.Argument(..., help="Task files, or folders of them."),
     out: Path = typer.Option(..., "--out", help="Folder to write a file per split to, or one file for both."),
-    test: int = typer.Option(1_167, "--test", min=0, help="Number of test tasks, each from another website."),
-    seed: int = typer.Option(0, "--seed", help="Seed of the choice of test tasks."),
-    largest_website: int = typer.Option(
-        100,
-        "--largest-website",
-        min=1,
-        help="Test websites have at most this many tasks, if there are enough of them.",
-    ),
     left_out: Path | None = typer.Option(
         None,
         "--left-out",
@@ -36,13 +49,10 @@ def split(
     """Choose test tasks from distinct websites; leave these websites and related tasks out of training."""
     import msgspec
 
-    from webgym.cli.tasks._files import read_unique
-    from webgym.tasks.files import whole_file
-    from webgym.tasks.formats import write_tasks
-    from webgym.tasks.split import SplitConfig
     from webgym.tasks.split import split as run
 
-    config = SplitConfig(test_tasks=test, seed=seed, largest_website=largest_website)
+    config = validated(SplitConfig, settings)
+    check_writable(left_out)
     result = run(read_unique(files), config)
     write_tasks(out, result.tasks)
     if left_out is not None:
@@ -52,13 +62,6 @@ def split(
 
 
 def _print_result(result: Split, out: Path) -> None:
-    from collections import Counter
-
-    from rich.console import Console
-
-    from webgym.core.tables import Table, show
-    from webgym.core.task import LEVELS
-
     domains = sorted({domain for _, domain in result.test})
     rows = [
         (domain, *(str(result.test[level, domain]) for level in LEVELS), str(result.of_domain(domain)))
@@ -79,10 +82,9 @@ def convert(
     out: Path = typer.Argument(
         ..., metavar="OUT", help="File to write (.parquet, .jsonl, .jsonl.gz, .jsonl.zst), or a folder."
     ),
-    format: str | None = typer.Option(
+    format: Format | None = typer.Option(
         None,
         "--format",
-        metavar="jsonl|parquet|published",
         help="Format of OUT. A folder gets a file per split.",
         show_default="by the name of a file, jsonl in a folder",
     ),
@@ -91,16 +93,8 @@ def convert(
 
     Tasks without a fact to judge are not written; their number is printed.
     """
-    from webgym.cli import EXIT_USAGE
-    from webgym.cli.tasks._files import print_set_aside
-    from webgym.core.errors import ConfigError
-    from webgym.tasks.formats import FORMATS, read_tasks, write_tasks
-
-    chosen = next((known for known in FORMATS if known == format), None)
-    if format and not chosen:
-        raise ConfigError(f"unknown format {format!r}", hint=f"choose one of {', '.join(FORMATS)}")
     records = read_tasks(source)
-    count = write_tasks(out, records.tasks, format=chosen)
+    count = write_tasks(out, records.tasks, format=format)
     print(f"{count} tasks written to {out}")
     print_set_aside(records.set_aside)
     if records.broken:
@@ -109,29 +103,22 @@ def convert(
         raise typer.Exit(EXIT_USAGE)
 
 
+@takes(settings=web_options("seed", "collection", "per_family"))
 def offline(
+    settings: Given,
     out: Path = typer.Option(..., "--out", help="Task file to write: .jsonl or .parquet."),
-    split: str | None = typer.Option(None, "--split", help="train or test.", show_default="both"),
-    seed: int | None = typer.Option(None, "--seed", help="Seed of the offline web.", show_default="7"),
-    collection: Collection = "large",
-    per_family: int | None = typer.Option(
-        None, "--per-family", min=1, help="Number of websites per family.", show_default="50 large, 72 small"
+    split: Literal["train", "test"] | None = typer.Option(
+        None, "--split", help="Split to write.", show_default="both"
     ),
 ) -> None:
     """Write the offline web's tasks to a file, with the hidden truths that they are judged by."""
-    from rich.console import Console
     from rich.progress import track
 
-    from webgym.core.errors import ConfigError
-    from webgym.offline.config import DEFAULT_SEED
-    from webgym.offline.web import OfflineWeb, collection_name
-    from webgym.tasks.formats import write_tasks
+    from webgym.offline.config import SitesConfig
+    from webgym.offline.web import OfflineWeb
 
-    if split not in (None, "train", "test"):
-        raise ConfigError(f"unknown split {split!r}", hint="choose train or test")
-    web = OfflineWeb(
-        DEFAULT_SEED if seed is None else seed, per_family=per_family, collection=collection_name(collection)
-    )
+    config = validated(SitesConfig, settings)
+    web = OfflineWeb(config.seed, per_family=config.per_family, collection=config.collection)
     hosts = [host for host, spec in web.specs.items() if split in (None, spec.split)]
     console = Console(stderr=True)
     shown = track(hosts, "websites", console=console, transient=True, disable=not console.is_terminal)
@@ -139,42 +126,36 @@ def offline(
     print(f"{count} tasks written to {out}")
 
 
+SAMPLER = Options(
+    SamplerConfig,
+    {
+        "--split": "split",
+        "--ratio": Option(
+            "ratio",
+            help="Ratio of easy:medium:hard, such as 2:1:1.",
+            default="as in the files",
+            metavar="RATIO",
+            parse=parse_ratio,
+        ),
+        "--domain": "domains",
+        "--without": "without",
+        "--seed": "seed",
+    },
+)
+BLOCKED = Options(BlocklistConfig, {"--blocklist": "file", "--blocked-hours": "hours"})
+
+
+@takes(settings=SAMPLER, blocked=BLOCKED)
 def sample(
+    settings: Given,
+    blocked: Given,
     files: list[Path] = typer.Argument(..., help="Task files, or folders of them."),
     count: int = typer.Option(1_024, "--count", min=1, help="Number of tasks to draw."),
     out: Path | None = typer.Option(None, "--out", help="Task file to write.", show_default="print ids only"),
-    split: str = typer.Option(
-        "train", "--split", help="train, test, all, or unsplit (tasks without a split)."
-    ),
-    ratio: str | None = typer.Option(
-        None, "--ratio", help="Ratio of easy:medium:hard, such as 2:1:1.", show_default="as in the files"
-    ),
-    domain: list[str] = typer.Option(
-        [], "--domain", help="Draw only from this domain or subdomain. May be repeated."
-    ),
-    without: list[str] = typer.Option(
-        [], "--without", help="Do not draw from this domain or subdomain. May be repeated."
-    ),
-    without_share: float = typer.Option(
-        0.0, "--without-share", min=0.0, help="Also leave out this share of the subdomains, chosen at random."
-    ),
-    without_seed: int = typer.Option(
-        0, "--without-seed", help="Seed of the choice of subdomains for --without-share."
-    ),
     block: list[str] = typer.Option([], "--block", help="Do not draw from this website. May be repeated."),
-    blocklist: Path | None = typer.Option(
-        None, "--blocklist", help="Do not draw from websites in this blocklist file of a run."
-    ),
-    blocked_hours: float = typer.Option(
-        12.0,
-        "--blocked-hours",
-        min=0.0,
-        help="Hours for which a website is left out after it blocked an attempt.",
-    ),
     shard: str = typer.Option(
         "0/1", "--shard", help="Index of this worker and number of workers, such as 0/4."
     ),
-    seed: int = typer.Option(0, "--seed", help="Seed of all shuffles."),
     state: Path | None = typer.Option(
         None,
         "--state",
@@ -193,11 +174,6 @@ def sample(
     ),
 ) -> None:
     """Draw tasks without replacement; with --state, continue where the last call ended."""
-    import sys
-
-    from webgym.cli.tasks._files import read_unique
-    from webgym.core.errors import ConfigError
-    from webgym.rollout.blocklist import Blocklist, BlocklistConfig
     from webgym.tasks.sampling import Sampler, near_success, spread_websites
 
     if spread and near:
@@ -205,23 +181,16 @@ def sample(
     weigh: Weigh | None = spread_websites() if spread else None
     if near:
         weigh = near_success(_results(near), target=target)
-    choice = {
-        "split": split,
-        "domains": domain,
-        "without": without,
-        "without_share": without_share,
-        "without_seed": without_seed,
-    }
-    config = _config(choice, seed=seed, ratio=ratio, shard=shard)
-    websites = Blocklist(BlocklistConfig(file=blocklist, hours=blocked_hours))
+    config = validated(SamplerConfig, settings | _shard(shard))
+    websites = Blocklist(validated(BlocklistConfig, blocked))
     sampler = Sampler(read_unique(files), config, blocked=websites.blocked, weigh=weigh, anew=bool(near))
     if left_out := sampler.selected.told():
         print(f"{len(sampler.selected.tasks):,} tasks to draw from; left out: {left_out}", file=sys.stderr)
     _restore(sampler, state)
     sampler.block(*map(_site, block))
     drawn = sampler.draw(count)
-    if blocked := sampler.passed_over:
-        message = f"{blocked.total():,} tasks on {len(blocked):,} blocked websites were not drawn"
+    if passed_over := sampler.passed_over:
+        message = f"{passed_over.total():,} tasks on {len(passed_over):,} blocked websites were not drawn"
         print(message, file=sys.stderr)
     _write(drawn, out)
     _save(sampler, state)
@@ -229,11 +198,6 @@ def sample(
 
 def _write(drawn: list[Task], out: Path | None) -> None:
     """Write tasks to a file, or print their ids."""
-    import sys
-
-    from webgym.core.text import plain
-    from webgym.tasks.formats import write_tasks
-
     distinct = list({task.id: task for task in drawn}.values())
     if repeated := len(drawn) - len(distinct):
         what = (
@@ -247,20 +211,14 @@ def _write(drawn: list[Task], out: Path | None) -> None:
     print(f"{len(distinct):,} tasks written to {out}")
 
 
-def _config(choice: dict[str, Any], *, seed: int, ratio: str | None, shard: str) -> SamplerConfig:
-    from webgym.core.errors import ConfigError
-    from webgym.core.settings import validated
-    from webgym.tasks.sampling import SamplerConfig, parse_ratio
-
+def _shard(shard: str) -> dict[str, int]:
     index, slash, count = shard.partition("/")
     if not (slash and index.isdecimal() and count.isdecimal()):
         raise ConfigError(f"{shard!r} is not a shard", hint="give INDEX/COUNT, counted from 0, such as 0/4")
-    more = {"seed": seed, "ratio": None if ratio is None else parse_ratio(ratio)}
-    return validated(SamplerConfig, {**choice, **more, "shard": int(index), "shards": int(count)})
+    return {"shard": int(index), "shards": int(count)}
 
 
 def _site(website: str) -> str:
-    from webgym.core.errors import ConfigError
     from webgym.core.websites import site_of
 
     try:
@@ -270,10 +228,6 @@ def _site(website: str) -> str:
 
 
 def _restore(sampler: Sampler, state: Path | None) -> None:
-    import json
-
-    from webgym.core.errors import ConfigError
-
     if state is None or not state.exists():
         return
     try:
@@ -286,10 +240,6 @@ def _restore(sampler: Sampler, state: Path | None) -> None:
 
 
 def _save(sampler: Sampler, state: Path | None) -> None:
-    import json
-
-    from webgym.tasks.files import whole_file
-
     if state is not None:
         with whole_file(state) as file:
             file.write(json.dumps(sampler.state()).encode() + b"\n")

@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parent.parent
 LARGEST_FILE_MIB = 2
 LARGER = {Path("src/webgym/study/weights/model.safetensors"): 8}
 """Files that may have more, MiB."""
-LOCK_LINE = re.compile(r"(#.*|[A-Za-z0-9._-]+==[A-Za-z0-9.!+_-]+( ; [^@/]+)?)?")
+LOCK_LINE = re.compile(r"(#.*|([\w.-]+==[\w.!+-]+( ; [^@/]+)?|    --hash=sha256:[0-9a-f]{64})( \\)?)?")
 
 FORBIDDEN = {
     "a home directory": re.compile(r"(?<![\w.])/(?:root|Users/\w+)/"),
@@ -65,7 +65,7 @@ def findings(root: Path) -> Iterator[str]:
         if name.parts[0] == "requirements":
             for number, line in enumerate(text.splitlines(), start=1):
                 if not LOCK_LINE.fullmatch(line):
-                    yield f"{name}:{number}: a lock line is name==version, nothing else"
+                    yield f"{name}:{number}: a lock line is name==version or a hash, nothing else"
         if path != Path(__file__).resolve():  # the patterns themselves
             for what, pattern in forbidden.items():
                 for match in pattern.finditer(text):

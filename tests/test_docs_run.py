@@ -65,12 +65,12 @@ async def environment(patch: pytest.MonkeyPatch) -> AsyncIterator[Names]:
     from tests.inference.tiny import tiny_image_processor, tiny_renderer, tiny_tokenizer
 
     patch.setattr("webgym.env.environment.make", lambda *_, **__: stand_in_environment())
-    pool = webgym.EnvironmentPool(**stand_in_pool(Path(), 1))
     real = webgym.EnvironmentPool
-    patch.setattr(
-        "webgym.env.pool.EnvironmentPool",
-        lambda *_, **given: real(**given) if "browsers" in given else pool,
-    )
+
+    def pool(*_: object, **given: Any) -> webgym.EnvironmentPool:
+        return real(**(given if "browsers" in given else stand_in_pool(Path(), given.get("size", 1))))
+
+    patch.setattr("webgym.env.pool.EnvironmentPool", pool)
     sampled, logprobs = Engine(tiny_renderer(), ["-"]).sample(await answers())
     made = SimpleNamespace(ids=sampled, logprobs=logprobs, version="1")
 

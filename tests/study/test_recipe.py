@@ -93,6 +93,7 @@ def test_a_recipe_that_was_killed_ends_with_the_same_weights(
     monkeypatch.setattr("webgym.study.pretrain.CHECKPOINT_STEPS", 2)
     monkeypatch.setattr("webgym.study.pretrain.REPORT_STEPS", 1)
     monkeypatch.setattr("webgym.study.recipe.EXAMINED", 1)
+    monkeypatch.setattr("webgym.cli._print.LINE_SECONDS", 0)
     small = {"width": 32, "text_layers": 1, "vision_layers": 2}
     taught = {"model": small, "steps": 6, "pointing_steps": 3, "batch": 2, "threads": 1}
     (tmp_path / "small.yaml").write_text(
@@ -124,7 +125,8 @@ def test_a_recipe_that_was_killed_ends_with_the_same_weights(
     pretrain = documented("webgym pretrain configs/tiny/recipe.yaml --out tiny")
     code, said = calls.run(*pretrain, "small.yaml", "--out", "whole")
     assert code == 0, said
-    assert "examination" in said
+    assert "pretraining: 6 of 6 loss" in said
+    assert "examination: 1 of 1" in said
     figures = [json.loads(line) for line in Path("whole/metrics.jsonl").read_text().splitlines()]
     assert [each["step"] for each in figures] == [1, 2, 3, 4, 5, 6]
     with pytest.raises(Killed):

@@ -270,7 +270,7 @@ def test_what_cannot_be_trained_is_refused_before_browsers_start(
         return one_line(said)
 
     assert "cannot load the model no-such/model" in refused(model="no-such/model")
-    assert "give a folder with config.json" in refused(model=tmp_path / "nowhere")
+    assert "there is no such folder (check its path)" in refused(model=tmp_path / "nowhere")
     # The one that collects is there; the one that would learn, after an iteration, is not.
     assert "cannot load the model" in refused(model=tmp_path / "nowhere", local={"path": str(model)})
     assert "did you mean learn.update.learning_rate?" in refused(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Annotated, Any, TypeAlias
@@ -18,6 +19,9 @@ from webgym.core.text import plain
 AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 AsMarkdown: TypeAlias = Annotated[bool, typer.Option("--markdown", help="Print the tables as Markdown.")]
 AsLatex: TypeAlias = Annotated[bool, typer.Option("--latex", help="Print the tables as LaTeX (booktabs).")]
+
+LINE_SECONDS = 10.0
+"""Between two lines of progress where there is no terminal."""
 
 Advance: TypeAlias = Callable[..., None]
 """Called with a bar's name, the number done and, if known, that of all and a text behind the bar."""
@@ -83,7 +87,7 @@ def print_tables(
 
 @contextmanager
 def bars(console: Console | None = None) -> Iterator[Advance]:
-    """Show progress bars until the block ends; nothing where there is no terminal.
+    """Show progress bars until the block ends; without a terminal, a line now and then.
 
     Args:
         console: by default stderr.
@@ -101,10 +105,15 @@ def bars(console: Console | None = None) -> Iterator[Advance]:
     )
     with Progress(*every, console=console, transient=True, disable=not console.is_terminal) as progress:
         shown: dict[str, Any] = {}
+        line_at = time.monotonic() + LINE_SECONDS
 
         def advance(name: str, done: int, total: int | None = None, details: str = "") -> None:
+            nonlocal line_at
             if name not in shown:
                 shown[name] = progress.add_task(name, total=None, details="")
             progress.update(shown[name], total=total or None, completed=done, details=details)
+            if progress.disable and time.monotonic() >= line_at:
+                line_at = time.monotonic() + LINE_SECONDS
+                say(f"{name}: {done}{f' of {total}' if total else ''} {details}".rstrip(), console)
 
         yield advance

@@ -9,6 +9,7 @@ from typing import Any, Final, Protocol
 
 from markupsafe import Markup
 
+from webgym.core.errors import StoreCorrupt
 from webgym.core.trajectory import Trajectory
 from webgym.report.config import ReportConfig
 from webgym.report.content import page
@@ -57,8 +58,12 @@ def write_report(
         StoreFull: there is no space.
     """
     run = LiveRun(Path(run_path))
+    target, config = run.reader.path / REPORT, config or ReportConfig()
     try:
-        return write_parts(run.reader.path / REPORT, _parts(run, config or ReportConfig(), progress))
+        return write_parts(target, _parts(run, config, progress))
+    except StoreCorrupt:  # a record has changed since it was indexed
+        run.index.forget()
+        return write_parts(target, _parts(run, config, progress))
     finally:
         run.index.close()
 

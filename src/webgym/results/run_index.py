@@ -181,6 +181,10 @@ class RunIndex:
         """Close the database."""
         self._connection.close()
 
+    def forget(self) -> None:
+        """Have the next :meth:`refresh` read all records again: one changed where it stands."""
+        self._connection.execute("DELETE FROM meta WHERE name = 'made_for'")
+
     def __enter__(self) -> Self:
         return self
 

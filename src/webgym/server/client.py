@@ -235,7 +235,11 @@ class BrowserClient:
         return [session.grant for session in self._sessions]
 
     async def give_back(self, grant: SessionGrant) -> None:
-        """End the session of a lease, if it still exists."""
+        """End the session of a lease, if it still exists.
+
+        Args:
+            grant: the lease, as the server granted it.
+        """
         with contextlib.suppress(WebGymError):  # the lease expires by itself
             await self.call(RELEASE, Closed, grant=grant, seconds=RELEASE_SECONDS)
 

@@ -104,19 +104,19 @@ class Hosts(Protocol):
 
 
 def shares_of(
-    server: ServerConfig, fleet: GatewayConfig, *, host: str, slots: int, cores: float
+    server: ServerConfig, config: GatewayConfig, *, host: str, slots: int, cores: float
 ) -> tuple[ServerConfig, ...]:
     """The settings of each of the workers of a machine: the configured number of workers, or by its cores.
 
     Args:
         server: the settings of all workers together, for the processors of this machine.
-        fleet: the number of workers, and their ports.
+        config: the number of workers, and their ports.
         host: where they listen.
         slots: number of slots of the machine; every worker gets one.
         cores: number of its processors.
     """
-    machine = server.model_copy(update={"host": host, "ports": fleet.worker_ports})
-    workers = min(slots, fleet.workers or max(1, round(cores / CORES_PER_WORKER)))
+    machine = server.model_copy(update={"host": host, "ports": config.worker_ports})
+    workers = min(slots, config.workers or max(1, round(cores / CORES_PER_WORKER)))
     counts = [slots // workers + (number < slots % workers) for number in range(workers)]
     return tuple(
         _share_of(machine, count, cores / workers / usable_cores(), count / slots) for count in counts

@@ -17,8 +17,9 @@ from webgym.report.live_run import LiveRun
 from webgym.report.write import write_report
 from webgym.results.run_index import INDEX, RunIndex, TrajectoryQuery
 from webgym.results.summary import summarise
+from webgym.run.collect import _index_of
 from webgym.store.records import seal
-from webgym.store.runs import RunReader
+from webgym.store.runs import RunReader, RunWriter
 from webgym.store.verify import verify
 
 
@@ -136,6 +137,17 @@ def test_corrupt_lines_are_named(run: Path) -> None:
     assert [str(line) for line in _opened(run).corrupt] == [
         "trajectories/00000.jsonl line 1: the checksum does not match"
     ]
+
+
+async def test_a_damaged_attempt_that_was_made_again_is_what_the_run_counts(run: Path) -> None:
+    _opened(run).close()
+    again = next(iter(RunReader(run).trajectories()))
+    _shard(run).write_bytes(_shard(run).read_bytes().replace(b'"', b"'", 1))
+    async with await RunWriter.reopen(run, skip_corrupt=True) as store:
+        await store.append(again)
+        with _index_of(store, list(RunReader(run).tasks.values())) as index:
+            assert index.entry(again.episode.attempt_id) == store.attempts[again.episode.attempt_id]
+            assert [(line.line, len(index)) for line in index.corrupt] == [(1, 12)]
 
 
 def test_the_figures_are_those_of_the_summary_and_are_kept(

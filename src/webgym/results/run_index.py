@@ -181,6 +181,13 @@ class RunIndex:
         """Close the database."""
         self._connection.close()
 
+    def agrees_with(self, entries: Mapping[str, Entry]) -> bool:
+        """Whether it has these records, where they are, and no others."""
+        rows = self._connection.execute("SELECT id, outcome, shard, offset FROM rows")
+        return {tuple(row) for row in rows} == {
+            (entry.attempt_id, entry.outcome.value, entry.shard, entry.offset) for entry in entries.values()
+        }
+
     def forget(self) -> None:
         """Have the next :meth:`refresh` read all records again: one changed where it stands."""
         self._connection.execute("DELETE FROM meta WHERE name = 'made_for'")

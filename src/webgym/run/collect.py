@@ -485,7 +485,11 @@ async def _summarised(
 
 
 def _index_of(store: RunWriter, tasks: Sequence[Task]) -> RunIndex:
-    """The index of a run's records on disk, which the run's report and viewer then need not make."""
+    """The index of a run's records on disk, which the run's report and viewer then need not make. The writer
+    has verified every record; an index that has others is made again."""
     index = RunIndex(store.path, {task.id: task for task in tasks})
     index.refresh()
+    if not index.agrees_with(store.attempts):
+        index.forget()
+        index.refresh()
     return index

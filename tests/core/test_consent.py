@@ -16,6 +16,7 @@ CODE = {"judge": {"name": "mine:judge"}}
 CLAIMS = {
     "runs the code mine:judge": CODE,
     "runs the code ours.loss:mean": {"learn": {"objective": "ours.loss:mean"}},
+    "runs the code my-file:Judge.strict": {"judge": ["rubric", "my-file:Judge.strict"]},
     "starts a program with executable /opt/chrome": {"browser": {"executable": "/opt/chrome"}},
     "starts a program with env {'LD_PRELOAD': 'x.so'}": {"vllm": {"env": {"LD_PRELOAD": "x.so"}}},
     "sends SECRET to http://far.example/v1": {

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import re
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -21,8 +20,8 @@ from webgym.core.errors import ConfigError
 ALLOW: Final = "WEBGYM_TRUST_SETTINGS"
 """Environment variable; ``1`` confirms all settings that this process reads."""
 
-_CODE: Final = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
 _NAMES_CODE: Final = ("judge", "name", "objective")
+"""The settings that may name an object to import, as ``module:object``."""
 _STARTS: Final = ("executable", "extra_args", "env")
 _KEYS_OF: Final = {
     "base_url": ("WEBGYM_API_KEY", "WEBGYM_JUDGE_API_KEY"),
@@ -78,8 +77,8 @@ def _claims(settings: Any, key: str = "") -> Iterator[str]:
             yield from _claims(value, str(name))
     elif isinstance(settings, list | tuple):
         for each in settings:
-            yield from _claims(each)
-    elif key in _NAMES_CODE and isinstance(settings, str) and _CODE.fullmatch(settings):
+            yield from _claims(each, key)
+    elif key in _NAMES_CODE and isinstance(settings, str) and ":" in settings:
         yield f"runs the code {settings}"
 
 

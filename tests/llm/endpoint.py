@@ -20,6 +20,16 @@ Answer = Callable[[Request], Coroutine[Any, Any, Response]]
 HTML = "<!doctype html><html><body><h1>It works!</h1></body></html>"
 
 
+def fixed(content: Any, status: int = 200, media: str = "application/json") -> Any:
+    """A behaviour that always gives this response; content that is neither text nor bytes as JSON."""
+
+    async def answer(_: Endpoint, request: Request) -> Response:
+        body = content if isinstance(content, str | bytes) else json.dumps(content)
+        return Response(body, status, media_type=media)
+
+    return answer
+
+
 class Endpoint:
     """The server's address, and what it was asked."""
 
@@ -88,6 +98,18 @@ class Endpoint:
             "usage": self.usage,
         }
 
+    do_404 = fixed({"error": {"message": "no such model"}}, 404)
+    do_500 = fixed("Internal Server Error", 500, "text/plain")
+    do_400 = fixed({"error": {"message": "context length exceeded\nby a lot"}}, 400)
+    do_401 = fixed({"error": {"message": "no key"}}, 401)
+    do_html = fixed(HTML, media="text/html")
+    do_list = fixed([1, 2, 3])
+    do_nested = fixed('{"choices": ' + "[" * 200_000)
+    do_empty = fixed({"choices": [], "error": {"message": "model is loading"}})
+    do_surrogate = fixed('{"choices": [{"message": {"content": "\\ud800"}}]}')
+    do_latin = fixed(b'{"choices": [{"message": {"content": "\xe9"}}]}')
+    do_latin_500 = fixed(b'{"error": {"message": "\xe9"}}', 500)
+
     async def do_fine(self, request: Request) -> Response:
         return JSONResponse(self.completion())
 
@@ -99,9 +121,6 @@ class Endpoint:
         """500 for one question alone."""
         is_poison = self.requests[-1]["messages"][-1]["content"] == "poison"
         return await (self.do_500(request) if is_poison else self.do_fine(request))
-
-    async def do_404(self, request: Request) -> Response:
-        return JSONResponse({"error": {"message": "no such model"}}, 404)
 
     async def do_slow(self, request: Request) -> Response:
         await asyncio.sleep(0.05)
@@ -164,15 +183,6 @@ class Endpoint:
             return JSONResponse(error, 429, headers={"Retry-After": self.retry_after})
         return JSONResponse(self.completion())
 
-    async def do_500(self, request: Request) -> Response:
-        return Response("Internal Server Error", 500)
-
-    async def do_400(self, request: Request) -> Response:
-        return JSONResponse({"error": {"message": "context length exceeded\nby a lot"}}, 400)
-
-    async def do_401(self, request: Request) -> Response:
-        return JSONResponse({"error": {"message": "no key"}}, 401)
-
     async def do_echo(self, request: Request) -> Response:
         message = f"Invalid API key provided: {request.headers['authorization'].removeprefix('Bearer ')}"
         return JSONResponse({"error": {"message": message}}, 401)
@@ -183,9 +193,6 @@ class Endpoint:
     async def do_redirect(self, request: Request) -> Response:
         return Response(status_code=307, headers={"Location": self.url("fine")})
 
-    async def do_html(self, request: Request) -> Response:
-        return HTMLResponse(HTML)
-
     async def do_plain(self, request: Request) -> Response:
         return Response(json.dumps(self.completion()), 200, media_type="text/plain")
 
@@ -193,34 +200,13 @@ class Endpoint:
         return Response(b"", 200)
 
     async def do_truncated(self, request: Request) -> Response:
-        whole = json.dumps(self.completion())
-        return Response(whole[: len(whole) // 2], 200, media_type="application/json")
-
-    async def do_list(self, request: Request) -> Response:
-        return JSONResponse([1, 2, 3])
-
-    async def do_nested(self, request: Request) -> Response:
-        return Response('{"choices": ' + "[" * 200_000, 200, media_type="application/json")
-
-    async def do_empty(self, request: Request) -> Response:
-        return JSONResponse({"choices": [], "error": {"message": "model is loading"}})
+        return Response(json.dumps(self.completion())[:-40], 200, media_type="application/json")
 
     async def do_number(self, request: Request) -> Response:
         return JSONResponse(self.completion(message={"content": 5}))
 
     async def do_broken_off(self, request: Request) -> Response:
         return JSONResponse(self.completion(finish_reason="error"))
-
-    async def do_surrogate(self, request: Request) -> Response:
-        body = '{"choices": [{"message": {"content": "\\ud800"}}]}'
-        return Response(body, 200, media_type="application/json")
-
-    async def do_latin(self, request: Request) -> Response:
-        body = b'{"choices": [{"message": {"content": "\xe9"}}]}'
-        return Response(body, 200, media_type="application/json")
-
-    async def do_latin_500(self, request: Request) -> Response:
-        return Response(b'{"error": {"message": "\xe9"}}', 500, media_type="application/json")
 
     async def do_stream(self, request: Request) -> Response:
         return StreamingResponse(self._forever(b"data: {}\n\n"), media_type="text/event-stream")

@@ -321,18 +321,13 @@ def test_a_file_that_does_not_fit_is_named_with_its_key() -> None:
         load("webgym.offline.small", "market.toml", Shape)
 
 
-def test_a_collection_that_is_not_there_is_named() -> None:
-    from webgym.offline.web import collection_name
-
-    with pytest.raises(ConfigError, match="tiny"):
-        collection_name("tiny")
-
-
 @pytest.mark.parametrize("command", ["list", "check"])
-def test_a_family_that_is_not_there_is_refused(calls: Calls, command: str) -> None:
+def test_a_family_or_collection_that_is_not_there_is_refused(calls: Calls, command: str) -> None:
     code, said = calls.run("sites", command, "--collection", "small", "--family", "shop")
     hint = "webgym sites list --collection small shows the families"
     assert (code, said) == (2, f"webgym: unknown family 'shop' ({hint})\n")
+    code, said = calls.run("sites", command, "--collection", "tiny")
+    assert (code, said) == (2, "webgym: collection: Input should be 'large', 'small' or 'cross'\n")
 
 
 def part(name: str, facts: int, **state: object) -> Part:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
 
-from webgym.core.errors import ConfigError
 from webgym.core.task import Task
 from webgym.offline import names, small
 from webgym.offline.config import DEFAULT_SEED, CollectionName
@@ -55,18 +54,6 @@ COLLECTIONS: dict[CollectionName, Collection] = {
         FAMILIES, 50, 0.2, (), (1280, 768), replace(SENTENCES, source="offline-cross"), is_cross_site=True
     ),
 }
-
-
-def collection_name(name: str) -> CollectionName:
-    """The collection of this name.
-
-    Raises:
-        ConfigError: there is no such collection.
-    """
-    match = next((known for known in COLLECTIONS if known == name), None)
-    if match is None:
-        raise ConfigError(f"there is no collection {name!r}", hint=f"give {', '.join(COLLECTIONS)}")
-    return match
 
 
 @dataclass(frozen=True)

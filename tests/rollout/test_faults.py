@@ -433,7 +433,9 @@ async def test_a_run_whose_folder_is_deleted_says_so(tmp_path: Path, world: Worl
     world.model.may = HALF
     run = Run().start(world.config(tmp_path, 16), tmp_path / "run")
     await until_half(run, world)
-    await asyncio.to_thread(shutil.rmtree, tmp_path / "run")
+    # Renamed first: in a folder that is being emptied, a writer could put something new meanwhile.
+    (tmp_path / "run").rename(tmp_path / "deleted")
+    await asyncio.to_thread(shutil.rmtree, tmp_path / "deleted")
     world.model.may = math.inf
     with pytest.raises(BaseExceptionGroup) as stopped:
         await run.end()

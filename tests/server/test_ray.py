@@ -33,6 +33,8 @@ if find_spec("ray") is None:  # importing it takes every process that collects t
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module"), pytest.mark.timeout(240)]
 
 MIB = 2**20
+SLOWEST_START = 150.0
+"""Until what was started is there, seconds: two nodes import everything on a machine that tests keep busy."""
 
 
 class Nodes:
@@ -101,7 +103,7 @@ class Gateway:
             *("--allow-host", "127.0.0.1"),
             WEBGYM_TOKEN=TOKEN,
         )  # fmt: skip
-        wait_until(lambda: "\nsandbox " in self.said or self.process.poll() is not None)
+        wait_until(lambda: "\nsandbox " in self.said or self.process.poll() is not None, SLOWEST_START)
         found = re.search(r"server +(\S+)", self.said)
         assert found, self.said
         self.url = found[1]
@@ -122,7 +124,7 @@ async def client(gateway: Gateway) -> AsyncIterator[BrowserClient]:
         yield client
 
 
-async def until(holds: Callable[[], Awaitable[bool]], seconds: float = 60) -> None:
+async def until(holds: Callable[[], Awaitable[bool]], seconds: float = SLOWEST_START) -> None:
     async with asyncio.timeout(seconds):
         while not await holds():
             await asyncio.sleep(0.1)

@@ -28,7 +28,7 @@ from webgym.agent.config import AgentConfig
 from webgym.agent.openai_policy import OpenAIPolicy
 from webgym.agent.profiles import all_profiles, choose_profile
 from webgym.agent.prompts import render_reply
-from webgym.browser.actions import point_of
+from webgym.browser.aim import point_of
 from webgym.browser.config import BrowserConfig
 from webgym.core.action import LeftClick, Navigate, Target
 from webgym.llm.config import ChatConfig

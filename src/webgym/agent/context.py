@@ -207,6 +207,7 @@ _NOTICES: dict[NoticeKind, str] = {
     "crashed": "The page crashed and was loaded again",
     "reply_unreadable": "Your last reply held no action, so nothing was done",
     "shortened": "The page has more than is told of it; this was cut",
+    "changed": "The page changed before the last action landed",
     "no_effect": "The last action had no effect",
     "unchanged": "The screen is the same as before your last action",
 }

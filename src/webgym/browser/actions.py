@@ -8,6 +8,7 @@ from typing import Literal, assert_never
 
 import msgspec
 
+from webgym.browser.aim import aim, on_page
 from webgym.browser.cdp_messages import History, HistoryEntry
 from webgym.browser.isolated_worlds import DocumentGone
 from webgym.browser.keyboard import BACKSPACE, ENTER, PROCESS, Key, key_of, split_input
@@ -17,7 +18,6 @@ from webgym.browser.settle import settle
 from webgym.browser.sliders import TYPED_KEYS, slide
 from webgym.browser.upload import upload
 from webgym.core.action import (
-    GRID,
     MAX_WAIT_SECONDS,
     BrowserAction,
     DoubleClick,
@@ -29,7 +29,6 @@ from webgym.core.action import (
     Press,
     RightClick,
     Scroll,
-    Target,
     Type,
     Upload,
     Wait,
@@ -81,26 +80,26 @@ async def perform(page: Page, action: BrowserAction) -> None:
     """
     match action:
         case LeftClick(target=target, modifiers=modifiers):
-            point = point_of(page, target)
+            point = await aim(page, target)
             async with holding(page, modifiers) as bits:
                 await click(page, point, modifiers=bits)
         case DoubleClick(target=target):
-            await click(page, point_of(page, target), count=2)
+            await click(page, await aim(page, target), count=2)
         case RightClick(target=target):
-            await click(page, point_of(page, target), button="right")
+            await click(page, await aim(page, target), button="right")
         case Hover(target=target):
-            await mouse(page, "mouseMoved", point_of(page, target))
+            await mouse(page, "mouseMoved", await aim(page, target))
         case Drag(start=start, target=target, path=path):
-            between = [_on_page(page, point) for point in path]
-            await drag(page, [point_of(page, start), *between, point_of(page, target)])
+            between = [on_page(page, point) for point in path]
+            await drag(page, [await aim(page, start), *between, await aim(page, target)])
         case Type(target=target, text=text, enter=enter):
-            await type_at(page, point_of(page, target), text, enter=enter)
+            await type_at(page, await aim(page, target), text, enter=enter)
         case Press(keys=keys):
             await press(page, keys)
         case Scroll(direction=direction, target=target):
-            await scroll(page, direction, None if target is None else point_of(page, target))
+            await scroll(page, direction, None if target is None else await aim(page, target))
         case Upload(target=target, files=names):
-            await upload(page, point_of(page, target), names)
+            await upload(page, await aim(page, target), names)
         case Wait(time=seconds):
             await page.rest(max(0.0, min(seconds, MAX_WAIT_SECONDS)))
         case GoBack():
@@ -109,27 +108,6 @@ async def perform(page: Page, action: BrowserAction) -> None:
             await _navigate(page, url)
         case _:
             assert_never(action)
-
-
-def point_of(page: Page, target: Target) -> Point:
-    """The position of a target in the viewport, CSS pixels.
-
-    Raises:
-        ActionFailed: the last observation contains no such element.
-    """
-    if target.element is not None:
-        point = page.points.get(target.element)
-        if point is None:
-            raise ActionFailed(f"there is no element {target.element} in the last observation")
-        return point
-    assert target.coordinate is not None
-    return _on_page(page, target.coordinate)
-
-
-def _on_page(page: Page, coordinate: tuple[float, float]) -> Point:
-    width, height = page.options.viewport
-    x, y = coordinate
-    return min(x / GRID * width, width - 1), min(y / GRID * height, height - 1)
 
 
 # --- keyboard -----------------------------------------------------------------------------------------

@@ -13,7 +13,8 @@ from typing import Literal, TypeAlias
 
 import msgspec
 
-from webgym.browser.actions import perform, point_of, type_at
+from webgym.browser.actions import perform, type_at
+from webgym.browser.aim import point_of
 from webgym.browser.cdp import CommandFailed
 from webgym.browser.isolated_worlds import DocumentGone
 from webgym.browser.page import Page

@@ -12,7 +12,7 @@ from __future__ import annotations
 import asyncio
 import json
 import secrets
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from importlib import resources
 from typing import TypeVar
 
@@ -41,7 +41,7 @@ _QUOTED_LENGTH = 300
 
 _FILES = (
     "dom page settle geometry lists sliders typing labels roles reach wheel pointer effect early drawing"
-    " boxes sight targets beside observe marks document"
+    " boxes sight targets beside observe aim marks document"
 ).split()
 _SCRIPTS = resources.files("webgym.browser") / "scripts"
 _LISTENERS = (_SCRIPTS / "listeners.js").read_text("utf-8").rstrip()
@@ -351,7 +351,7 @@ class Worlds:
 
     # --- frames of other origins --------------------------------------------------------------------
 
-    async def gather(self, options: dict[str, bool], more: Iterable[str] = ()) -> msgspec.Raw:
+    async def gather(self, options: Mapping[str, bool | int], more: Iterable[str] = ()) -> msgspec.Raw:
         """The content of the frames of other origins, as JSON ``{id: {world, items}}`` for the main frame.
 
         Args:
@@ -362,7 +362,7 @@ class Worlds:
         shown = await asyncio.gather(*(self._gather(frame, options) for frame in frames))
         return msgspec.Raw(msgspec.json.encode(dict(zip(frames, shown, strict=True))))
 
-    async def _gather(self, frame: str, options: dict[str, bool]) -> dict[str, object]:
+    async def _gather(self, frame: str, options: Mapping[str, bool | int]) -> dict[str, object]:
         try:
             items = await self.run(
                 "gather", options, reply=msgspec.Raw, seconds=self._config.execute_seconds, frame=frame

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 
-from webgym.browser.actions import point_of
+from webgym.browser.aim import point_of
 from webgym.browser.cdp import CommandFailed
 from webgym.browser.cdp_messages import Screenshot
 from webgym.browser.gestures import AnyAction
@@ -150,6 +150,7 @@ async def look(page: Page, settled: str, milliseconds: dict[str, float], early: 
     milliseconds["metadata"] = (between - start) * 1000
     milliseconds["screenshot"] = (end - between) * 1000
     name = hashlib.sha256(image).hexdigest()
+    page.image = image if page.options.mode == "coordinates" else b""
     return Look(_observation(page, content, name, settled, milliseconds), image)
 
 
@@ -253,10 +254,7 @@ async def capture(page: Page) -> bytes:
 
 async def _capture(page: Page) -> bytes:
     config = page.config
-    quality = page.options.jpeg_quality
-    params: dict[str, object] = {"format": "png", "optimizeForSpeed": True}
-    if quality is not None:
-        params = {"format": "jpeg", "quality": quality}
+    quality, params = page.options.jpeg_quality, page.picture_format
     picture_type = f"image/{params['format']}"
     requests: set[asyncio.Task[Screenshot]] = set()
     try:

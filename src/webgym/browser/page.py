@@ -202,6 +202,8 @@ class Page:
         """Text of a "no_effect" notice, to be added if the next screenshot equals ``picture``, the last
         one."""
         self.picture = ""
+        self.image = b""
+        """The last picture, if what it shows tells where a click at a point of it lands."""
         self.ineffective_if_unscrolled = ""
         """The same, if the page is next observed at ``scrolled``, where it last was: a turn of the wheel may
         have an effect late."""
@@ -266,9 +268,17 @@ class Page:
         self.take_notices()
         self.take_faults()
         self.is_first, self.is_typed = True, False
-        self.idlers, self.points, self.picture = IdleTimers(), {}, ""
+        self.idlers, self.points, self.picture, self.image = IdleTimers(), {}, "", b""
         await self._do_all([("Network.clearBrowserCookies", {}), ("Page.resetNavigationHistory", {})])
         await self.begin(options)
+
+    @property
+    def picture_format(self) -> dict[str, Any]:
+        """Parameters of ``Page.captureScreenshot``."""
+        quality = self.options.jpeg_quality
+        if quality is None:
+            return {"format": "png", "optimizeForSpeed": True}
+        return {"format": "jpeg", "quality": quality}
 
     def _metrics(self) -> dict[str, Any]:
         width, height = self.options.viewport

@@ -18,6 +18,7 @@ NoticeKind: TypeAlias = Literal[
     "crashed",  # the renderer died and was brought back
     "reply_unreadable",  # the agent's last reply held no action
     "shortened",  # something was too long to be observed in full
+    "changed",  # the page changed between the picture and the action, where it landed
     "no_effect",  # nothing on the page reacted to a click or a scroll
     "unchanged",  # the screen is the same as before the action
 ]

@@ -237,6 +237,7 @@
       this.frames = frames;
       this.count = 0; // of elements
       this.spare = webgym.limits.text; // for their values and addresses
+      this.shown = []; // what tells the elements from each other: see aim.js
       this.missing = [];
       this.isUnknown = false;
     }
@@ -276,12 +277,13 @@
     finish() {
       this.flush();
       const chosen = choose(this.candidates, this.most);
-      for (const one of chosen) {
-        if (this.count >= webgym.limits.elements) {
-          webgym.noteShortened('elements');
-          break;
-        }
-        this.addElement(one.key || one.element, one.boxes, one.described || describe(one));
+      const most = webgym.limits.elements - this.count;
+      if (chosen.length > most) webgym.noteShortened('elements');
+      for (const one of chosen.slice(0, most)) one.described ??= { ...describe(one), element: one.element };
+      webgym.distinguish(chosen.slice(0, most).filter(({ element }) => element).map(({ described }) => described));
+      for (const { key, element, boxes, described } of chosen.slice(0, most)) {
+        const { element: _, ...told } = described;
+        this.addElement(key || element, boxes, told);
       }
       this.addBeside(chosen);
     }
@@ -298,10 +300,12 @@
       if (href) webgym.noteShortened('address');
       return described;
     }
-    addElement(key, [box], described) {
+    addElement(key, [box], { around, ...described }) {
       const { left, top, right, bottom } = box;
       const at = [left, top, right - left, bottom - top];
-      this.elements.push({ number: numberOf(key), ...this.fitting(described), box: at });
+      const number = numberOf(key);
+      this.elements.push({ number, ...this.fitting(described), box: at });
+      this.shown.push({ number, key, role: described.role, name: described.name, around, box });
     }
     addFrame(frame, place) {
       const id = webgym.frameId(frame);
@@ -479,18 +483,22 @@
   // {text, cuts, elements, marks}: what is wanted. Marks are drawn over the elements, and stay until the page is looked at
   // again: to remove them has it drawn once more, and the next action waits for that.
   webgym.observe = (wanted, frames) => {
-    webgym.unmark();
+    if (!wanted.aimed) webgym.unmark();
     webgym.attach();
     const page = scrollingElement(document) || documentElement(document);
     const seen = {
       title: shorten(title(document), 'title'),
       scroll: [scrollY, page ? scrollHeight(page) : innerHeight],
     };
-    if (!wanted.text && !wanted.elements && !wanted.cuts)
+    if (!wanted.text && !wanted.elements && !wanted.cuts) {
+      webgym.picture([]);
       return { ...seen, ...webgym.reach(), shortened: webgym.takeShortened() };
+    }
     const look = new Look(wanted, frames);
     walkAll(look);
     const reach = webgym.reach();
+    if (wanted.aimed) return { missing: look.missing, aimed: webgym.aim(wanted.aimed, look.shown) };
+    webgym.picture(look.shown);
     if (wanted.marks && documentElement(document)) webgym.mark(look.elements);
     const read = look.wantsText
       ? { text: shorten(look.lines.lines.join('\n'), 'text'), fields: firstOf(look.fields.lines) }

@@ -76,7 +76,7 @@ async def aim(page: Page, target: Target) -> tuple[float, float]:
     """
     point = point_of(page, target)
     try:
-        if await page.run("isAsPictured", target.element, reply=bool):
+        if await page.run("isAsPictured", target.element, point, reply=bool):
             return point
         if target.element is not None:
             return await _find(page, target.element)

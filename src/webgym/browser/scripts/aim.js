@@ -66,14 +66,15 @@
       scheduler.postTask(() => {}, { priority: 'user-blocking', delay: PATIENCE }),
     ]);
 
-  // Is all as the picture shows it? Of an element, if its number is given: does a click at its place still hit it?
-  webgym.isAsPictured = async (number) => {
+  // Is all as the picture shows it? Of an element, if its number is given: does a click at this point still hit it?
+  webgym.isAsPictured = async (number, point) => {
     await catchUp();
+    begin();
+    webgym.aimAt(...point);
     if (changes !== state.changes) return false;
     if (!number) return true;
     const was = pictured.get(number);
     if (!was || typeof was.key === 'string') return false; // changes of other worlds are not counted here
-    begin();
     const found = hit(...middle(was.box));
     return Boolean(found) && (found === was.hit || contains(was.key, found));
   };
@@ -83,14 +84,18 @@
   webgym.aim = (number, shown) => {
     const was = pictured.get(number);
     const now = shown.find((one) => one.number === number);
-    if (now) return { point: middle(now.box), ...difference(was, now) };
+    if (now) return { ...aimAt(now), ...difference(was, now) };
     const isOurs = typeof was.key !== 'string';
     if (isOurs && isConnected(was.key)) return { why: isInView(was.key) ? 'covered' : 'hidden' };
     // The page may have put an equal one in its place.
     const isEqual = (one) => nameOf(one) === nameOf(was) && (one.around || '') === (was.around || '');
     const equal = shown.filter((one) => !pictured.has(one.number) && isEqual(one));
     const isOnly = [...pictured.values()].filter(isEqual).length === 1;
-    return equal.length === 1 && isOnly ? { point: middle(equal[0].box) } : { why: 'gone' };
+    return equal.length === 1 && isOnly ? aimAt(equal[0]) : { why: 'gone' };
+  };
+  const aimAt = ({ box }) => {
+    webgym.aimAt(...middle(box));
+    return { point: middle(box) };
   };
   const isInView = (element) => {
     const { left, top, right, bottom } = getBoundingClientRect(element);

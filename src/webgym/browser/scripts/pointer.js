@@ -2,7 +2,7 @@
 (() => {
   const webgym = globalThis.webgym;
   if (webgym.expect) return;
-  const { isConnected, getBoundingClientRect, documentElement } = webgym.dom;
+  const { isConnected, getBoundingClientRect, documentElement, nodeType } = webgym.dom;
   const { state } = webgym;
   const { hit, begin, contains } = webgym.geometry;
 
@@ -22,13 +22,31 @@
 
   let before = -1; // what was asked for and changed
   let aimed = null; // what lies at the point, and where that was
+  let over = null; // what the mouse was over when the page had reacted to its last move
+  let hasHitOther = false;
+  const areRelated = (one, other) => contains(one, other) || contains(other, one);
+  // The browser's own event tells what a press hits: the page may have changed a moment before.
+  const onPress = (event) => {
+    const [target] = event.composedPath();
+    if (event.isTrusted && over && nodeType(target) === Node.ELEMENT_NODE) hasHitOther = !areRelated(over, target);
+    over = null;
+  };
+  webgym.listen(['mousedown', onPress, { capture: true, passive: true }]);
+
+  let next = null; // what the next event is meant for
+
+  // The next event is meant for what lies at this point now.
+  webgym.aimAt = (x, y) => {
+    const element = hit(x, y);
+    next = element && { element, box: getBoundingClientRect(element) };
+  };
 
   // An event comes, at this point.
   webgym.expect = (x, y) => {
     begin();
     before = asked();
-    const element = hit(x, y);
-    aimed = element && { element, box: getBoundingClientRect(element) };
+    if (!next) webgym.aimAt(x, y);
+    [aimed, next] = [next, null];
     return true;
   };
 
@@ -39,12 +57,13 @@
       await webgym.frame(LONGEST);
       await later(0);
     }
-    if (!aimed || !isConnected(aimed.element)) return [0, 0];
+    const isOther = hasHitOther;
+    hasHitOther = false;
     begin();
-    const found = hit(x, y);
-    if (found && (contains(aimed.element, found) || contains(found, aimed.element))) return [0, 0];
+    over = hit(x, y);
+    if (!aimed || !isConnected(aimed.element) || (over && areRelated(aimed.element, over))) return [0, 0, isOther];
     const { left, top } = getBoundingClientRect(aimed.element);
-    return [left - aimed.box.left, top - aimed.box.top];
+    return [left - aimed.box.left, top - aimed.box.top, isOther];
   };
 
   // --- drags of the system --------------------------------------------------------------------------

@@ -388,3 +388,68 @@ async def test_lines_that_are_cut_wherever_one_scrolls_are_told(site: Site, open
         )
     )
     assert look.observation.cuts == (("14:30 to 15:45", "14:30 to …"),)
+
+
+OVER = "position:absolute;inset:0;pointer-events:none;"
+LAYERS = {
+    "a colour": f"<i style='{OVER}background:#fff'></i>",
+    "a blur": f"<i style='{OVER}backdrop-filter:blur(12px)'></i>",
+    "a drawing": f"<svg style='{OVER}' width=300 height=40><rect width=300 height=40 fill=#fff /></svg>",
+    "a drawn picture": (
+        f"<canvas width=300 height=40 style='{OVER}'></canvas>"
+        "<script>document.querySelector('canvas').getContext('2d').fillRect(0, 0, 300, 40)</script>"
+    ),
+    "what its own style makes": f"<style>.own::after{{content:'';{OVER}background:#fff}}</style>",
+    "what the style beside it makes": (
+        f"<style>.beside::before{{content:'';{OVER}background:#fff}}</style><s class=beside></s>"
+    ),
+}
+CLEAR = {
+    "a drawing of a line": f"<svg style='{OVER}' width=300 height=40><path d='M0 39H300' stroke=red /></svg>",
+    "an empty drawn picture": f"<canvas width=300 height=40 style='{OVER}'></canvas>",
+    "a thin colour": f"<i style='{OVER}background:rgba(0,0,0,.1)'></i>",
+    "a layer below": f"<i style='{OVER}background:#fff;z-index:-1'></i>",
+    "a shadow from above": (
+        f"<style>.own::after{{content:'';{OVER}background:linear-gradient(#0000,#0008)}}</style>"
+    ),
+}
+
+
+def layered(layers: dict[str, str]) -> str:
+    """A box for each layer, with a word and a button of its own below it."""
+    boxes = (
+        f"<div class={'own' if 'own' in layer else 'none'} style='position:relative;width:300px;height:40px'>"
+        f"word{number} <button>press{number}</button>{layer}</div>"
+        for number, layer in enumerate(layers.values())
+    )
+    return "<p>shown</p>" + "".join(boxes)
+
+
+async def test_what_lies_under_a_layer_that_lets_the_mouse_through_is_left_out(site: Site, tab: Tab) -> None:
+    """No hit test finds such a layer, nor one that a style sheet makes."""
+    await tab.goto(site.page(layered(LAYERS)))
+    assert tab.text == ["shown"]
+    assert tab.last is not None
+    assert tab.last.observation.elements == ()
+
+
+async def test_what_shows_through_a_layer_is_told(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page(layered(CLEAR)))
+    assert tab.text == ["shown", *(f"word{number} press{number}" for number in range(len(CLEAR)))]
+    assert len(tab.last.observation.elements if tab.last and tab.last.observation.elements else ()) == len(
+        CLEAR
+    )
+
+
+async def test_what_style_sheets_write_is_told(site: Site, tab: Tab) -> None:
+    style = (
+        ".a::after { content: 'after' } .b::before { content: attr(data-x) ' of' }"
+        " .c::after { content: '\\e900' }"
+        " .d::before { content: 'none'; display: none } .e::after { content: 'faint'; opacity: .02 }"
+        " .f::after { content: 'tip'; position: absolute; left: -999px; width: 90px; top: 0; height: 20px }"
+        " .g::before { content: 'placed'; position: absolute; left: 0; top: 0; width: 90px; height: 20px }"
+    )
+    rows = "".join(f"<p class={name} data-x=seven style='position:relative'>{name}</p>" for name in "abcdef")
+    placed = "<p class=g style='position:relative;padding-left:100px'>g</p>"
+    await tab.goto(site.page(f"<style>{style}</style>{rows}{placed}"))
+    assert tab.text == ["a after", "seven of b", "c", "d", "e", "f", "placed g"]

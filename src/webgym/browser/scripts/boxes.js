@@ -3,7 +3,7 @@
 (() => {
   const webgym = globalThis.webgym;
   if (webgym.boxes) return;
-  const { ownerDocument, localName, getBoundingClientRect, defaultView, querySelectorAll } = webgym.dom;
+  const { ownerDocument, localName, getBoundingClientRect, defaultView, querySelectorAll, checkVisibility } = webgym.dom;
   const { rootOf } = webgym;
   const { parentOf } = webgym.geometry;
 
@@ -12,6 +12,7 @@
 
   // By document or shadow root: [element, rectangle] of those that have a box in or near the viewport.
   let surveys = new Map();
+  let empties = new Map(); // the same of those without a box that are drawn: style sheets may draw beside them
   let rects = new Map(); // by element
   let paths = new Set(); // elements that may count, and all that they lie in
 
@@ -23,7 +24,9 @@
   const near = (root) => {
     if (surveys.has(root)) return surveys.get(root);
     const found = [];
+    const without = [];
     surveys.set(root, found);
+    empties.set(root, without);
     const { innerWidth, innerHeight } = defaultView(ownerDocument(root) || root);
     for (const element of querySelectorAll(root, '*')) {
       const rect = getBoundingClientRect(element);
@@ -33,6 +36,7 @@
         rect.left < 2 * innerWidth && rect.right > -innerWidth;
       if (isNear) found.push([element, rect]);
       else if (hasBox && !KEPT.has(localName(element)) && !rootOf(element)) continue;
+      if (!hasBox && checkVisibility(element)) without.push(element);
       rects.set(element, rect);
       keep(element);
       if (localName(element) === 'label') keep(element.control);
@@ -48,9 +52,12 @@
   // A new look: nothing lies where it lay.
   const begin = () => {
     surveys = new Map();
+    empties = new Map();
     rects = new Map();
     paths = new Set();
   };
 
-  webgym.boxes = { near, rectOf, isFar, begin };
+  const emptyIn = (root) => near(root) && empties.get(root);
+
+  webgym.boxes = { near, emptyIn, rectOf, isFar, begin };
 })();

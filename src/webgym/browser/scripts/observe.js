@@ -161,10 +161,15 @@
       const root = rootOf(element);
       if (root) enter(root, place);
       else if (isInView) webgym.wonderAtSize(element);
+      const written = isInView && sink.wantsText ? sight.writtenBy(element, place) : {};
+      addWritten(written['::before'], sink);
       if (hasText) walkNodes(childNodes(root || element), place, sink);
       else walkElements(root || element, place, sink);
+      addWritten(written['::after'], sink);
     }
   };
+
+  const addWritten = (written, sink) => written && sink.addWords(shorten(written.text, 'value'), written.rects);
 
   // What is in an open dropdown, but for the button that it is opened by, whose text is its value.
   const offersOf = (select) => [...childNodes(select)].filter((node) => nodeName(node) !== 'BUTTON');

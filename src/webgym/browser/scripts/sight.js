@@ -5,10 +5,10 @@
   const {
     ownerDocument, getRootNode, compareDocumentPosition, localName, clientLeft, clientTop, clientWidth, clientHeight,
     scrollWidth, scrollHeight, matches, checkVisibility, getBoundingClientRect, documentElement, defaultView,
-    createRange, elementsFromPoint, offsetWidth, ofKind,
+    createRange, elementsFromPoint, offsetWidth, ofKind, querySelectorAll, getClientRects,
   } = webgym.dom;
   const { fold, rootOf } = webgym;
-  const { near } = webgym.boxes;
+  const { near, emptyIn } = webgym.boxes;
   const { intersect, middle, moved, slotIn, parentOf, contains, hit, clipAround, clipWithin, isBox } = webgym.geometry;
 
   const LEAST_ALPHA = 0.1; // of text on a ground whose colour is not known
@@ -55,6 +55,7 @@
   // is cut to a shape, or not seen from behind; `sunk`: that lies behind its parents; `line`: that breaks the
   // text in lines. `isLettered`: something around paints its background in the letters alone.
   let sights = new Map();
+  let pseudos = new Map();
   let grounds = new Map();
   let fits = new Map();
 
@@ -62,6 +63,10 @@
     const found = new RegExp(`${name}\\(([\\d.]+)`).exec(filter);
     return found ? Number(found[1]) : null;
   };
+
+  // Is all of it masked by a gradient from nothing to nothing?
+  const isMaskedOut = ({ maskImage }) =>
+    maskImage.includes('gradient') && !maskImage.replace(/rgba\([^)]*, 0\)/g, '').includes('rgb');
 
   const OUTSIDE = { alpha: 1, blur: 0, cut: null, sunk: null, line: null, isLettered: false };
   const sightOf = (element) => {
@@ -76,7 +81,7 @@
       alpha *= filtered(style.filter, 'opacity') ?? 1;
       blur = Math.max(blur, filtered(style.filter, 'blur') ?? 0);
     }
-    if (style.contentVisibility === 'hidden') alpha = 0;
+    if (style.contentVisibility === 'hidden' || isMaskedOut(style)) alpha = 0;
     if (style.clipPath !== 'none' || style.clip !== 'auto' || style.backfaceVisibility === 'hidden') cut = element;
     if (style.zIndex < 0) sunk = element;
     const isLettered = around.isLettered || style.backgroundClip.includes('text');
@@ -123,15 +128,26 @@
     return { colour, alpha: colour[3] * alpha };
   };
 
+  // The pseudo-elements that style sheets make before and after the content of an element: {name, style}.
+  const pseudosOf = (element) => {
+    if (!pseudos.has(element)) {
+      const found = ['::before', '::after'].map((name) => ({ name, style: getComputedStyle(element, name) }));
+      pseudos.set(element, found.filter(({ style }) => style.content !== 'none' && style.display !== 'none'));
+    }
+    return pseudos.get(element);
+  };
+  const isLoose = ({ position }) => position === 'absolute' || position === 'fixed';
+
   // What pseudo-elements of an element paint, where they lie over or under its box.
-  const hasPaintedParts = (element) =>
-    ['::before', '::after', '::backdrop'].some((name) => {
-      const style = getComputedStyle(element, name);
-      if (name !== '::backdrop' && (style.content === 'none' || style.position === 'static')) return false;
-      if (name === '::backdrop' && !matches(element, ':modal')) return false;
-      if (style.backgroundImage !== 'none' || style.backdropFilter !== 'none') return true;
-      return colourOf(style.backgroundColor)[3] * style.opacity >= VEIL;
-    });
+  const hasPaintedParts = (element) => {
+    const parts = pseudosOf(element).map(({ style }) => style).filter(({ position }) => position !== 'static');
+    if (matches(element, ':modal')) parts.push(getComputedStyle(element, '::backdrop'));
+    return parts.some(
+      (style) =>
+        style.backgroundImage !== 'none' || style.backdropFilter !== 'none' ||
+        colourOf(style.backgroundColor)[3] * style.opacity >= VEIL,
+    );
+  };
 
   // The colour below all: of the page itself; null if the browser may choose a dark one, or in a frame.
   const canvasOf = (owner) => {
@@ -165,9 +181,8 @@
     if (paint && paint.alpha >= 0.99) ground = { colour: paint.colour, isSure: true };
     else if (paint) {
       const below = parent ? groundOf(parent) : { colour: canvasOf(ownerDocument(element)), isSure: true };
-      const isLoose = style.position === 'absolute' || style.position === 'fixed';
       const colour = below && below.colour;
-      ground = colour && { colour: over(paint.colour, paint.alpha, colour), isSure: below.isSure && !isLoose };
+      ground = colour && { colour: over(paint.colour, paint.alpha, colour), isSure: below.isSure && !isLoose(style) };
     }
     grounds.set(element, ground);
     return ground;
@@ -295,11 +310,96 @@
     };
     return [...new Set([getRootNode(element), ownerDocument(element)])].flatMap((root) => near(root).filter(isPainted));
   };
-  const isBuried = (element, at) =>
-    paintedAt(element, ...at).some(([other]) => {
-      if (!isLifted(other, element)) return false;
-      return isOver(other, element) || (!isLifted(element, other) && levelOf(other, element) >= 0);
-    });
+  const isBuried = (element, at) => paintedAt(element, ...at).some(([other]) => isDrawnOver(other, element));
+  const isDrawnOver = (other, element) => {
+    if (!isLifted(other, element)) return false;
+    return isOver(other, element) || (!isLifted(element, other) && levelOf(other, element) >= 0);
+  };
+
+  // --- what no hit test finds: layers that let the mouse through, and those that style sheets make -----
+
+  let veils = new Map(); // by root: {element, box, isOver, hides}
+
+  const isClearCanvas = (element, x, y) => {
+    const { left, top, width, height } = getBoundingClientRect(element);
+    try {
+      canvas.clearRect(0, 0, 1, 1);
+      canvas.drawImage(element, ((x - left) / width) * element.width, ((y - top) / height) * element.height, 1, 1, 0, 0, 1, 1);
+      return canvas.getImageData(0, 0, 1, 1).data[3] < VEIL * 255;
+    } catch {
+      return false; // a picture of another origin was drawn on it
+    } finally {
+      canvas.reset();
+    }
+  };
+  const MOST_SHAPES = 200; // of a drawing that are looked at
+  const isClearDrawing = (element, x, y) =>
+    ![...querySelectorAll(element, '*')].slice(0, MOST_SHAPES).some(
+      (shape) => isFilled(shape) && isAt(getBoundingClientRect(shape), x, y),
+    );
+
+  const THROUGH = new Set(['iframe', 'frame']); // what is in them is not known
+  const layerOf = (element, box) => {
+    const { style } = sightOf(element);
+    if (style.pointerEvents !== 'none' || style.visibility !== 'visible' || THROUGH.has(localName(element))) return null;
+    if (ofKind(element, 'ownerSVGElement') || !checkVisibility(element)) return null;
+    if ((paintOf(element)?.alpha ?? 1) < VEIL) return null;
+    const isClear = { canvas: isClearCanvas, svg: isClearDrawing }[localName(element)];
+    return {
+      element, box,
+      isOver: (text) => !contains(element, text) && isDrawnOver(element, text),
+      hides: (x, y) => isAt(clipAround(element), x, y) && !(isClear && isClear(element, x, y)),
+    };
+  };
+
+  // The box of a pseudo-element that is placed by itself; null if it is not known.
+  const boxOfPseudo = (element, { left, top, width, height, position }) => {
+    const [x, y, w, h] = [left, top, width, height].map(parseFloat);
+    if ([x, y, w, h].some(Number.isNaN)) return null;
+    let holder = element;
+    while (holder && (position === 'fixed' || sightOf(holder).style.position === 'static')) holder = parentOf(holder);
+    const around = holder ? getBoundingClientRect(holder) : { left: 0, top: 0 };
+    const [startX, startY] = holder ? [around.left + clientLeft(holder), around.top + clientTop(holder)] : [0, 0];
+    return { left: startX + x, top: startY + y, right: startX + x + w, bottom: startY + y + h };
+  };
+  const isOpaque = (element, style) =>
+    style.backdropFilter.includes('blur') || /url\(/.test(style.backgroundImage) ||
+    colourOf(style.backgroundColor)[3] * style.opacity * sightOf(element).alpha >= VEIL;
+  const pseudoLayers = (element) =>
+    pseudosOf(element)
+      .filter(({ style }) => isLoose(style) && style.visibility === 'visible' && isOpaque(element, style))
+      .map(({ name, style }) => ({
+        element,
+        box: boxOfPseudo(element, style) || { left: 0, top: 0, right: 0, bottom: 0 },
+        isOver: (text) => isPseudoOver(element, name, Number(style.zIndex) || 0, text),
+        hides: () => true,
+      }));
+  const isPseudoOver = (element, name, level, text) => {
+    if (!contains(element, text)) {
+      const [above, below] = [levelOf(element, text) || level, levelOf(text, element)];
+      if (above !== below) return above > below;
+      const follows = compareDocumentPosition(text, element) & Node.DOCUMENT_POSITION_FOLLOWING;
+      return Boolean(follows) || !isLifted(text, element);
+    }
+    const lifted = pathOf(text).slice(0, pathOf(text).indexOf(element)).filter((node) => sightOf(node).style.position !== 'static');
+    const own = Number(lifted.length && sightOf(lifted.at(-1)).style.zIndex) || 0;
+    return lifted.length ? level > own || (level === own && name === '::after') : level >= 0;
+  };
+
+  const veilsIn = (root) => {
+    if (!veils.has(root)) {
+      const layers = near(root).flatMap(([element, box]) => [layerOf(element, box), ...pseudoLayers(element)]);
+      veils.set(root, [...layers.filter(Boolean), ...emptyIn(root).flatMap(pseudoLayers)]);
+    }
+    return veils.get(root);
+  };
+
+  // Whether such a layer hides the text in `element`, or the element, at a point of its own viewport.
+  const isVeiledAt = (element, x, y, isOwn = () => false) =>
+    [...new Set([getRootNode(element), ownerDocument(element)])].some((root) =>
+      veilsIn(root).some(
+        (veil) => isAt(veil.box, x, y) && !isOwn(veil.element) && veil.isOver(element) && veil.hides(x, y),
+      ));
 
   // A point on a text that is slotted hits the component that it lies in: what is around its slot is asked for by itself.
   const isWithinCut = (cut, found, at) =>
@@ -310,7 +410,8 @@
   // Whether the text in `element` shows at a point of this world's viewport, which is `at` in its own.
   const showsAt = (element, x, y, at) => {
     const found = hit(x, y);
-    if (!found || found === element) return Boolean(found);
+    if (!found || isVeiledAt(element, ...at)) return false;
+    if (found === element) return true;
     const modal = modalOver(found, element);
     if (modal) {
       const isBeside = found === modal && !isAt(getBoundingClientRect(modal), ...at);
@@ -536,13 +637,52 @@
     return join(isWhole ? piecesOf(node, part, isSeen, place.map) : halvesOf(node, part, isSeen, place.clip));
   };
 
+  // --- what style sheets write ----------------------------------------------------------------------
+
+  // The texts that style sheets put before and after the content of an element, where one can see them; numbers that they
+  // count are not known. {text, rects} by '::before' and '::after'.
+  const QUOTED = /"((?:[^"\\]|\\.)*)"/g;
+  const ICONS = /\p{Co}/gu; // of fonts that are drawn as pictures
+  const writtenBy = (element, place) => {
+    const written = {};
+    for (const { name, style } of pseudosOf(element)) {
+      const parts = [...style.content.matchAll(QUOTED)].map(([, text]) => text.replace(/\\(.)/g, '$1').replace(ICONS, ''));
+      const text = fold(parts.join(''));
+      const rect = text && (isLoose(style) ? boxOfPseudo(element, style) : endOf(element, name));
+      if (rect && isPseudoSeen(element, style, rect, place)) written[name] = { text, rects: [plain(moved(rect, place.map))] };
+    }
+    return written;
+  };
+  // A piece at the start or the end of an element, where such a text lies.
+  const endOf = (element, name) => {
+    const rects = [...getClientRects(element)].filter(({ width, height }) => width > 0 && height > 0);
+    const rect = name === '::before' ? rects[0] : rects.at(-1);
+    if (!rect) return null;
+    const { left, top, right, bottom } = rect;
+    const width = Math.min(right - left, 2 * EDGE);
+    return name === '::before' ? { left, top, right: left + width, bottom } : { left: right - width, top, right, bottom };
+  };
+  const isPseudoSeen = (element, style, rect, place) => {
+    const alpha = style.opacity * sightOf(element).alpha;
+    const colour = colourOf(style.color);
+    const isSmall = parseFloat(style.fontSize) < 5;
+    if (alpha * colour[3] < LEAST_ALPHA || style.visibility !== 'visible' || isSmall || !isVisible(element)) return false;
+    const ground = groundOf(element);
+    const isFaint = ground && ground.isSure && style.backgroundColor === 'rgba(0, 0, 0, 0)' &&
+      contrast(over(colour, colour[3] * alpha, ground.colour), ground.colour) < LEAST_CONTRAST;
+    return !isFaint && isWithin(rect, clipWithin(element)) && isWithin(moved(rect, place.map), place.clip) &&
+      (isLoose(style) || isBare(element, rect, place.map));
+  };
+
   const begin = () => {
     sights = new Map();
+    pseudos = new Map();
+    veils = new Map();
     grounds = new Map();
     fits = new Map();
     ellipses = new Map();
     loose = new Map();
   };
 
-  webgym.sight = { begin, read, join, isWithin, isVisible, isShownOf, sightOf, LEAST_ALPHA };
+  webgym.sight = { begin, read, writtenBy, join, isWithin, isVisible, isVeiledAt, isShownOf, sightOf, LEAST_ALPHA };
 })();

@@ -88,6 +88,9 @@
   };
   const OF_LABEL = 'a[href],button,input,select,textarea'; // in a label, it keeps the clicks on it to itself
 
+  // Does something lie over it that lets the mouse through, and is no part of it?
+  const isVeiled = (element, part) => webgym.sight.isVeiledAt(element, ...middle(part), (veil) => contains(element, veil));
+
   const isIn = ([x, y], box) => box.left <= x && x <= box.right && box.top <= y && y <= box.bottom;
 
   const areaOf = (rect) => (rect.right - rect.left) * (rect.bottom - rect.top);
@@ -123,7 +126,7 @@
       const own = intersect(rect, around);
       const box = own && intersect(moved(own, place.map), place.clip);
       for (const part of box ? [...parts(box), ...handleOf(element, rect, place.map)] : [])
-        if (part.right - part.left >= LEAST_SIDE && part.bottom - part.top >= LEAST_SIDE && isHit(element, part)) {
+        if (part.right - part.left >= LEAST_SIDE && part.bottom - part.top >= LEAST_SIDE && isHit(element, part) && (place.map || !isVeiled(element, part))) {
           found.push(part);
           if (found.length === most) return found;
         }

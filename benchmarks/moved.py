@@ -36,7 +36,7 @@ from webgym.browser.egress.proxy import Egress
 from webgym.browser.find import find_browser
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.slot import Slot
-from webgym.core.action import Action, LeftClick, Mode, Navigate, Target, Type
+from webgym.core.action import BrowserAction, LeftClick, Mode, Navigate, Target, Type
 from webgym.core.observation import Element
 
 VIEWPORT: Final = (800, 600)
@@ -158,7 +158,9 @@ async def run_case(slot: Slot, url: str, case: Case, mode: Mode) -> Result:
     point = ((x + width / 2) / VIEWPORT[0] * 1000, (y + height / 2) / VIEWPORT[1] * 1000)
     target = Target(element=element.number) if mode == "marks" else Target(coordinate=point)
     await _evaluate(slot, "change()")
-    action: Action = Type(target, "secret", enter=False) if case.layout == "fields" else LeftClick(target)
+    action: BrowserAction = (
+        Type(target, "secret", enter=False) if case.layout == "fields" else LeftClick(target)
+    )
     look = await slot.step(action)
     kinds = frozenset(notice.kind for notice in look.observation.notices)
     return Result(case, await _evaluate(slot, "window.pressed"), kinds)

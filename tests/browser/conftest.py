@@ -141,6 +141,7 @@ class Tab:
         self.slot = slot
         self.options = options
         self.last: Look | None = None
+        self.base = ""
 
     async def step(self, action: object = None) -> Look:
         self.last = await self.slot.step(action)  # type: ignore[arg-type]
@@ -164,6 +165,18 @@ class Tab:
         x, y, width, height = element.box
         wide, tall = self.options.viewport
         return Target(coordinate=((x + width / 2) / wide * 1000, (y + height / 2) / tall * 1000))
+
+    def at_role(self, role: str) -> Target:
+        """The first element of this role."""
+        assert self.last is not None
+        named = next(one for one in self.last.observation.elements or () if one.role == role)
+        return Target(element=named.number)
+
+    def beside(self, name: str, across: float) -> tuple[float, float]:
+        """A point of the grid, so many CSS pixels to the right of this element."""
+        x, y, width, height = self.find(name).box
+        wide, tall = self.options.viewport
+        return (x + width / 2 + across) / wide * 1000, (y + height / 2) / tall * 1000
 
     @property
     def text(self) -> list[str]:

@@ -76,9 +76,11 @@ async def aim(page: Page, target: Target) -> tuple[float, float]:
     """
     point = point_of(page, target)
     try:
+        page.expected = point
         if await page.run("isAsPictured", target.element, point, reply=bool):
             return point
         if target.element is not None:
+            page.expected = None
             return await _find(page, target.element)
     except DocumentGone:
         if target.element is not None:

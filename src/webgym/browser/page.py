@@ -142,6 +142,8 @@ class Page:
         """Number of changes of the document when it was last quiet; -1 if it never was."""
         self.points: dict[int, tuple[float, float]] = {}
         """The point to click for each element of the last observation, by number, CSS pixels."""
+        self.expected: tuple[float, float] | None = None
+        """The point at which the page's script expects the next mouse event already."""
         self.is_gone = False
         """Whether the page closed itself, and the tab with it."""
         self.is_closed = False

@@ -132,7 +132,9 @@ async def _send_and_react(page: Page, kind: str, point: Point, **more: Any) -> t
     element that was at the point, and whether a press hit another element than the one under the mouse."""
     is_blind = bool(page.worlds.entered)  # reactions in frames of other origins are not seen
     try:
-        await page.run("expect", *point, reply=bool)
+        if page.expected != point:
+            await page.run("expect", *point, reply=bool)
+        page.expected = None
         await mouse(page, kind, point, **more)
         across, down, is_other = await page.run("reacted", *point, is_blind, reply=tuple[float, float, bool])
     except DocumentGone:

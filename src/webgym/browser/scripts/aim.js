@@ -67,10 +67,10 @@
     ]);
 
   // Is all as the picture shows it? Of an element, if its number is given: does a click at this point still hit it?
+  // The event that is to come is expected at this point.
   webgym.isAsPictured = async (number, point) => {
     await catchUp();
-    begin();
-    webgym.aimAt(...point);
+    webgym.expect(...point);
     if (changes !== state.changes) return false;
     if (!number) return true;
     const was = pictured.get(number);

@@ -153,7 +153,7 @@ async def test_a_scroll_that_comes_after_its_effect_was_asked_for(
     end = EffectCheck.end
 
     async def asked_too_early(self: EffectCheck) -> None:
-        tab.slot.page.result = ActionResult(changes=0, contents=(), effect="none")
+        tab.slot.page.result = ActionResult(changes=0, contents=(), effect="none", missed=False)
         await end(self)
 
     await tab.goto(site.page("<div style='height:3000px'>Long</div>"))

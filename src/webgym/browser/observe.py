@@ -449,6 +449,8 @@ class EffectCheck:
         if self._is_idle:
             page.post("beginTrace")  # what has gone on meanwhile does so by itself
         page.post("endTrace")
+        if page.result and page.result.missed:
+            page.note("changed", "the page changed during the click, which hit something else, or nothing")
         if not was_traced or page.happened or self._before != self._state():
             return
         effect = page.result.effect if page.result else "some"

@@ -98,11 +98,13 @@ class ActionResult(msgspec.Struct, frozen=True):
         contents: the content of the document as JSON, if it looks as in the early screenshot.
         effect: whether the action had any; ``unseen`` if the page contains something whose changes only a
             screenshot shows, such as a canvas.
+        missed: whether the page changed during a click, so that the button went down or up on something else.
     """
 
     changes: int
     contents: tuple[msgspec.Raw, ...]
     effect: Literal["some", "none", "unseen"]
+    missed: bool
 
 
 class Returned(msgspec.Struct, frozen=True):

@@ -113,33 +113,33 @@ async def click(
     As with a real mouse, the page can react to every event before the next: to the move before the press, and
     to the press before the release. If the element moves away when the mouse arrives, the mouse follows once.
     """
-    moved, _ = await _send_and_react(page, "mouseMoved", point, modifiers=modifiers)
-    if moved != point and _is_inside(page, moved):
+    moved = await _send_and_react(page, "mouseMoved", point, modifiers=modifiers)
+    if moved != point:
+        if not _is_inside(page, moved):
+            raise ActionFailed("what lay at this place has moved out of view; nothing was clicked")
         point = moved
         await _send_and_react(page, "mouseMoved", point, modifiers=modifiers)
     for number in range(1, count + 1):
         pressed = {"button": button, "clickCount": number, "modifiers": modifiers}
-        _, has_hit_other = await _send_and_react(
-            page, "mousePressed", point, **pressed, buttons=_BUTTON_BITS[button]
-        )
-        if has_hit_other and number == 1:
-            page.note("changed", "the page changed while it was clicked: something else was hit")
+        await _send_and_react(page, "mousePressed", point, **pressed, buttons=_BUTTON_BITS[button])
         await mouse(page, "mouseReleased", point, **pressed)
 
 
-async def _send_and_react(page: Page, kind: str, point: Point, **more: Any) -> tuple[Point, bool]:
+async def _send_and_react(page: Page, kind: str, point: Point, **more: Any) -> Point:
     """Send one mouse event, and give the page time for a frame if it reacts. Returns the new position of the
-    element that was at the point, and whether a press hit another element than the one under the mouse."""
+    element that was at the point."""
     is_blind = bool(page.worlds.entered)  # reactions in frames of other origins are not seen
     try:
         if page.expected != point:
             await page.run("expect", *point, reply=bool)
         page.expected = None
         await mouse(page, kind, point, **more)
-        across, down, is_other = await page.run("reacted", *point, is_blind, reply=tuple[float, float, bool])
+        across, down = await page.run(
+            "reacted", *point, is_blind, kind == "mouseMoved", reply=tuple[float, float]
+        )
     except DocumentGone:
-        return point, False
-    return (point[0] + across, point[1] + down), is_other
+        return point
+    return point[0] + across, point[1] + down
 
 
 def _is_inside(page: Page, point: Point) -> bool:

@@ -57,7 +57,7 @@
   webgym.result = (wanted) => {
     const isSame = wanted && early && early.moment && webgym.isEqual(early.moment, moment()) && !webgym.isMoving();
     const contents = isSame ? [(early.seen ??= webgym.observe(wanted, {}))] : [];
-    return { changes: state.changes, contents, effect: webgym.effect() };
+    return { changes: state.changes, contents, effect: webgym.effect(), missed: state.hasMissed };
   };
 
   // No picture is asked for after all.

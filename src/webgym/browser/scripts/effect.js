@@ -101,7 +101,7 @@
   // The action is over, and the page quiet.
   webgym.endTrace = () => {
     trace = null;
-    isActing = false;
+    isActing = state.hasMissed = false;
     planned = plans();
   };
 

@@ -23,15 +23,15 @@
   let before = -1; // what was asked for and changed
   let aimed = null; // what lies at the point, and where that was
   let over = null; // what the mouse was over when the page had reacted to its last move
-  let hasHitOther = false;
+  state.hasMissed = false; // whether the button went down or up on something else in this action
   const areRelated = (one, other) => contains(one, other) || contains(other, one);
-  // The browser's own event tells what a press hits: the page may have changed a moment before.
-  const onPress = (event) => {
+  // The browser's own events tell what is hit: the page may have changed a moment before.
+  const onButton = (event) => {
     const [target] = event.composedPath();
-    if (event.isTrusted && over && nodeType(target) === Node.ELEMENT_NODE) hasHitOther = !areRelated(over, target);
-    over = null;
+    if (event.isTrusted && over && nodeType(target) === Node.ELEMENT_NODE) state.hasMissed ||= !areRelated(over, target);
+    over = over && event.type === 'mousedown' ? target : null; // a drag ends elsewhere
   };
-  webgym.listen(['mousedown', onPress, { capture: true, passive: true }]);
+  for (const name of ['mousedown', 'mouseup']) webgym.listen([name, onButton, { capture: true, passive: true }]);
 
   let next = null; // what the next event is meant for
 
@@ -52,18 +52,17 @@
 
   // Give the page a frame and a task, if it changed or planned anything since, or may have done so where we do
   // not see it (`isBlind`). Gives how far what lay at the point has moved away from under it.
-  webgym.reacted = async (x, y, isBlind) => {
+  webgym.reacted = async (x, y, isBlind, isMove) => {
     if (asked() !== before || isBlind) {
       await webgym.frame(LONGEST);
       await later(0);
     }
-    const isOther = hasHitOther;
-    hasHitOther = false;
     begin();
-    over = hit(x, y);
-    if (!aimed || !isConnected(aimed.element) || (over && areRelated(aimed.element, over))) return [0, 0, isOther];
-    const { left, top } = getBoundingClientRect(aimed.element);
-    return [left - aimed.box.left, top - aimed.box.top, isOther];
+    const found = hit(x, y);
+    if (isMove) over = found;
+    if (!aimed || !isConnected(aimed.element) || (found && areRelated(aimed.element, found))) return [0, 0];
+    const { left, top, width } = getBoundingClientRect(aimed.element);
+    return width ? [left - aimed.box.left, top - aimed.box.top] : [0, 0];
   };
 
   // --- drags of the system --------------------------------------------------------------------------

@@ -504,9 +504,8 @@ class Slot:
     async def screenshot(self) -> bytes:
         """A screenshot without marks and without waiting."""
         page = self._living_page()
-        page.post("unmark")
         try:
-            return await self._query(page, lambda: capture(page))
+            return await self._query(page, lambda: capture(page, page.options.jpeg_quality))
         except CommandFailed as error:
             raise BrowserCrashed(f"no screenshot could be taken: {error.message}") from error
 

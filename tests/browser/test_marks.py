@@ -7,17 +7,14 @@ out by hit tests on a fine grid which elements can be clicked, and where; marks 
 from __future__ import annotations
 
 import io
-import itertools
-import operator
 import random
 from collections.abc import Iterable
 from typing import Any
 
 import msgspec
 import pytest
-from PIL import Image, ImageChops, ImageColor
+from PIL import Image, ImageChops
 
-from webgym.browser.observe import capture
 from webgym.core.action import LeftClick, Scroll
 from webgym.core.observation import Element
 
@@ -361,71 +358,3 @@ async def test_a_modal_dialog_is_all_that_is_numbered(site: Site, open_tab: Open
     assert [element.name for element in elements(tab)] == ["Yes", "More"]
     await tab.step(LeftClick(tab.at("More")))
     assert [element.name for element in elements(tab)] == ["Deep"]
-
-
-LABELS = """
-webgym.mark(webgym.observe({ elements: true }, {}).elements).map(
-  ({ number, colour, left, top, right, bottom }) =>
-    ({ box: [left, top, right, bottom], text: String(number), colour })
-)
-"""
-
-
-def contrast_with_white(colour: str) -> float:
-    channels = [part / 255 for part in ImageColor.getrgb(colour)]
-    red, green, blue = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels)
-    return 1.05 / (0.2126 * red + 0.7152 * green + 0.0722 * blue + 0.05)
-
-
-def colour_of_edges(picture: Image.Image) -> tuple[int, int, int] | None:
-    """The colour of all pixels at its edges; ``None`` if it is not one."""
-    width, height = picture.size
-    x, y = width - 1, height - 1
-    edges = [(0, 0, width, 1), (0, y, width, height), (0, 0, 1, height), (x, 0, width, height)]
-    found = {colour for edge in edges for _, colour in picture.crop(edge).getcolors() or ()}
-    return next(iter(found)) if len(found) == 1 else None  # type: ignore[return-value]
-
-
-async def test_labels_can_be_read(site: Site, open_tab: Open) -> None:
-    nav = "".join(f"<a href=/{n}>Page {n}</a> " for n in range(60))
-    days = "".join(
-        "<tr>" + "".join(f"<td><a href=/d{r}.{c}>{r * 9 + c}</a>" for c in range(9)) for r in range(12)
-    )
-    edges = "".join(
-        f"<button style='position:fixed;{place}'>x</button>"
-        for place in ("right:0;bottom:0", "left:0;bottom:0", "right:0;top:40%", "right:0;top:0")
-    )
-    tab = await open_tab("marks")
-    await tab.goto(site.page(f"{nav}<table style='font-size:20px'>{days}</table>{edges}"))
-    page = tab.slot._page
-    assert page is not None
-    world = {"contextId": page.worlds._worlds[page.target_id], "expression": LABELS, "returnByValue": True}
-    labels = (await page.session.call("Runtime.evaluate", world, reply=_Result, seconds=5)).result.value
-    assert len(labels) == len(elements(tab)) > 150
-    drawn = Image.open(io.BytesIO(await capture(page))).convert("RGB")
-    at_corners = [drawn.getpixel((label["box"][0], label["box"][1])) for label in labels]
-    colours = [ImageColor.getrgb(label["colour"]) for label in labels]
-    assert sum(map(operator.eq, at_corners, colours)) >= len(labels) * 0.98
-    assert all(contrast_with_white(label["colour"]) >= 4.5 for label in labels)
-    shapes: dict[tuple[int, int, bytes], set[str]] = {}
-    for label in labels:
-        cut = drawn.crop(label["box"])
-        spare = colour_of_edges(cut)
-        if spare is None:
-            continue  # another one lies over it
-        assert spare == ImageColor.getrgb(label["colour"]), "no digit is cut off"
-        written = cut.convert("L").point([255 * (level > 200) for level in range(256)])
-        shapes.setdefault((*cut.size, written.tobytes()), set()).add(label["text"])
-    assert sum(map(len, shapes.values())) >= len(labels) * 0.9
-    assert all(len(texts) == 1 for texts in shapes.values()), "each number has a shape of its own"
-    for label in labels:
-        left, top, right, bottom = label["box"]
-        assert min(left, top) >= 0
-        assert (right <= VIEWPORT[0], bottom <= VIEWPORT[1]) == (True, True)
-    overlaps = [
-        (one["text"], other["text"])
-        for one, other in itertools.combinations(labels, 2)
-        if min(one["box"][2], other["box"][2]) - max(one["box"][0], other["box"][0]) > 1
-        and min(one["box"][3], other["box"][3]) - max(one["box"][1], other["box"][1]) > 1
-    ]
-    assert len(overlaps) <= len(labels) * 0.02, overlaps

@@ -15,7 +15,7 @@ from webgym.browser.page import Page
 from webgym.core.action import LeftClick, Scroll, Target
 from webgym.core.observation import Element
 
-from .conftest import VIEWPORT, Open, Site, Tab
+from .conftest import VIEWPORT, Open, Site, Tab, batches
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
@@ -258,16 +258,37 @@ async def test_the_same_page_gives_the_same_picture(site: Site, tab: Tab) -> Non
         assert (await tab.step()).observation.screenshot == name
 
 
-async def test_no_caret_blinks_in_a_component(site: Site, tab: Tab) -> None:
-    await tab.goto(
-        site.page(
-            "<div id=host></div><script>const root = host.attachShadow({ mode: 'open' });"
-            "root.innerHTML = '<input style=caret-color:red>'; onclick = () => {"
-            "document.title = getComputedStyle(root.firstChild).caretColor }</script>"
-        )
-    )
-    look = await tab.step(LeftClick(Target(coordinate=(500, 500))))
-    assert look.observation.title == "rgba(0, 0, 0, 0)"
+CARET = (255, 0, 255)
+FIELD = (
+    "<style>.f, iframe { position: fixed; inset: 0 auto auto 0; width: 300px; height: 100px; font-size: 60px;"
+    "border: 0; outline: none } .f { caret-color: #f0f }</style>"
+)
+COMPONENT = f"<div id=h></div><script>h.attachShadow({{ mode: 'open' }}).innerHTML = `{FIELD}INSIDE`</script>"
+FIELDS = {
+    "a field": "<input class=f>",
+    "a field for numbers": "<input type=number class=f>",
+    "an area": "<textarea class=f></textarea>",
+    "an editor": "<div contenteditable class=f>text</div>",
+    "a field whose type changes": "<input class=f type=password onclick=\"type = 'text'\">",
+    "a field in a component": COMPONENT.replace("INSIDE", "<input class=f>"),
+    "an editor in a component": COMPONENT.replace("INSIDE", "<div contenteditable class=f>text</div>"),
+    "a field in a frame": f'<iframe srcdoc="{FIELD}<input class=f>"></iframe>',
+    "a document that is edited": f'<iframe id=i srcdoc="{FIELD}<body class=f>text"></iframe>'
+    "<script>i.onload = () => { i.contentDocument.designMode = 'on' }</script>",
+    "a field in a frame of another origin": "<iframe src=FIELD></iframe>",
+}
+
+
+@pytest.mark.parametrize("fields", batches(1, FIELDS))
+async def test_carets_are_hidden(site: Site, tab: Tab, fields: list[str]) -> None:
+    """They are shown for half a second after a click."""
+    foreign = site.elsewhere(site.page(f"{FIELD}<input class=f>"))
+    for field in fields:
+        await tab.goto(site.page(FIELD + FIELDS[field].replace("FIELD", foreign)))
+        for _ in range(2):
+            look = await tab.step(LeftClick(Target(coordinate=(50, 50))))
+            colours = Image.open(io.BytesIO(look.image)).convert("RGB").getcolors(1 << 20) or ()
+            assert CARET not in {colour for _, colour in colours}, field
 
 
 async def test_the_viewport_is_as_asked_for(site: Site, open_tab: Open) -> None:
@@ -341,7 +362,7 @@ async def test_a_page_that_is_replaced_while_it_is_looked_at(
     there = site.page("<button>Other</button>")
     await tab.goto(site.page("<button>One</button>"))
 
-    async def late(page: Page) -> bytes:
+    async def late(page: Page, _: int | None = None) -> bytes:
         monkeypatch.undo()
         loader = page.loader
         page.session.send("Runtime.evaluate", {"expression": f"location.href = {there!r}"})

@@ -12,7 +12,7 @@ from PIL import Image, ImageChops
 from webgym.browser.cdp import CommandFailed
 from webgym.browser.cdp_messages import Screenshot
 from webgym.browser.isolated_worlds import DocumentGone
-from webgym.browser.page import Page
+from webgym.browser.page import Page, picture_format
 from webgym.core.action import GRID, Target
 from webgym.core.errors import ActionFailed
 
@@ -126,7 +126,7 @@ async def _compare(page: Page, point: tuple[float, float]) -> None:
     try:
         shot = await page.session.call(
             "Page.captureScreenshot",
-            page.picture_format,
+            picture_format(page.options.jpeg_quality),
             reply=Screenshot,
             seconds=page.config.screenshot_seconds,
         )

@@ -299,9 +299,16 @@ class ShadowRoot(CdpMessage, frozen=True):
     shadow_root_type: str = ""
 
 
+class Window(CdpMessage, frozen=True):
+    """``Browser.getWindowForTarget``."""
+
+    window_id: int
+
+
 class Node(CdpMessage, frozen=True):
     """A described element; ``frame_id`` is that of the frame that it contains."""
 
+    local_name: str = ""
     frame_id: str = ""
     shadow_roots: tuple[ShadowRoot, ...] = ()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ipaddress
 import re
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 from urllib.parse import quote
 
 import msgspec
@@ -68,6 +68,12 @@ class Cookie(msgspec.Struct, frozen=True, omit_defaults=True):
             ipaddress.ip_address(host)
 
 
+Place: TypeAlias = tuple[
+    Annotated[float, msgspec.Meta(ge=-90, le=90)], Annotated[float, msgspec.Meta(ge=-180, le=180)]
+]
+"""Latitude and longitude, degrees."""
+
+
 class PageOptions(msgspec.Struct, frozen=True, omit_defaults=True):
     """Options of an episode's page.
 
@@ -81,6 +87,7 @@ class PageOptions(msgspec.Struct, frozen=True, omit_defaults=True):
         files: files that the agent may upload.
         jpeg_quality: 1 to 100 for screenshots as JPEG, a third of the bytes and a quarter less CPU; ``None``
             for PNG, which is lossless, so that equal names of screenshots mean equal pixels.
+        place: where pages that ask are told to be; ``None`` refuses to tell them.
     """
 
     mode: Mode = "coordinates"
@@ -91,6 +98,7 @@ class PageOptions(msgspec.Struct, frozen=True, omit_defaults=True):
     cookies: tuple[Cookie, ...] = ()
     files: tuple[Attachment, ...] = ()
     jpeg_quality: int | None = None
+    place: Place | None = None
 
     def __post_init__(self) -> None:
         check_attachments(self.files)

@@ -40,12 +40,15 @@ _WORLD = "webgym"
 _QUOTED_LENGTH = 300
 
 _FILES = (
-    "dom page settle geometry lists sliders typing labels roles reach wheel pointer effect early drawing"
-    " boxes sight targets beside observe aim marks document"
+    "dom page caret settle geometry lists sliders typing labels roles reach wheel pointer effect early"
+    " drawing boxes sight targets beside observe aim document"
 ).split()
 _SCRIPTS = resources.files("webgym.browser") / "scripts"
 _LISTENERS = (_SCRIPTS / "listeners.js").read_text("utf-8").rstrip()
 _SCRIPT = "".join((_SCRIPTS / f"{name}.js").read_text("utf-8") for name in _FILES)
+
+_FIELDS = ("input", "textarea")
+"""Elements whose parts, which no page can see, are opened to us: there, the caret is hidden."""
 
 _WORLD_IS_GONE = (
     "Cannot find context",
@@ -319,7 +322,8 @@ class Worlds:
         return frames
 
     async def _describe(self, handle: str, world: int, group: str) -> Node:
-        """Describe a frame's element, or the host of a shadow root; a closed root is opened to the world."""
+        """Describe a frame's element, or the host of a shadow root; a closed root, or that of a
+        field's parts, is opened to the world."""
         try:
             described = await self._session.call(
                 "DOM.describeNode",
@@ -328,7 +332,7 @@ class Worlds:
                 seconds=self._config.execute_seconds,
             )
             for root in described.node.shadow_roots:
-                if root.shadow_root_type == "closed":
+                if root.shadow_root_type == "closed" or described.node.local_name in _FIELDS:
                     await self._open_root(handle, root.backend_node_id, world, group)
         except CommandFailed:
             return Node()  # it was removed in the meantime

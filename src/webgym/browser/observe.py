@@ -16,12 +16,13 @@ from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 
+from webgym.browser import marks
 from webgym.browser.aim import point_of
 from webgym.browser.cdp import CommandFailed
 from webgym.browser.cdp_messages import Screenshot
 from webgym.browser.gestures import AnyAction
 from webgym.browser.isolated_worlds import DocumentGone
-from webgym.browser.page import Page
+from webgym.browser.page import Page, picture_format
 from webgym.browser.pointer import Point
 from webgym.browser.settle import settle
 from webgym.core.action import DoubleClick, LeftClick, RightClick, Scroll, Wait
@@ -143,10 +144,13 @@ async def look(page: Page, settled: str, milliseconds: dict[str, float], early: 
         start = time.perf_counter()
         content = early.content if early else await read_content(page, **content_options(page))
         between = time.perf_counter()
-        image = await (early.picture() if early else capture(page))
-        end = time.perf_counter()
+        image = await (early.picture() if early else _capture_bare(page))
         if page.loader == loader:
             break  # else the picture shows the next page
+    if page.options.mode == "marks":
+        elements, quality = content.elements or (), page.options.jpeg_quality
+        image = await asyncio.to_thread(marks.draw, image, elements, quality)
+    end = time.perf_counter()
     milliseconds["metadata"] = (between - start) * 1000
     milliseconds["screenshot"] = (end - between) * 1000
     name = hashlib.sha256(image).hexdigest()
@@ -183,7 +187,7 @@ async def read_content(page: Page, **wanted: bool) -> PageContent:
 
     Args:
         page: the page.
-        wanted: ``text``, ``cuts``, ``elements``, ``marks`` (draw them).
+        wanted: ``text``, ``cuts``, ``elements``.
     """
     return await with_retries(page, lambda: _read_content(page, wanted))
 
@@ -233,9 +237,12 @@ async def _read_content(page: Page, wanted: dict[str, bool]) -> PageContent:
 
 def content_options(page: Page) -> dict[str, bool]:
     """The content of the page's observations, by its options (see :func:`read_content`)."""
-    marks = page.options.mode == "marks"
     options = page.options
-    return {"text": options.text, "cuts": options.cuts, "elements": options.elements or marks, "marks": marks}
+    return {
+        "text": options.text,
+        "cuts": options.cuts,
+        "elements": options.elements or options.mode == "marks",
+    }
 
 
 def _middle(box: tuple[float, float, float, float]) -> tuple[float, float]:
@@ -243,18 +250,23 @@ def _middle(box: tuple[float, float, float, float]) -> tuple[float, float]:
     return x + width / 2, y + height / 2
 
 
-async def capture(page: Page) -> bytes:
-    """A screenshot of the viewport as PNG, lossless, or as JPEG if the page's options say so.
+async def capture(page: Page, quality: int | None = None) -> bytes:
+    """A screenshot of the viewport as PNG, lossless, or as JPEG of this quality, 1 to 100.
 
     Raises:
         BrowserTimeout: no screenshot within the deadline, retries included.
     """
-    return await with_retries(page, lambda: _capture(page))
+    return await with_retries(page, lambda: _capture(page, quality))
 
 
-async def _capture(page: Page) -> bytes:
+async def _capture_bare(page: Page) -> bytes:
+    """A screenshot as the page's options say, or a PNG to draw marks on."""
+    return await capture(page, None if page.options.mode == "marks" else page.options.jpeg_quality)
+
+
+async def _capture(page: Page, quality: int | None) -> bytes:
     config = page.config
-    quality, params = page.options.jpeg_quality, page.picture_format
+    params = picture_format(quality)
     picture_type = f"image/{params['format']}"
     requests: set[asyncio.Task[Screenshot]] = set()
     try:
@@ -362,11 +374,10 @@ class EarlyScreenshot:
     async def _take(self) -> bytes | None:
         """The screenshot, or ``None`` if the page is about to change."""
         page = self._page
-        options = content_options(page) if page.options.mode == "marks" else None
         is_worth_it: bool | None = None
         try:
             seconds = page.config.busy_seconds
-            is_worth_it = await page.run("beginEarly", options, self._is_calm, reply=bool, seconds=seconds)
+            is_worth_it = await page.run("beginEarly", self._is_calm, reply=bool, seconds=seconds)
         except BrowserError:
             return None  # reported by the wait or the observation
         finally:
@@ -375,7 +386,7 @@ class EarlyScreenshot:
         if not is_worth_it:
             return None
         self._is_requested = True
-        return await capture(page)
+        return await _capture_bare(page)
 
     @property
     def wanted(self) -> dict[str, bool] | None:

@@ -14,6 +14,7 @@ from urllib.parse import urldefrag
 
 import msgspec
 
+from webgym.browser import desktop
 from webgym.browser.cdp import CommandFailed, Session, TargetGone
 from webgym.browser.cdp_messages import (
     DialogOpening,
@@ -29,6 +30,7 @@ from webgym.browser.cdp_messages import (
     RequestPaused,
     ResponseReceived,
     ScheduledNavigation,
+    Window,
 )
 from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.egress.proxy import ProxyListener
@@ -88,6 +90,13 @@ page's scripts are switched off until it answers, as long again at most."""
 
 def _not_opened_message(url: str) -> str:
     return f'"{url[:_QUOTED_LENGTH]}" was not opened: only http and https addresses are'
+
+
+def picture_format(quality: int | None) -> dict[str, Any]:
+    """Parameters of ``Page.captureScreenshot``: lossless, or as a JPEG of this quality, 1 to 100."""
+    if quality is None:
+        return {"format": "png", "optimizeForSpeed": True}
+    return {"format": "jpeg", "quality": quality}
 
 
 class ActionResult(msgspec.Struct, frozen=True):
@@ -261,6 +270,9 @@ class Page:
         self.options = options
         if has_own_size:
             commands.append(("Emulation.setDeviceMetricsOverride", self._metrics()))
+            await self._fit_window()
+        if options.place:
+            commands.append(("Emulation.setGeolocationOverride", desktop.location(options.place)))
         if options.cookies:
             cookies = [msgspec.to_builtins(cookie) for cookie in options.cookies]
             commands.append(("Network.setCookies", {"cookies": cookies}))
@@ -276,17 +288,15 @@ class Page:
         await self._do_all([("Network.clearBrowserCookies", {}), ("Page.resetNavigationHistory", {})])
         await self.begin(options)
 
-    @property
-    def picture_format(self) -> dict[str, Any]:
-        """Parameters of ``Page.captureScreenshot``."""
-        quality = self.options.jpeg_quality
-        if quality is None:
-            return {"format": "png", "optimizeForSpeed": True}
-        return {"format": "jpeg", "quality": quality}
+    async def _fit_window(self) -> None:
+        """Make the window as large as the viewport, so that pages are told of a window that can hold them."""
+        seconds, (width, height) = self.config.open_seconds, self.options.viewport
+        window = await self.session.call("Browser.getWindowForTarget", reply=Window, seconds=seconds)
+        bounds = {"windowId": window.window_id, "bounds": {"width": width, "height": height}}
+        await self.session.do("Browser.setWindowBounds", bounds, seconds=seconds)
 
     def _metrics(self) -> dict[str, Any]:
-        width, height = self.options.viewport
-        return {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        return desktop.metrics(self.options.viewport)
 
     async def _do_all(self, commands: list[tuple[str, dict[str, Any]]]) -> None:
         seconds = self.config.open_seconds

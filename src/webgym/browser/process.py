@@ -14,6 +14,7 @@ import socket
 from collections.abc import Iterator
 from pathlib import Path
 
+from webgym.browser import desktop
 from webgym.browser.cdp import CommandFailed, Connection
 from webgym.browser.cdp_messages import Version
 from webgym.browser.config import BrowserConfig
@@ -52,6 +53,7 @@ _FLAGS = (
     "--no-default-browser-check",
     "--no-startup-window",
     *PICTURE_FLAGS,
+    *desktop.FLAGS,
     # No background activity, no requests to the vendor.
     "--disable-background-networking",
     "--disable-breakpad",
@@ -70,7 +72,6 @@ _FLAGS = (
     "--use-mock-keychain",
     "--mute-audio",
     "--deny-permission-prompts",
-    "--disable-notifications",
     # The one tab is always in front.
     "--disable-background-timer-throttling",
     "--disable-backgrounding-occluded-windows",

@@ -14,6 +14,7 @@ from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
+from webgym.browser import desktop
 from webgym.browser.actions import has_redirected
 from webgym.browser.cdp import CommandFailed, Session, TargetGone
 from webgym.browser.cdp_messages import (
@@ -304,6 +305,8 @@ class Slot:
         assert self._process is not None
         assert self._listener is not None
         self._listener.renew()
+        for params in desktop.permissions(self._context, options.place):
+            self._process.connection.send("Browser.setPermission", params)
         try:
             await self._page.begin(options)
             if options.files:
@@ -504,9 +507,8 @@ class Slot:
     async def screenshot(self) -> bytes:
         """A screenshot without marks and without waiting."""
         page = self._living_page()
-        page.post("unmark")
         try:
-            return await self._query(page, lambda: capture(page))
+            return await self._query(page, lambda: capture(page, page.options.jpeg_quality))
         except CommandFailed as error:
             raise BrowserCrashed(f"no screenshot could be taken: {error.message}") from error
 

@@ -39,6 +39,7 @@ from webgym.browser.egress.proxy import Egress
 from webgym.browser.find import FoundBrowser, find_browser, run_bounded
 from webgym.browser.process import BrowserProcess, launch_sandboxed
 from webgym.browser.profiles import ProfileRoot
+from webgym.browser.questions import ask_own, differences, headed_answers
 from webgym.browser.sandbox import remedy
 from webgym.core.errors import BrowserError, BrowserNotFound, BrowserTimeout, ConfigError, WebGymError
 from webgym.core.text import plain
@@ -220,6 +221,7 @@ def check_browser(explicit: Path | None) -> Iterator[Check]:
     yield Check("Rendering", "ok", f"{width}×{height} picture {trial.seconds:.1f} s after the start")
     yield _sandbox(trial)
     yield _fonts(trial)
+    yield check_desktop(found.path)
 
 
 _ORIGINS = {"setting": "set by you", "playwright": "Playwright's", "system": "the system's"}
@@ -246,6 +248,19 @@ def _fonts(trial: LaunchCheck) -> Check:
     status: Status = "missing" if "Latin" in absent else "note"
     found = f"no fonts for {' and '.join(absent)}"
     return Check("Fonts", status, found, f"{_sudo()}apt-get install {packages}")
+
+
+def check_desktop(browser: Path) -> Check:
+    """What pages are told that a headed browser would answer differently."""
+    name, headed = "Desktop", headed_answers()
+    try:
+        found = differences(asyncio.run(ask_own(browser)), headed)
+    except (BrowserError, TimeoutError) as error:
+        return Check(name, "note", f"the browser was not asked: {error}")
+    same = f"{len(headed) - len(found)} of {len(headed)} answers to pages are a headed browser's"
+    text = "\n".join([same, *map(str, found)])
+    is_as_wanted = all(one.reason for one in found)
+    return Check(name, "ok", text) if is_as_wanted else Check(name, "note", text, "update the browser")
 
 
 # --- machine -----------------------------------------------------------------------------------------

@@ -30,23 +30,20 @@
       scheduler.postTask(() => false, { priority: 'user-blocking', delay: PATIENCE }),
     ]);
 
-  let early = null; // the first frame after `beginEarly`: {moment, seen}
+  let early = null; // the first frame after `beginEarly`: {moment}
 
   // A picture is about to be asked for. Gives whether it is worth it: whether the action set nothing off that is yet
-  // to come. `wanted`: what `observe` is to tell of the frame, marks drawn in it; null to ask for it in the end.
-  // `isCalm`: not to wait until nothing is left to do; it is found in the end whether anything was.
+  // to come. `isCalm`: not to wait until nothing is left to do; it is found in the end whether anything was.
   //
   // A picture shows the next frame or a later one, so all that comes up to the next frame is in it. Resizes are told
   // after everything else that a frame lets scripts do, and what is drawn then is in the same frame.
-  webgym.beginEarly = async (wanted, isCalm) => {
+  webgym.beginEarly = async (isCalm) => {
     early = null;
-    if (!(isCalm || (await isIdle())) || webgym.hasSetOff() || webgym.isMoving() || webgym.hasDrawn()) return false;
-    const mine = (early = { moment: null, seen: null });
+    if (!webgym.hideCaret() || !(isCalm || (await isIdle())) || webgym.hasSetOff() || webgym.isMoving() || webgym.hasDrawn()) return false;
+    const mine = (early = { moment: null });
     const observer = new ResizeObserver(() => {
       observer.disconnect();
-      if (early !== mine) return;
-      mine.moment = moment(); // before marks are drawn, which would have to be laid out for it
-      if (wanted) mine.seen = webgym.observe(wanted, {});
+      if (early === mine) mine.moment = moment();
     });
     observer.observe(documentElement(document));
     return true;
@@ -56,13 +53,12 @@
   // does not or nothing is `wanted`; and its effect.
   webgym.result = (wanted) => {
     const isSame = wanted && early && early.moment && webgym.isEqual(early.moment, moment()) && !webgym.isMoving();
-    const contents = isSame ? [(early.seen ??= webgym.observe(wanted, {}))] : [];
+    const contents = isSame ? [webgym.observe(wanted, {})] : [];
     return { changes: state.changes, contents, effect: webgym.effect(), missed: state.hasMissed };
   };
 
   // No picture is asked for after all.
   webgym.dropEarly = () => {
     early = null;
-    webgym.unmark();
   };
 })();

@@ -3,10 +3,10 @@
   const webgym = globalThis.webgym;
   if (webgym.beginTrace) return;
   const {
-    localName, activeElement, getSelection, getBoundingClientRect, checkVisibility, documentElement, querySelectorAll,
+    localName, getSelection, getBoundingClientRect, checkVisibility, documentElement, querySelectorAll,
     offsetWidth, offsetHeight, getRootNode, nodeType,
   } = webgym.dom;
-  const { state, rootOf, frameIn } = webgym;
+  const { state, rootOf, focused } = webgym;
   const { begin, hit, parentOf } = webgym.geometry;
 
   const VISIBLE = { opacityProperty: true, visibilityProperty: true };
@@ -33,15 +33,6 @@
   for (const name of ['play', 'pause', 'volumechange', 'seeking', 'fullscreenchange'])
     webgym.listen([name, () => trace && (trace.hasChanged = true), { capture: true, passive: true }]);
 
-  const focused = () => {
-    let element = activeElement(document);
-    for (let inner = element; inner; ) {
-      element = inner;
-      const root = rootOf(element) || frameIn(element);
-      inner = root && activeElement(root);
-    }
-    return element;
-  };
   // It may look different without any change of a document: it has states of its own.
   const isCustom = (element) => element && localName(element).includes('-');
   const hostOf = (root) => nodeType(root) === Node.DOCUMENT_FRAGMENT_NODE && root.host;

@@ -331,6 +331,7 @@
       for (const [kind, ...item] of gathered.items) {
         if (kind === 'space') this.addSpace();
         else if (kind === 'flush') this.flush();
+        else if (kind === 'unknown') this.isUnknown = true;
         else if (kind === 'shortened') webgym.noteShortened(item[0]);
         else if (kind === 'frame') this.replayWithin(item, place, isOpen);
         else if (kind === 'element') {
@@ -480,16 +481,17 @@
   // {text, elements}: what is wanted. Gives what a `Look` of the frame above can go over.
   webgym.gather = (wanted) => {
     webgym.attach();
+    const isReady = webgym.hideCaret();
     const gathering = new Gathering(wanted);
     walkAll(gathering);
+    if (!isReady) gathering.items.push(['unknown']);
     return [...gathering.items, ...webgym.takeShortened().map((kind) => ['shortened', kind])];
   };
 
-  // {text, cuts, elements, marks}: what is wanted. Marks are drawn over the elements, and stay until the page is looked at
-  // again: to remove them has it drawn once more, and the next action waits for that.
+  // {text, cuts, elements}: what is wanted.
   webgym.observe = (wanted, frames) => {
-    if (!wanted.aimed) webgym.unmark();
     webgym.attach();
+    webgym.hideCaret();
     const page = scrollingElement(document) || documentElement(document);
     const seen = {
       title: shorten(title(document), 'title'),
@@ -504,7 +506,6 @@
     const reach = webgym.reach();
     if (wanted.aimed) return { missing: look.missing, aimed: webgym.aim(wanted.aimed, look.shown) };
     webgym.picture(look.shown);
-    if (wanted.marks && documentElement(document)) webgym.mark(look.elements);
     const read = look.wantsText
       ? { text: shorten(look.lines.lines.join('\n'), 'text'), fields: firstOf(look.fields.lines) }
       : {};

@@ -174,7 +174,6 @@
   });
   webgym.watch = (root) => {
     observer.observe(root, { subtree: true, childList: true, attributes: true, characterData: true });
-    hold(root);
     // A scroll within a shadow root is heard in it alone.
     if (typeOf(root) !== Node.DOCUMENT_NODE) root.addEventListener('scroll', onEvent, { capture: true, passive: true });
     if (isWatched.has(root)) return;
@@ -236,23 +235,6 @@
     const { target, hasTyped: typed, changes } = state;
     Object.assign(state, { target: 0, hasTyped: false });
     return { changes, ago: performance.now() - state.changedAt, timers: webgym.plans().timers, target, typed };
-  };
-
-  // --- the same picture for the same page ---------------------------------------------------------
-
-  const sheets = new WeakMap();
-  const hold = (root) => {
-    const document = ownerDocument(root) || root;
-    const view = defaultView(document);
-    if (!view) return; // its frame is gone
-    if (!sheets.has(document)) {
-      const sheet = new view.CSSStyleSheet();
-      sheet.replaceSync('*, *::before, *::after { caret-color: transparent !important; }');
-      sheets.set(document, sheet);
-    }
-    const sheet = sheets.get(document);
-    const adopted = adoptedStyleSheets(root);
-    if (!adopted.includes(sheet)) adopted.push(sheet);
   };
 
   // --- what we draw ---------------------------------------------------------------------------------

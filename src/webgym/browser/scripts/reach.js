@@ -42,6 +42,13 @@
     return true;
   };
 
+  // Whether it was not asked for already.
+  webgym.askForRoot = (field) => {
+    if (asked.has(field)) return false;
+    wondered.add(field);
+    return true;
+  };
+
   // An element shows that it has a closed root by having a size that nothing else explains.
   webgym.wonderAtSize = (element) => {
     if (asked.has(element)) return false;
@@ -124,6 +131,7 @@
   };
 
   webgym.enterRoot = (host, root) => {
+    if (webgym.enterField(host, root)) return;
     state.roots.set(host, root);
     webgym.watch(root);
     webgym.listenIn(root);

@@ -4,20 +4,9 @@
   if (webgym.prepareTyping) return;
   const {
     ownerDocument, textContent, localName, getAttribute, hasAttribute, matches, createRange, getSelection,
-    activeElement, isContentEditable, ofKind,
+    isContentEditable, ofKind,
   } = webgym.dom;
-  const { fold, rootOf, frameIn, isFrame } = webgym;
-
-  // What has the focus, through shadow roots and frames.
-  const focused = () => {
-    let element = activeElement(document);
-    for (;;) {
-      if (!element) return null;
-      const inner = rootOf(element) || frameIn(element);
-      if (!inner || !activeElement(inner)) return element;
-      element = activeElement(inner);
-    }
-  };
+  const { fold, isFrame, focused } = webgym;
 
   const VALUE_TYPES = ['date', 'time', 'month', 'week', 'datetime-local', 'color', 'range'];
   const NEVER_EMPTY = ['color', 'range'];

@@ -33,6 +33,7 @@ from webgym.browser.cdp_messages import (
 from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.egress.proxy import ProxyListener
 from webgym.browser.isolated_worlds import ADDRESS_CHARACTERS, Worlds
+from webgym.browser.pdf import Pdfs
 from webgym.browser.popups import Popups
 from webgym.browser.timers import IdleTimers, Timers
 from webgym.browser.traffic import NOTICES_PER_OBSERVATION, Traffic
@@ -211,6 +212,7 @@ class Page:
         self.choosers: list[FileChooser] | None = None
         """File choosers that were opened, while an action waits for one; else ``None``."""
         self.worlds = Worlds(session, target_id, config)
+        self.pdfs = Pdfs(session, lambda text: self.note("download_refused", text), config.navigate_seconds)
         self.popups = Popups(self)
         self.workers = Workers(session, self.traffic, config)
         session.on("Page.frameStartedNavigating", NavigationStarted, self._on_leaving)
@@ -244,6 +246,7 @@ class Page:
             ("Page.setInterceptFileChooserDialog", {"enabled": True}),
             ("Page.addScriptToEvaluateOnNewDocument", self.worlds.script_in_page),
         ]
+        commands.append(self.pdfs.watching)
         commands.append(("Runtime.runIfWaitingForDebugger", {}))
         commands.append(("Runtime.evaluate", {"expression": _CLEAR_CLIPBOARD, "userGesture": True}))
         await self._do_all(commands)
@@ -305,6 +308,7 @@ class Page:
         self.is_closed = True
         self._forget_browser()
         await self.popups.close()
+        await self.pdfs.close()
         await self.workers.close()
         self.session.connection.drop_session(self.session.id, TargetGone("the page was closed"))
 
@@ -316,7 +320,7 @@ class Page:
         if self._release is not None:
             self._release()
             self._release = None
-            self.session.send("Fetch.disable")
+            self.session.send(*self.pdfs.watching)
         self.returned = None
         self._reported_unopened = self.ineffective_if_same = self.ineffective_if_unscrolled = ""
         self.popups.begin_action()

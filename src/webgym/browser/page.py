@@ -64,6 +64,11 @@ document.execCommand('copy');
 """
 """Clears the clipboard, which all contexts of a browser share: the next episode must not paste from it."""
 
+_SIGN_IN = (
+    "the website asks for a user name and a password before it shows this page; with them its address is "
+    "http://NAME:PASSWORD@host/path"
+)
+
 _SCHEMES = ("http://", "https://")
 _NAVIGABLE_SCHEMES = frozenset({"http", "https", "about", "blob", "javascript"})
 """Schemes that a page can navigate to; for any other, Chromium stays on the page."""
@@ -143,6 +148,8 @@ class Page:
         """Number of changes of the document when it was last quiet; -1 if it never was."""
         self.points: dict[int, tuple[float, float]] = {}
         """The point to click for each element of the last observation, by number, CSS pixels."""
+        self.told: set[str] = set()
+        """Numbers of what the browser said of this document (:class:`PageContent`) that observations told."""
         self.is_gone = False
         """Whether the page closed itself, and the tab with it."""
         self.is_closed = False
@@ -623,7 +630,7 @@ class Page:
         self._failures.clear()
         self.changes = -1
         self.timers_set = 0
-        self.points = {}
+        self.points, self.told = {}, set()
 
     def _keep_document(self) -> None:
         """Block further navigations until the next action."""
@@ -654,6 +661,8 @@ class Page:
             self._add_fault(
                 "status", url, f"{url[:_QUOTED_LENGTH]}: HTTP status {status}", self.next_is_typed
             )
+        if "www-authenticate" in map(str.lower, event.response.headers):
+            self.note("browser", _SIGN_IN)
         if status in _NO_CONTENT:
             quoted_url = event.response.url[:_QUOTED_LENGTH]
             self.note(

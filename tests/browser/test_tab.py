@@ -348,12 +348,6 @@ async def test_a_page_that_asks_before_it_is_left_by_going_back(site: Site, tab:
     assert [kind for kind, _ in tab.notices] == ["dialog"]
 
 
-async def test_printing_does_no_harm(site: Site, tab: Tab) -> None:
-    look = await tab.goto(site.page("<button onclick='print(); document.title = \"after\"'>Print</button>"))
-    look = await tab.step(LeftClick(tab.at("Print")))
-    assert look.observation.title == "after"
-
-
 DOWNLOADS = {
     "an attribute": "<a href=/plain download=notes.txt>Get</a>",
     "a header": "<a href=/file>Get</a>",

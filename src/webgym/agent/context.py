@@ -201,6 +201,7 @@ _NOTICES: dict[NoticeKind, str] = {
     "navigation_failed": "The page could not be opened",
     "download_refused": "A download was refused; files cannot be downloaded",
     "action_failed": "The last action could not be carried out",
+    "browser": "The browser says",
     "dialog": "The page showed a dialog",
     "popup": "The page wanted to open another window",
     "still_loading": "The page is still loading",

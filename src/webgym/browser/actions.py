@@ -88,7 +88,7 @@ async def perform(page: Page, action: BrowserAction) -> None:
         case RightClick(target=target):
             await click(page, await aim(page, target), button="right")
         case Hover(target=target):
-            await mouse(page, "mouseMoved", await aim(page, target))
+            await _hover(page, await aim(page, target))
         case Drag(start=start, target=target, path=path):
             between = [on_page(page, point) for point in path]
             await drag(page, [await aim(page, start), *between, await aim(page, target)])
@@ -108,6 +108,13 @@ async def perform(page: Page, action: BrowserAction) -> None:
             await _navigate(page, url)
         case _:
             assert_never(action)
+
+
+async def _hover(page: Page, point: Point) -> None:
+    await mouse(page, "mouseMoved", point)
+    with contextlib.suppress(DocumentGone):
+        if tooltip := await page.run("tooltip", *point, reply=str):
+            page.note("browser", f'a tooltip "{tooltip}"')
 
 
 # --- keyboard -----------------------------------------------------------------------------------------
@@ -223,10 +230,18 @@ async def type_at(
             if not replace:
                 await press(page, ("Control", "End"))  # replaces the selection by a caret at the end
             await _write(page, text)
+            await _tell_refused(page, text, field)
         case "text" if (field.filled or field.stands) and replace:
             await _press(page, BACKSPACE)
     if enter:
         await _press(page, ENTER)
+
+
+async def _tell_refused(page: Page, text: str, field: _Field) -> None:
+    """Add a notice if the field has not taken a text."""
+    with contextlib.suppress(DocumentGone):
+        if why := await page.run("refusal", text, reply=str, frame=field.frame):
+            page.note("action_failed", why)
 
 
 # --- history and addresses ----------------------------------------------------------------------------

@@ -243,12 +243,27 @@ class RequestFailed(CdpMessage, frozen=True):
     canceled: bool = False
 
 
+class Header(CdpMessage, frozen=True):
+    """A header of a response."""
+
+    name: str
+    value: str
+
+
 class RequestPaused(CdpMessage, frozen=True):
-    """``Fetch.requestPaused``."""
+    """``Fetch.requestPaused``, before it is sent or, with a status or an error, at its response."""
 
     request_id: str
     request: Request
     frame_id: str = ""
+    response_status_code: int = 0
+    response_error_reason: str = ""
+    response_headers: tuple[Header, ...] = ()
+
+    @property
+    def is_response(self) -> bool:
+        """Whether it is paused at its response."""
+        return bool(self.response_status_code or self.response_error_reason)
 
 
 class World(CdpMessage, frozen=True):

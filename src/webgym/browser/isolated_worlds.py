@@ -40,8 +40,8 @@ _WORLD = "webgym"
 _QUOTED_LENGTH = 300
 
 _FILES = (
-    "dom page caret settle geometry lists sliders typing labels roles reach wheel pointer effect early"
-    " drawing boxes sight targets beside observe aim document"
+    "dom page caret settle geometry lists sliders typing labels roles native reach wheel pointer effect"
+    " early drawing boxes sight targets beside observe aim document"
 ).split()
 _SCRIPTS = resources.files("webgym.browser") / "scripts"
 _LISTENERS = (_SCRIPTS / "listeners.js").read_text("utf-8").rstrip()

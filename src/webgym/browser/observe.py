@@ -92,6 +92,8 @@ class PageContent(msgspec.Struct, frozen=True):
         missing: those of them whose content was not provided.
         unknown: whether it contains frames or shadow roots that were not entered yet.
         shortened: kinds of content that were truncated (:data:`_SHORTENED`).
+        said: what the browser itself shows beside the page, such as the bubble of a field that is not valid:
+            number and text of each since the document began, the last ones.
     """
 
     title: str = ""
@@ -104,9 +106,15 @@ class PageContent(msgspec.Struct, frozen=True):
     missing: frozenset[str] = frozenset()
     unknown: bool = False
     shortened: tuple[str, ...] = ()
+    said: tuple[tuple[str, str], ...] = ()
 
     def notices(self, page: Page) -> tuple[Notice, ...]:
-        """A notice that content was truncated, if any was."""
+        """Notices of what the browser said, unless an observation told it already, and that content was
+        truncated, if any was."""
+        said = tuple(Notice("browser", text) for number, text in self.said if number not in page.told)
+        return (*said, *self._truncated(page))
+
+    def _truncated(self, page: Page) -> tuple[Notice, ...]:
         kinds = [*self.shortened, *(["address"] if page.address != page.url else [])]
         named = ", ".join(words for kind, words in _SHORTENED.items() if kind in kinds)
         return (Notice("shortened", named),) if named else ()
@@ -163,6 +171,8 @@ def _observation(
 ) -> Observation:
     page.points = {element.number: _middle(element.box) for element in content.elements or ()}
     page.pictured(name, content.scroll[0])
+    notices = (*page.take_notices(), *content.notices(page))
+    page.told |= {number for number, _ in content.said}
     return Observation(
         screenshot=name,
         url=page.address,
@@ -172,7 +182,7 @@ def _observation(
         scroll=content.scroll,
         mode=page.options.mode,
         settled=settled,
-        notices=(*page.take_notices(), *content.notices(page)),
+        notices=notices,
         faults=page.take_faults(),
         text=content.text,
         fields=content.fields,

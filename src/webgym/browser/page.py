@@ -35,6 +35,7 @@ from webgym.browser.cdp_messages import (
 from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.egress.proxy import ProxyListener
 from webgym.browser.isolated_worlds import ADDRESS_CHARACTERS, Worlds
+from webgym.browser.pdf import Pdfs
 from webgym.browser.popups import Popups
 from webgym.browser.timers import IdleTimers, Timers
 from webgym.browser.traffic import NOTICES_PER_OBSERVATION, Traffic
@@ -64,6 +65,11 @@ addEventListener('copy', (event) => {
 document.execCommand('copy');
 """
 """Clears the clipboard, which all contexts of a browser share: the next episode must not paste from it."""
+
+_SIGN_IN = (
+    "the website asks for a user name and a password before it shows this page; with them its address is "
+    "http://NAME:PASSWORD@host/path"
+)
 
 _SCHEMES = ("http://", "https://")
 _NAVIGABLE_SCHEMES = frozenset({"http", "https", "about", "blob", "javascript"})
@@ -155,6 +161,8 @@ class Page:
         """The point to click for each element of the last observation, by number, CSS pixels."""
         self.expected: tuple[float, float] | None = None
         """The point at which the page's script expects the next mouse event already."""
+        self.told: set[str] = set()
+        """Numbers of what the browser said of this document (:class:`PageContent`) that observations told."""
         self.is_gone = False
         """Whether the page closed itself, and the tab with it."""
         self.is_closed = False
@@ -226,6 +234,7 @@ class Page:
         self.choosers: list[FileChooser] | None = None
         """File choosers that were opened, while an action waits for one; else ``None``."""
         self.worlds = Worlds(session, target_id, config)
+        self.pdfs = Pdfs(session, lambda text: self.note("download_refused", text), config.navigate_seconds)
         self.popups = Popups(self)
         self.workers = Workers(session, self.traffic, config)
         session.on("Page.frameStartedNavigating", NavigationStarted, self._on_leaving)
@@ -259,6 +268,7 @@ class Page:
             ("Page.setInterceptFileChooserDialog", {"enabled": True}),
             ("Page.addScriptToEvaluateOnNewDocument", self.worlds.script_in_page),
         ]
+        commands.append(self.pdfs.watching)
         commands.append(("Runtime.runIfWaitingForDebugger", {}))
         commands.append(("Runtime.evaluate", {"expression": _CLEAR_CLIPBOARD, "userGesture": True}))
         await self._do_all(commands)
@@ -329,6 +339,7 @@ class Page:
         self.is_closed = True
         self._forget_browser()
         await self.popups.close()
+        await self.pdfs.close()
         await self.workers.close()
         self.session.connection.drop_session(self.session.id, TargetGone("the page was closed"))
 
@@ -340,7 +351,7 @@ class Page:
         if self._release is not None:
             self._release()
             self._release = None
-            self.session.send("Fetch.disable")
+            self.session.send(*self.pdfs.watching)
         self.returned = None
         self._reported_unopened = self.ineffective_if_same = self.ineffective_if_unscrolled = ""
         self.popups.begin_action()
@@ -643,7 +654,7 @@ class Page:
         self._failures.clear()
         self.changes = -1
         self.timers_set = 0
-        self.points = {}
+        self.points, self.told = {}, set()
 
     def _keep_document(self) -> None:
         """Block further navigations until the next action."""
@@ -674,6 +685,8 @@ class Page:
             self._add_fault(
                 "status", url, f"{url[:_QUOTED_LENGTH]}: HTTP status {status}", self.next_is_typed
             )
+        if "www-authenticate" in map(str.lower, event.response.headers):
+            self.note("browser", _SIGN_IN)
         if status in _NO_CONTENT:
             quoted_url = event.response.url[:_QUOTED_LENGTH]
             self.note(

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 from webgym.browser.cdp import Session
 from webgym.browser.cdp_messages import AttachedToTarget, Request, RequestPaused, WindowOpen
 from webgym.browser.config import BrowserConfig
+from webgym.browser.pdf import Pdfs
 from webgym.browser.traffic import Traffic
 from webgym.core.background import BackgroundTasks
 from webgym.core.errors import BrowserError, NavigationFailed
@@ -32,6 +33,7 @@ class Opener(Protocol):
     session: Session
     target_id: str
     config: BrowserConfig
+    pdfs: Pdfs
     traffic: Traffic
     is_closed: bool
 
@@ -154,6 +156,8 @@ class Popups:
 
         def on_request(paused: RequestPaused) -> None:
             nonlocal is_first
+            if paused.is_response:
+                return
             more: dict[str, Any] = {}
             if is_first and paused.frame_id == page.target_id:
                 is_first = False  # redirects are requested in the usual way
@@ -167,10 +171,11 @@ class Popups:
             page.session.send("Fetch.continueRequest", {"requestId": paused.request_id, **more})
 
         forget = page.session.on("Fetch.requestPaused", RequestPaused, on_request)
-        documents = {"patterns": [{"resourceType": "Document"}]}
+        (at_response,) = page.pdfs.watching[1]["patterns"]
+        documents = {"patterns": [{"resourceType": "Document"}, at_response]}
         await page.session.do("Fetch.enable", documents, seconds=page.config.execute_seconds)
         try:
             yield
         finally:
             forget()
-            page.session.send("Fetch.disable")
+            page.session.send(*page.pdfs.watching)

@@ -44,6 +44,8 @@ async def upload(page: Page, point: Point, names: Sequence[str]) -> None:
     if not choosers:
         raise ActionFailed("nothing at this place asks for a file")
     chooser = choosers[0]
+    if not chooser.backend_node_id:  # `showOpenFilePicker`, for which the protocol takes no files
+        raise ActionFailed("the page asks by the File System API, which takes no files here")
     if len(names) > 1 and chooser.mode != "selectMultiple":
         raise ActionFailed("only one file can be chosen here")
     chosen = {"files": [str(page.files[name]) for name in names], "backendNodeId": chooser.backend_node_id}

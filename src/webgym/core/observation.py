@@ -12,6 +12,7 @@ NoticeKind: TypeAlias = Literal[
     "navigation_failed",  # DNS, TLS, refused, reset, deadline: with the browser's own message
     "download_refused",
     "action_failed",
+    "browser",  # what the browser itself says: the bubble of an invalid field, a tooltip
     "dialog",  # alert, confirm, prompt, beforeunload: what it said, how it was answered
     "popup",  # the page tried to open a second window; its URL was opened in this tab
     "still_loading",  # the page was not quiet at the settle deadline, or showed that more was to come

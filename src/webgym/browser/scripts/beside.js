@@ -51,7 +51,18 @@
     return places.filter(([x, y]) => x >= GAP && y >= GAP && x <= innerWidth - GAP && y <= innerHeight - GAP);
   };
 
-  // `chosen`: the elements that are numbered now, of all `candidates`. Gives the box of such a place, or null: where
+  // A layer that takes all clicks from the start, such as one that is gone after the first: a place on it.
+  const overAll = (covered) => {
+    const [x, y] = [innerWidth / 2, innerHeight / 2];
+    const found = covered.length ? hit(x, y) : null;
+    return found && !isPage(found) && isWide(found) && isHeardAt(found) ? boxAt(x, y, 'over the whole page') : null;
+  };
+  const boxAt = (x, y, name) => {
+    const box = { left: x - GAP / 2, top: y - GAP / 2, right: x + GAP / 2, bottom: y + GAP / 2 };
+    return { box, name };
+  };
+
+  // `chosen`: the elements that are numbered now, of all `candidates`. Gives {box, name} of such a place, or null: where
   // nothing has opened, nothing there listens for clicks, or there is an element.
   webgym.beside = (candidates, chosen) => {
     const kept = new Set(chosen);
@@ -60,7 +71,8 @@
     for (const one of own)
       if (kept.has(one)) numberedAt.set(one.element, getBoundingClientRect(one.element));
       else if (!cover || !isWide(cover)) cover = coverOf(one.element) || cover;
-    if (!cover || !chosen.length) return null;
+    if (!chosen.length) return overAll(own);
+    if (!cover) return null;
     const isOverAll = isWide(cover);
     if (!isOverAll && !isHeardByPage()) return null;
     const isFree = (found) =>
@@ -69,7 +81,6 @@
     const opened = isOverAll ? around(chosen.map(({ boxes }) => boxes[0])) : getBoundingClientRect(cover);
     const place = placesBeside(opened).find(([x, y]) => isFree(hit(x, y)));
     if (!place) return null;
-    const [x, y] = place;
-    return { left: x - GAP / 2, top: y - GAP / 2, right: x + GAP / 2, bottom: y + GAP / 2 };
+    return boxAt(...place, 'beside what has opened');
   };
 })();

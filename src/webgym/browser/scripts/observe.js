@@ -84,6 +84,7 @@
     const within = inner || isForeign ? placeOf(frame, place) : null;
     if (!within || !isShown(frame) || sight.sightOf(frame).alpha < sight.LEAST_ALPHA) return;
     sink.flush();
+    if (inner) sink.considerScroller(scrollingElement(inner));
     if (isForeign) sink.addFrame(frame, within);
     else if (documentElement(inner)) walk(documentElement(inner), within, sink);
     sink.flush();
@@ -115,6 +116,9 @@
 
   const IN_LINE = /^(inline|ruby|contents)|math$/; // also the parts of a formula, and what stands above words
 
+  const isScreen = (element) => element === scrollingElement(document); // its place is told by each observation
+  const SCROLLS = new Set(['auto', 'scroll']);
+
   // Most of a page is out of view: what can be told from its box alone costs no style.
   const walkElement = (element, place, sink) => {
     const name = localName(element);
@@ -131,10 +135,12 @@
       sink.around = outer;
       return;
     }
+    if (isInView && (name === 'embed' || name === 'object')) webgym.tellEmbedded(element);
     if (PICTURES.has(name)) {
       if (isInView) walkPicture(element, place, sink);
       return;
     }
+    if (isInView && SCROLLS.has(styled().overflowY) && name !== 'textarea' && !isScreen(element)) sink.considerScroller(element);
     const hasStyle = isInView || (!hasBox && styled().display === 'contents');
     if (sink.wantsElements && (isInView || !hasBox || hasLabelIn(element, place)))
       sink.consider(element, place, hasStyle ? styled() : null);
@@ -223,7 +229,6 @@
   };
   webgym.numbers = { elementOf, numberOf };
 
-  const BESIDE = 'beside what has opened';
   const CANDIDATES = 4; // for each element that may be listed
 
   // In the tab's own frame: what is seen is numbered and read. `frames`: what was gathered in frames of
@@ -244,6 +249,8 @@
       this.spare = webgym.limits.text; // for their values and addresses
       this.shown = []; // what tells the elements from each other: see aim.js
       this.missing = [];
+      this.said = [];
+      this.scrollers = [];
       this.isUnknown = false;
     }
     get hasOpenLine() {
@@ -279,6 +286,9 @@
       if (this.around) this.around.kids.push(one);
       this.around = one;
     }
+    considerScroller(box) {
+      if (box && webgym.holdsMore(box)) this.scrollers.push(box);
+    }
     finish() {
       this.flush();
       const chosen = choose(this.candidates, this.most);
@@ -291,10 +301,11 @@
         this.addElement(key || element, boxes, told);
       }
       this.addBeside(chosen);
+      webgym.tellMore(this.scrollers);
     }
     addBeside(chosen) {
-      const box = webgym.beside(this.candidates, chosen);
-      if (box) this.addElement(documentElement(document), [box], { role: 'button', name: BESIDE });
+      const found = webgym.beside(this.candidates, chosen);
+      if (found) this.addElement(documentElement(document), [found.box], { role: 'button', name: found.name });
     }
     // Counts an element. Values and addresses are left out where there is no room for them.
     fitting({ value, href, ...described }) {
@@ -333,6 +344,7 @@
         else if (kind === 'flush') this.flush();
         else if (kind === 'unknown') this.isUnknown = true;
         else if (kind === 'shortened') webgym.noteShortened(item[0]);
+        else if (kind === 'said') this.said.push([`${gathered.world} ${item[0]}`, item[1]]);
         else if (kind === 'frame') this.replayWithin(item, place, isOpen);
         else if (kind === 'element') {
           const boxes = seen(item[1]);
@@ -454,6 +466,7 @@
     addValue() {}
     addBeside() {}
     addFrame() {}
+    considerScroller() {}
   }
 
   const EVERYTHING = { left: -Infinity, top: -Infinity, right: Infinity, bottom: Infinity };
@@ -483,9 +496,11 @@
     webgym.attach();
     const isReady = webgym.hideCaret();
     const gathering = new Gathering(wanted);
+    gathering.considerScroller(scrollingElement(document));
     walkAll(gathering);
     if (!isReady) gathering.items.push(['unknown']);
-    return [...gathering.items, ...webgym.takeShortened().map((kind) => ['shortened', kind])];
+    const said = webgym.said().map((one) => ['said', ...one]);
+    return [...gathering.items, ...said, ...webgym.takeShortened().map((kind) => ['shortened', kind])];
   };
 
   // {text, cuts, elements}: what is wanted.
@@ -497,9 +512,10 @@
       title: shorten(title(document), 'title'),
       scroll: [scrollY, page ? scrollHeight(page) : innerHeight],
     };
+    const said = () => webgym.said().map(([number, text]) => [String(number), text]);
     if (!wanted.text && !wanted.elements && !wanted.cuts) {
       webgym.picture([]);
-      return { ...seen, ...webgym.reach(), shortened: webgym.takeShortened() };
+      return { ...seen, ...webgym.reach(), said: said(), shortened: webgym.takeShortened() };
     }
     const look = new Look(wanted, frames);
     walkAll(look);
@@ -515,6 +531,7 @@
       frames: reach.frames,
       missing: look.missing,
       unknown: reach.unknown || look.isUnknown,
+      said: [...said(), ...look.said],
       ...read,
       ...cuts,
       ...(look.wantsElements ? { elements: look.elements } : {}),

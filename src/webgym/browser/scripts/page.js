@@ -174,13 +174,16 @@
   });
   webgym.watch = (root) => {
     observer.observe(root, { subtree: true, childList: true, attributes: true, characterData: true });
-    // A scroll within a shadow root is heard in it alone.
-    if (typeOf(root) !== Node.DOCUMENT_NODE) root.addEventListener('scroll', onEvent, { capture: true, passive: true });
     if (isWatched.has(root)) return;
     isWatched.add(root);
-    if (typeOf(root) !== Node.DOCUMENT_NODE) shadows.push(new WeakRef(root));
+    if (typeOf(root) !== Node.DOCUMENT_NODE) {
+      for (const [name, handler] of inRoots) root.addEventListener(name, handler, { capture: true, passive: true });
+      shadows.push(new WeakRef(root));
+    }
     for (const child of children(root)) enter(child);
   };
+  const inRoots = [['scroll', onEvent]]; // [event, handler]: what happens within a shadow root is heard in it alone
+  webgym.listenInRoots = (...more) => inRoots.push(...more);
   // The shadow roots that are watched and in a document.
   const isWatched = new WeakSet();
   let shadows = [];

@@ -50,6 +50,9 @@
         return 'option';
       case 'textarea':
         return 'textbox';
+      case 'video':
+      case 'audio':
+        return hasAttribute(element, 'controls') ? 'button' : ''; // a click plays or pauses it
       case 'input':
         if (element.type === 'hidden') return '';
         if (INPUT_ROLES[element.type]) return INPUT_ROLES[element.type];
@@ -148,12 +151,13 @@
       () => labelsOf(element).map((label) => contentName(label)).join(' '),
       () => (localName(element) === 'input' && role === 'button' ? captionOf(element) || element.alt : ''),
       () => (TICKS.has(role) ? ofLabel() : ''),
-      () => (isField ? '' : contentName(element)),
+      () => (isField || isMedia(element) ? '' : contentName(element)),
       () => getAttribute(element, 'placeholder'),
       () => getAttribute(element, 'title'),
       () => getAttribute(element, 'alt'),
       () => (localName(element) === 'option' ? element.label : ''),
       () => nameOfHost(element),
+      () => (isMedia(element) ? localName(element) : ''),
       ofLabel,
     ];
     for (const candidate of candidates) {
@@ -168,6 +172,8 @@
     if (!names.has(element)) names.set(element, {});
     return (names.get(element)[role] ??= findName(element, role));
   };
+
+  const isMedia = (element) => localName(element) === 'video' || localName(element) === 'audio';
 
   // What components of roles of their own hold.
   const VALUED = new Set(['slider', 'textbox', 'searchbox', 'combobox', 'spinbutton']);
@@ -189,6 +195,7 @@
       const value = shorten(element.value, 'value');
       return element.type === 'password' ? '•'.repeat(value.length) : value;
     }
+    if (isMedia(element)) return element.paused ? 'paused' : 'playing';
     if (!VALUED.has(role)) return null;
     const told = getAttribute(element, 'aria-valuetext') ?? getAttribute(element, 'aria-valuenow');
     if (told === null && role === 'slider') return null;

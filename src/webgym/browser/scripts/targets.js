@@ -95,9 +95,21 @@
 
   const areaOf = (rect) => (rect.right - rect.left) * (rect.bottom - rect.top);
 
+  // Where a click plays or pauses: of a film all of it but its bar, which fills a small one; of a sound the button that
+  // its bar begins with, as wide as the bar is high.
+  const isPlayer = (element) => /^(video|audio)$/.test(localName(element)) && hasAttribute(element, 'controls');
+  const BAR = 80; // CSS pixels
+  const playerPartOf = (player) => {
+    const { left, top, right, bottom } = getBoundingClientRect(player);
+    const height = bottom - top;
+    if (localName(player) === 'audio') return { left, top, right: Math.min(right, left + height), bottom };
+    return { left, top, right, bottom: height < 2 * BAR ? top + Math.max(height / 4, height - BAR) : bottom };
+  };
+
   // The boxes of an element; those of its children where it has none itself, as around a floated picture.
   const rectsOf = (element, depth = 0) => {
     if (isArea(element)) return areaRects(element);
+    if (isPlayer(element)) return [playerPartOf(element)];
     const rects = [...getClientRects(element)].filter((rect) => areaOf(rect) >= 1);
     if (rects.length || depth > 3) return rects;
     const within = firstOf(children(rootOf(element) || element), 8).flatMap((child) => rectsOf(child, depth + 1));

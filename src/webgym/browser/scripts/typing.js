@@ -27,15 +27,22 @@
     return `${pad(hour)}:${match[2] || '00'}${match[3] || ''}`;
   };
 
+  const pointOf = (text) => {
+    const day = new Date(text);
+    if (Number.isNaN(day.getTime())) return text;
+    return `${pad(day.getFullYear(), 4)}-${pad(day.getMonth() + 1)}-${pad(day.getDate())}`;
+  };
+  // Has a text the three parts of a day? JavaScript takes any year for one that is missing.
+  const isWhole = (text) => (text.match(/\d+/g) || []).length >= (/[a-z]{3}/i.test(text) ? 2 : 3);
+
   // Days in the ways that people write them; day before month where dots or the numbers say so.
   const asDay = (text) => {
     if (/^\d{4}-\d{2}-\d{2}$/.test(text)) return text;
     const match = text.match(/^(\d{1,2})([./-])(\d{1,2})\2(\d{4})$/);
     if (match && (match[2] === '.' || Number(match[1]) > 12)) return `${match[4]}-${pad(match[3])}-${pad(match[1])}`;
-    const day = new Date(text);
-    if (Number.isNaN(day.getTime())) return text;
-    return `${pad(day.getFullYear(), 4)}-${pad(day.getMonth() + 1)}-${pad(day.getDate())}`;
+    return isWhole(text) ? pointOf(text) : text;
   };
+  const asMonth = (text) => (/\d{4}/.test(text) ? pointOf(text).slice(0, 7) : text);
 
   const asMoment = (text) => {
     const match = text.match(/^(.+?)(?:T|,?\s+(?:at\s+)?)(\d{1,2}(?::\d{2}){0,2}(?:\s*[ap]\.?m\.?)?)$/i);
@@ -60,7 +67,7 @@
     if (type === 'time') return asTime(plain);
     if (type === 'date') return asDay(plain);
     if (type === 'datetime-local') return asMoment(plain);
-    if (type === 'month' && !/^\d{4}-\d{2}$/.test(plain)) return asDay(plain).slice(0, 7);
+    if (type === 'month' && !/^\d{4}-\d{2}$/.test(plain)) return asMonth(plain);
     return plain;
   };
 
@@ -160,6 +167,19 @@
     !PRESSED.has(localName(element)) && !isFrame(element) && hasAttribute(element, 'tabindex') &&
     !WIDGETS.test(getAttribute(element, 'role') || '');
 
+  // Why a text that was typed is not in its field; empty if it is, if the page made another text of it, or if the focus
+  // went on from there, as in fields for one digit each.
+  let typed = null; // {element, before}
+  const plain = (text) => text.replace(/\s+/g, '');
+  webgym.refusal = (text) => {
+    if (!typed || !matches(typed.element, ':focus')) return '';
+    const { element, before } = typed;
+    const [is, was, wanted] = [element.value, before, text].map(plain);
+    if (is === wanted || !(is === was || wanted.startsWith(is))) return '';
+    const held = element.type === 'password' ? `${is.length} characters` : `"${element.value}"`;
+    return `the field did not take all that was typed; it holds ${is ? held : 'nothing'}`;
+  };
+
   // Readies the focused field for `text`. {kind}: "text" (its content is selected; `filled` says whether there is
   // any, and `stands` whether it lies elsewhere than where was clicked, as that of an editor does), "slider" (keys
   // move it from `value` to `wanted`), "set" and "chosen" (done here; `why` says what else came of it), "keys" (no
@@ -182,7 +202,9 @@
     const lines = isContentEditable(element) || localName(element) === 'textarea';
     if (lines || (isInput && !NO_TEXT.includes(element.type))) {
       if (lines && isEnded) unbroken = element;
-      return { kind: 'text', filled: selectAll(element), stands: !matches(element, ':hover') };
+      const stands = !matches(element, ':hover');
+      typed = isContentEditable(element) || stands ? null : { element, before: element.value };
+      return { kind: 'text', filled: selectAll(element), stands };
     }
     return { kind: takesKeys(element) ? 'keys' : 'none', wondered: webgym.wonder(element) };
   };

@@ -71,7 +71,7 @@ _FLAGS = (
     "--mute-audio",
     "--deny-permission-prompts",
     "--disable-notifications",
-    # The one tab is always in front.
+    # Every page is drawn, and none is slowed down: the one in front is any of them.
     "--disable-background-timer-throttling",
     "--disable-backgrounding-occluded-windows",
     "--disable-renderer-backgrounding",

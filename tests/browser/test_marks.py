@@ -92,8 +92,7 @@ class _Result(msgspec.Struct):
 
 async def evaluate(tab: Tab, expression: str) -> Any:
     """In the page's own world, which our scripts do not touch."""
-    page = tab.slot._page
-    assert page is not None
+    page = tab.slot.page
     params = {"expression": expression, "returnByValue": True}
     done = await page.session.call("Runtime.evaluate", params, reply=_Result, seconds=30)
     return done.result.value

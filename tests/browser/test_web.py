@@ -446,8 +446,7 @@ async def test_certificates_that_are_not_to_be_trusted(site: Site, tab: Tab, con
 
 async def test_offline(site: Site, new_tab: Tab) -> None:
     home = site.page("<title>Home</title><p>here</p>")
-    page = new_tab.slot._page
-    assert page is not None
+    page = new_tab.slot.page
     offline = {"offline": True, "latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
     await page.session.do("Network.emulateNetworkConditions", offline, seconds=5)
     await new_tab.goto(home)
@@ -544,6 +543,38 @@ async def test_back_after_a_form_was_sent(site: Site, tab: Tab, kept: str) -> No
     assert site.hits.count("/take") == 1, "it was not sent again"
     look = await tab.step(GoBack())
     assert look.observation.url == home
+
+
+async def test_back_to_a_page_that_scripts_had_changed(site: Site, tab: Tab) -> None:
+    site.page("<title>Item</title><p>here</p>", "/item")
+    home = site.page(
+        "<button onclick=\"r.textContent = '3 results'\">Search</button><a href=/item>Item</a><p id=r>none"
+    )
+    await tab.goto(home)
+    for is_changed in (False, True):
+        if is_changed:
+            await tab.step(LeftClick(tab.at("Search")))
+        await tab.step(LeftClick(tab.at("Item")))
+        await tab.step(GoBack())
+        assert [kind for kind, _ in tab.notices] == ["reloaded"] * is_changed
+
+
+async def test_back_out_of_a_page_that_writes_its_history(site: Site, tab: Tab) -> None:
+    """Each popstate adds entries: that is reported, and going back once more leaves it."""
+    home = site.page("<title>Home</title><a href=/writer>Go</a>")
+    site.page(
+        "<title>Writer</title><h1>here</h1><script>let k = 0; f(); f(); f(); onpopstate = f;"
+        "function f() { history.pushState({}, '', '?' + ++k) }</script>",
+        "/writer",
+    )
+    await tab.goto(home)
+    await tab.step(LeftClick(tab.at("Go")))
+    look = await tab.step(GoBack())
+    assert look.observation.title == "Writer"
+    assert "put itself in front" in tab.notices[0][1]
+    look = await tab.step(GoBack())
+    assert (look.observation.title, look.observation.url) == ("Home", home)
+    assert tab.notices == []
 
 
 TRAPS = {

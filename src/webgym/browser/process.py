@@ -72,7 +72,7 @@ _FLAGS = (
     "--use-mock-keychain",
     "--mute-audio",
     "--deny-permission-prompts",
-    # The one tab is always in front.
+    # Every page is drawn, and none is slowed down: the one in front is any of them.
     "--disable-background-timer-throttling",
     "--disable-backgrounding-occluded-windows",
     "--disable-renderer-backgrounding",

@@ -1,12 +1,10 @@
 // Native pop-ups that no screenshot shows are drawn in the page instead: the list of a <select>, the suggestions of a
-// <datalist>, and a field to type in for the pickers of dates and colours that a script opens. And a form that wants a
-// new window is sent in this one.
+// <datalist>, and a field to type in for the pickers of dates and colours that a script opens.
 (() => {
   const webgym = globalThis.webgym;
   if (webgym.closeList) return;
   const {
-    parentElement, ownerDocument, localName, getAttribute, setAttribute, removeAttribute, matches, closest,
-    getBoundingClientRect, body, defaultView, typeOf, make, querySelectorAll,
+    parentElement, localName, getAttribute, matches, closest, getBoundingClientRect, body, typeOf, make, querySelectorAll,
   } = webgym.dom;
   const { state, changed } = webgym;
   const { parentOf, moved, standing } = webgym.geometry;
@@ -255,23 +253,12 @@
     if (target && localName(target) === 'input' && PICKERS.includes(target.type)) event.preventDefault();
   };
 
-  // A form that wants a new window keeps its method and body if it is sent in this one.
-  const onSubmit = (event) => {
-    const form = eventTarget(event);
-    if (!form) return;
-    const target = (event.submitter && getAttribute(event.submitter, 'formtarget')) || getAttribute(form, 'target');
-    if (!target || (target.startsWith('_') ? target !== '_blank' : target in defaultView(ownerDocument(form)))) return;
-    setAttribute(form, 'target', '_self');
-    if (event.submitter) removeAttribute(event.submitter, 'formtarget');
-  };
-
   const SHIELDED = ['pointerdown', 'mousedown', 'pointerup', 'mouseup', 'click', 'dblclick', 'input'];
   const ON_CONTENT = [['mousedown', onMouseDown, true], ['click', onClick, true], ['input', onTyped, true]];
   const CLOSING = new Set(['Escape', 'Enter', 'Tab']);
   webgym.listen(
     ...SHIELDED.map((name) => [name, onListEvent, true]),
     ...ON_CONTENT,
-    ['submit', onSubmit, true],
     ['scroll', (event) => typeOf(event.target) === Node.DOCUMENT_NODE && webgym.closeList(), true],
     ['resize', webgym.closeList, false],
     ['keydown', (event) => CLOSING.has(event.key) && webgym.closeList(), true],

@@ -68,10 +68,10 @@
   // --- drags of the system --------------------------------------------------------------------------
 
   let begun = null;
-  let over = null;
+  let dropped = null;
   webgym.listen(
-    ['mousedown', () => (begun = over = null), { capture: true, passive: true }],
-    ['dragover', (event) => event.isTrusted && (over = event), { capture: true, passive: true }],
+    ['mousedown', () => (begun = dropped = null), { capture: true, passive: true }],
+    ['dragover', (event) => event.isTrusted && (dropped = event), { capture: true, passive: true }],
     ['dragstart', (event) => event.isTrusted && (begun = event), { capture: true, passive: true }],
     ['dragend', (event) => event.isTrusted && (begun = null), { capture: true, passive: true }],
   );
@@ -79,5 +79,5 @@
   // made itself is no drag, and one that Chromium gives up ends at once.
   webgym.hasDragBegun = () => Boolean(begun && !begun.defaultPrevented);
   // Whether the page takes what was dragged over it; else Chromium would open it.
-  webgym.takesDrop = () => Boolean(over && over.defaultPrevented);
+  webgym.takesDrop = () => Boolean(dropped && dropped.defaultPrevented);
 })();

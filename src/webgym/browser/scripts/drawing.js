@@ -19,22 +19,12 @@
     return child;
   };
 
-  const white = (type, quality) => {
-    const canvas = make(document, 'canvas');
-    canvas.width = innerWidth;
-    canvas.height = innerHeight;
-    const context = canvas.getContext('2d');
-    context.fillStyle = 'white';
-    context.fillRect(0, 0, canvas.width, canvas.height);
-    return canvas.toDataURL(type, quality);
-  };
-
   // Have the document drawn. Gives 'cut off' if it has no body and `hasEnded`, so that it never gets one, or else
-  // the picture of a document without a body, as a data URL: nothing but white. Empty if there is something to draw.
-  webgym.drawn = async ({ hasEnded, type, quality }) => {
+  // 'white'. Empty if there is something to draw.
+  webgym.drawn = async (hasEnded) => {
     const root = documentElement(document);
     if (root && localName(root) !== 'html') return '';
-    if (!body(document)) return hasEnded || readyState(document) === 'complete' ? 'cut off' : white(type, quality);
+    if (!body(document)) return hasEnded || readyState(document) === 'complete' ? 'cut off' : 'white';
     const head = headOf(root);
     if (head && !(await isDrawn())) {
       // What was put there by a script is not waited for. It is applied as soon as it has loaded.

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from webgym.browser.marks import COLOURS, Label, draw, place
-from webgym.browser.pictures import Pixels, decode, encode
+from webgym.browser.pictures import Pixels, decode, encode, white
 from webgym.core.observation import Element
 
 VIEWPORT = (800, 600)
@@ -19,10 +19,6 @@ Box = tuple[float, float, float, float]
 
 def random_pixels(width: int, height: int) -> Pixels:
     return np.random.default_rng(1).integers(0, 256, (height, width, 3), np.uint8)
-
-
-def blank(width: int = VIEWPORT[0], height: int = VIEWPORT[1]) -> bytes:
-    return encode(np.full((height, width, 3), 255, np.uint8))
 
 
 def with_pillow(picture: bytes) -> Pixels:
@@ -46,12 +42,10 @@ def test_other_pngs_are_read_too(mode: str) -> None:
 
 
 def test_a_jpeg_is_about_the_same() -> None:
-    drawn = draw(blank(), elements([(100, 100, 80, 20)]), quality=90)
-    assert drawn.startswith(b"\xff\xd8")
-    assert (
-        np.abs(with_pillow(drawn).astype(int) - decode(draw(blank(), elements([(100, 100, 80, 20)])))).mean()
-        < 1
-    )
+    marked = elements([(100, 100, 80, 20)])
+    jpeg, png = draw(white(VIEWPORT), marked, quality=90), draw(white(VIEWPORT), marked)
+    assert jpeg.startswith(b"\xff\xd8")
+    assert np.abs(with_pillow(jpeg).astype(int) - decode(png)).mean() < 1
 
 
 # --- marks --------------------------------------------------------------------------------------------
@@ -83,7 +77,7 @@ def dense() -> list[Box]:
 
 
 def test_a_frame_lies_around_its_element() -> None:
-    drawn = decode(draw(blank(), elements([(100.4, 100.4, 80, 20), (0, 500, 60, 99.8)])))
+    drawn = decode(draw(white(VIEWPORT), elements([(100.4, 100.4, 80, 20), (0, 500, 60, 99.8)])))
     colour, other = (np.array(COLOURS[number]) for number in (1, 2))
     for x, y in ((98, 110), (99, 110), (180, 110), (181, 110), (140, 121)):
         assert (drawn[y, x] == colour).all(), (x, y)
@@ -93,7 +87,7 @@ def test_a_frame_lies_around_its_element() -> None:
 
 @pytest.mark.parametrize("box", [(10, 10, 0, 0), (10, 10, 1, 1), (0, 0, 800, 600), (799, 599, 1, 1)])
 def test_any_box_can_be_marked(box: Box) -> None:
-    assert (decode(draw(blank(), elements([box]))) != 255).any()
+    assert (decode(draw(white(VIEWPORT), elements([box]))) != 255).any()
 
 
 def test_a_label_lies_above_its_element_if_there_is_room() -> None:
@@ -122,7 +116,7 @@ def test_labels_keep_off_each_other() -> None:
 
 def test_labels_can_be_read() -> None:
     boxes = dense()
-    drawn = decode(draw(blank(), elements(boxes)))
+    drawn = decode(draw(white(VIEWPORT), elements(boxes)))
     shapes: dict[bytes, set[int]] = {}
     for label in labels_for(boxes):
         left, top, right, bottom = label.box

@@ -144,15 +144,21 @@ def place(numbers: Sequence[int], boxes: Sequence[Box], viewport: tuple[int, int
     edges = np.array(boxes, float).reshape(-1, 4)
     near = (edges[:, None, :2] - _REACH < edges[:, 2:]) & (edges[:, None, 2:] + _REACH > edges[:, :2])
     crowded = near.all(-1).sum(1) > _CROWD
-    taken = np.zeros(viewport[::-1], bool)
+    taken = np.zeros(viewport[::-1], bool)  # by labels
+    used = taken.copy()  # by elements and labels
+    for left, top, right, bottom in boxes:
+        used[top:bottom, left:right] = True
     for index, (number, box) in enumerate(zip(numbers, boxes, strict=True)):
         for size in _SIZES[int(crowded[index]) :]:
             width = math.ceil(size.padding + size.advance * len(str(number)))
-            spot, hidden = _spot(index, box, (width, size.height), edges.T, taken)
+            left, top, right, bottom = spot = (box[0], box[1] - size.height, box[0] + width, box[1])
+            hidden = 0
+            if min(spot) < 0 or right > viewport[0] or used[top:bottom, left:right].any():  # no room above
+                spot, hidden = _spot(index, box, (width, size.height), edges.T, taken)
             if not hidden:
                 break
         left, top, right, bottom = spot
-        taken[top:bottom, left:right] = True
+        taken[top:bottom, left:right] = used[top:bottom, left:right] = True
         yield Label(number, size, spot, hidden)
 
 

@@ -7,7 +7,6 @@ an action had no effect (:class:`EffectCheck`).
 from __future__ import annotations
 
 import asyncio
-import base64
 import contextlib
 import hashlib
 import time
@@ -23,6 +22,7 @@ from webgym.browser.cdp_messages import Screenshot
 from webgym.browser.gestures import AnyAction
 from webgym.browser.isolated_worlds import DocumentGone
 from webgym.browser.page import Page, picture_format
+from webgym.browser.pictures import white
 from webgym.browser.pointer import Point
 from webgym.browser.settle import settle
 from webgym.core.action import DoubleClick, LeftClick, RightClick, Scroll, Wait
@@ -276,9 +276,8 @@ async def _capture_bare(page: Page) -> bytes:
 async def _capture(page: Page, quality: int | None) -> bytes:
     config = page.config
     params = picture_format(quality)
-    picture_type = f"image/{params['format']}"
     requests: set[asyncio.Task[Screenshot]] = set()
-    if page.is_new_window and (undrawn := await _have_drawn(page, picture_type, quality and quality / 100)):
+    if page.is_new_window and (undrawn := await _have_drawn(page, quality)):
         return undrawn
     try:
         while True:
@@ -299,7 +298,7 @@ async def _capture(page: Page, quality: int | None) -> bytes:
                 await asyncio.sleep(_RETRY_SECONDS)
                 continue
             # The request was lost with a replaced frame, or nothing is drawn yet.
-            undrawn = await _have_drawn(page, picture_type, quality and quality / 100)
+            undrawn = await _have_drawn(page, quality)
             if undrawn is not None:
                 return undrawn
     finally:
@@ -307,7 +306,7 @@ async def _capture(page: Page, quality: int | None) -> bytes:
             one.cancel()
 
 
-async def _have_drawn(page: Page, picture_type: str, quality: float | None) -> bytes | None:
+async def _have_drawn(page: Page, quality: int | None) -> bytes | None:
     """Have a document drawn that Chromium does not draw.
 
     Documents that ended before their body get one: a script in the head may open another program, such as for
@@ -316,20 +315,13 @@ async def _have_drawn(page: Page, picture_type: str, quality: float | None) -> b
 
     Args:
         page: the page.
-        picture_type: media type of the picture.
-        quality: of a JPEG, 0 to 1.
+        quality: of a JPEG, 1 to 100.
 
     Returns:
         A white picture of a document whose body is yet to come; ``None`` if there is something to draw now.
     """
-    options = {
-        "hasEnded": page.has_broken_off,
-        "type": picture_type,
-        "quality": quality,
-        "isNew": page.is_new_window,
-    }
     with contextlib.suppress(DocumentGone, CommandFailed, BrowserTimeout):
-        found = await page.run("drawn", options, reply=str)
+        found = await page.run("drawn", page.has_broken_off, page.is_new_window, reply=str)
         if found == "cut off":
             content = {"frameId": page.target_id, "html": ""}
             await page.session.do("Page.setDocumentContent", content, seconds=page.config.execute_seconds)
@@ -337,7 +329,7 @@ async def _have_drawn(page: Page, picture_type: str, quality: float | None) -> b
             if not page.is_new_window:
                 why = f"{page.address} has nothing to show yet"
                 page.fail(NavigationFailed(why, url=page.url), is_typed=page.is_typed)
-            return base64.b64decode(found.partition(",")[2])
+            return white(page.options.viewport, quality)
     return None
 
 

@@ -62,6 +62,11 @@ def encode(pixels: Pixels, quality: int | None = None) -> bytes:
     return b"".join([_SIGNATURE, _chunk(b"IHDR", header), _chunk(b"IDAT", content), _chunk(b"IEND", b"")])
 
 
+def white(size: tuple[int, int], quality: int | None = None) -> bytes:
+    """A white picture of this width and height."""
+    return encode(np.full((size[1], size[0], 3), 255, np.uint8), quality)
+
+
 def _chunks(png: bytes) -> Iterator[tuple[bytes, bytes]]:
     """The content of a PNG by type, chunks of one type that follow each other joined."""
     at, parts = len(_SIGNATURE), []

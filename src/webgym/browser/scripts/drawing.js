@@ -19,25 +19,15 @@
     return child;
   };
 
-  const white = (type, quality) => {
-    const canvas = make(document, 'canvas');
-    canvas.width = innerWidth;
-    canvas.height = innerHeight;
-    const context = canvas.getContext('2d');
-    context.fillStyle = 'white';
-    context.fillRect(0, 0, canvas.width, canvas.height);
-    return canvas.toDataURL(type, quality);
-  };
-
   // Have the document drawn. Gives 'cut off' if it has no body and `hasEnded`, so that it never gets one, or else
-  // the picture of a document without a body, as a data URL: nothing but white. Empty if there is something to draw.
-  // Of a window that nobody has written into (`isNew`), Chromium draws nothing either.
-  webgym.drawn = async ({ hasEnded, type, quality, isNew }) => {
+  // 'white'. Empty if there is something to draw. Of a window that nobody has written into (`isNew`), Chromium draws
+  // nothing either.
+  webgym.drawn = async (hasEnded, isNew) => {
     const root = documentElement(document);
     if (root && localName(root) !== 'html') return '';
-    if (!body(document)) return hasEnded || readyState(document) === 'complete' ? 'cut off' : white(type, quality);
+    if (!body(document)) return hasEnded || readyState(document) === 'complete' ? 'cut off' : 'white';
     const head = headOf(root);
-    if (isNew && !(await isDrawn())) return white(type, quality);
+    if (isNew && !(await isDrawn())) return 'white';
     if (head && !(await isDrawn())) {
       // What was put there by a script is not waited for. It is applied as soon as it has loaded.
       const place = make(document, 'head');

@@ -148,8 +148,8 @@ class Page:
         """Number of changes of the document when it was last quiet; -1 if it never was."""
         self.points: dict[int, tuple[float, float]] = {}
         """The point to click for each element of the last observation, by number, CSS pixels."""
-        self.told: set[str] = set()
-        """Numbers of what the browser said of this document (:class:`PageContent`) that observations told."""
+        self.told: set[tuple[str, str]] = set()
+        """What the browser said (``PageContent.said``) and an observation told: document and number."""
         self.is_gone = False
         """Whether the page closed itself, and the tab with it."""
         self.is_closed = False
@@ -219,7 +219,7 @@ class Page:
         self.choosers: list[FileChooser] | None = None
         """File choosers that were opened, while an action waits for one; else ``None``."""
         self.worlds = Worlds(session, target_id, config)
-        self.pdfs = Pdfs(session, lambda text: self.note("download_refused", text), config.navigate_seconds)
+        self.pdfs = Pdfs(session, lambda text: self.note("download_refused", text))
         self.popups = Popups(self)
         self.workers = Workers(session, self.traffic, config)
         session.on("Page.frameStartedNavigating", NavigationStarted, self._on_leaving)
@@ -630,7 +630,7 @@ class Page:
         self._failures.clear()
         self.changes = -1
         self.timers_set = 0
-        self.points, self.told = {}, set()
+        self.points = {}
 
     def _keep_document(self) -> None:
         """Block further navigations until the next action."""

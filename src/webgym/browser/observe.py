@@ -111,8 +111,8 @@ class PageContent(msgspec.Struct, frozen=True):
     def notices(self, page: Page) -> tuple[Notice, ...]:
         """Notices of what the browser said, unless an observation told it already, and that content was
         truncated, if any was."""
-        said = tuple(Notice("browser", text) for number, text in self.said if number not in page.told)
-        return (*said, *self._truncated(page))
+        news = ((number, text) for number, text in self.said if (page.loader, number) not in page.told)
+        return (*(Notice("browser", text) for _, text in news), *self._truncated(page))
 
     def _truncated(self, page: Page) -> tuple[Notice, ...]:
         kinds = [*self.shortened, *(["address"] if page.address != page.url else [])]
@@ -171,7 +171,7 @@ def _observation(
     page.points = {element.number: _middle(element.box) for element in content.elements or ()}
     page.pictured(name, content.scroll[0])
     notices = (*page.notices.take(), *content.notices(page))
-    page.told |= {number for number, _ in content.said}
+    page.told |= {(page.loader, number) for number, _ in content.said}
     return Observation(
         screenshot=name,
         url=page.address,

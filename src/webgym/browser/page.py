@@ -169,8 +169,8 @@ class Page:
         """The point to click for each element of the last observation, by number, CSS pixels."""
         self.expected: tuple[float, float] | None = None
         """The point at which the page's script expects the next mouse event already."""
-        self.told: set[str] = set()
-        """Numbers of what the browser said of this document (:class:`PageContent`) that observations told."""
+        self.told: set[tuple[str, str]] = set()
+        """What the browser said (``PageContent.said``) and an observation told: document and number."""
         self.is_gone = False
         """Whether the page was closed."""
         self.leads_nowhere = False
@@ -245,7 +245,7 @@ class Page:
         self.choosers: list[FileChooser] | None = None
         """File choosers that were opened, while an action waits for one; else ``None``."""
         self.worlds = Worlds(session, target_id, config)
-        self.pdfs = Pdfs(session, lambda text: self.note("download_refused", text), config.navigate_seconds)
+        self.pdfs = Pdfs(session, lambda text: self.note("download_refused", text))
         self.workers = Workers(session, self.traffic, config)
         session.on("Page.frameStartedNavigating", NavigationStarted, self._on_leaving)
         session.on("Page.frameScheduledNavigation", ScheduledNavigation, self._on_navigation_requested)
@@ -714,7 +714,7 @@ class Page:
         self._failures.clear()
         self.changes = -1
         self.timers_set = 0
-        self.points, self.told = {}, set()
+        self.points = {}
 
     def _keep_document(self) -> None:
         """Block further navigations until the next action."""

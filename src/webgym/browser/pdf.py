@@ -25,8 +25,12 @@ from webgym.core.errors import BrowserError
 PDF_BYTES = 32 * 2**20
 """Largest PDF that is shown."""
 
-RENDER_SECONDS = 20.0
-"""Longest time in which a PDF's pages are drawn. A page of text takes 0.05 s, a scanned one 0.2 s."""
+RENDER_SECONDS = 12.0
+"""Longest time of the program that draws its pages, which itself stops earlier (``MOST_SECONDS``). Less than
+``browser.navigate_seconds``."""
+
+_COMMAND_SECONDS = 3600.0
+"""Deadline of a command: the browser may be stopped for as long as a model thinks."""
 
 _PROGRAM = Path(__file__).with_name("pdf_page.py")
 _CHUNK_BYTES = 2**20
@@ -61,7 +65,6 @@ class Pdfs:
     Args:
         session: the tab's session.
         on_unshown: called with a message for the agent about a PDF that cannot be shown.
-        seconds: deadline of a command.
     """
 
     watching: tuple[str, dict[str, Any]] = (
@@ -70,10 +73,9 @@ class Pdfs:
     )
     """The command that has the responses of documents paused, and no other request."""
 
-    def __init__(self, session: Session, on_unshown: Callable[[str], None], seconds: float) -> None:
+    def __init__(self, session: Session, on_unshown: Callable[[str], None]) -> None:
         self._session = session
         self._on_unshown = on_unshown
-        self._seconds = seconds
         self._tasks = BackgroundTasks()
         session.on("Fetch.requestPaused", RequestPaused, self._on_paused)
 
@@ -108,14 +110,14 @@ class Pdfs:
                 "responseHeaders": [{"name": name, "value": value} for name, value in _HEADERS.items()],
                 "body": base64.b64encode(page).decode(),
             }
-            await self._session.do("Fetch.fulfillRequest", answer, seconds=self._seconds)
+            await self._session.do("Fetch.fulfillRequest", answer, seconds=_COMMAND_SECONDS)
 
     async def _read(self, paused: RequestPaused) -> bytes:
         """The body of a response."""
         length = _header(paused, "content-length")
         if length.isdecimal() and int(length) > PDF_BYTES:
             raise _too_large()
-        session, seconds = self._session, self._seconds
+        session, seconds = self._session, _COMMAND_SECONDS
         number = {"requestId": paused.request_id}
         taken = await session.call("Fetch.takeResponseBodyAsStream", number, reply=_Stream, seconds=seconds)
         source = {"handle": taken.stream, "size": _CHUNK_BYTES}

@@ -30,9 +30,9 @@
     invalid = [];
     if (!event) return;
     const [field] = event;
-    const name = webgym.nameOf(field) || 'a field without a name';
     if (!matches(field, ':focus')) return;
-    say(`the field "${name}": ${field.validationMessage}`);
+    const name = webgym.nameOf(field);
+    say(`${name ? `the field "${name}"` : 'a field without a name'}: ${field.validationMessage}`);
     webgym.changed(); // a picture that was taken before shows no bubble
   };
   const onInvalid = (event) => {
@@ -42,7 +42,7 @@
   };
   const onInput = () => {
     isTyping = true;
-    scheduler.postTask(() => (isTyping = false));
+    scheduler.postTask(() => (isTyping = false), { priority: 'user-blocking' });
   };
 
   // --- tooltips -------------------------------------------------------------------------------------

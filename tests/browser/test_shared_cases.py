@@ -192,7 +192,9 @@ CASES: dict[str, Case] = {
         either=True,
     ),
     "21-meta-refresh": Case(text=("ECHO arrived",)),
-    "22-video": Case((do(Wait(1.5)), lambda tab: tab.step(LeftClick(tab.at_role("button")))), ("playing",)),
+    "22-video": Case(
+        (do(Wait(1.5)), lambda tab: tab.step(LeftClick(tab.at_role("button"))), do(Wait(1))), ("playing",)
+    ),
     "23-frameset": Case((click("News"),), ("NEWS 4711",)),
     "25-font-late": Case(text=("PRICE 4711",)),
     "26-iframe-modal": Case((click("Accept"),), marked=("Behind",)),
@@ -237,7 +239,7 @@ CASES: dict[str, Case] = {
     "54-first-click": Case(
         (do(LeftClick(place(30, 30))), do(LeftClick(place(30, 30)))), ("ORDERED",), mode="coordinates"
     ),
-    "55-media-perm": Case((click("Camera"),), ("cam Not", "note denied")),
+    "55-media-perm": Case((click("Camera"), do(Wait(2))), ("cam Not", "note denied")),
     "58-scrollbars": Case(notice=("more",)),
     "59-service-worker": Case(text=("worker ready",)),
     "60-notify-late": Case((click("Pay"),), ("PAID 4711",), ("still_loading",), either=True),

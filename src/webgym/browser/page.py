@@ -175,7 +175,6 @@ class Page:
         """Whether the page was closed."""
         self.leads_nowhere = False
         """Whether it is a window that was opened for something else than a page."""
-        self.is_closed = False
         self.has_scripts = True
         """Whether scripts of the page may run."""
         self.is_substitute = True
@@ -196,8 +195,10 @@ class Page:
         """Whether the document was opened by an address that was typed."""
         self.next_is_typed = False
         """The same of documents that are opened from now on."""
-        self._statuses: dict[str, int] = {}
+        self._statuses: dict[str, int | None] = {}
         """HTTP status by loader, until the document is committed."""
+        self._left: dict[str, int | None] = {}
+        """The same of documents that were left, which the back-forward cache may restore."""
         self._failures: dict[str, str] = {}
         """The browser's error code by loader, until the error page is committed."""
         self.loader = ""
@@ -351,7 +352,7 @@ class Page:
 
     @property
     def is_crashed(self) -> bool:
-        """Whether its renderer is gone."""
+        """Whether its renderer is gone, or the tab itself."""
         return self.session.crashed is not None
 
     @property
@@ -364,14 +365,8 @@ class Page:
         """Whether it is a window in which no page was opened; a script may have written into it."""
         return self.is_window and self.is_substitute
 
-    @property
-    def is_lost(self) -> bool:
-        """Whether the tab cannot be used any more."""
-        return self.is_gone or self.is_crashed or self.is_closed
-
     async def close(self) -> None:
         """Stop the page's background tasks. The tab itself is closed with its context."""
-        self.is_closed = True
         self._forget_browser()
         await self.pdfs.close()
         await self.workers.close()
@@ -415,10 +410,7 @@ class Page:
                 await self._ended.wait()
 
     def tell_reloaded(self) -> None:
-        """Add a notice if going back has loaded a page again that its scripts had changed.
-
-        Chromium's headless shell has no back-forward cache.
-        """
+        """Add a notice if going back has loaded a page again that its scripts had changed."""
         if self.returned is None or self.returned.left == self.loader:
             return
         if urldefrag(self.url).url in self._changed:
@@ -555,18 +547,16 @@ class Page:
 
     # --- navigation ---------------------------------------------------------------------------------
 
-    async def navigate(self, url: str, referrer: str = "") -> None:
+    async def navigate(self, url: str) -> None:
         """Open a URL, and wait for the first byte that replaces the page.
 
         Args:
             url: the URL.
-            referrer: sent as ``Referer``; empty for none.
 
         Raises:
             NavigationFailed: it could not be opened; with the browser's own error code.
             EgressRefused: the egress policy refused the connection.
         """
-        params = {"url": url, "referrer": referrer} if referrer else {"url": url}
         quoted_url = url[:_QUOTED_LENGTH]
         if not url.lower().startswith(_SCHEMES):
             raise NavigationFailed(_not_opened_message(url))
@@ -575,7 +565,7 @@ class Page:
         unload = asyncio.create_task(self._end_unload())
         try:
             navigated = await self.session.call(
-                "Page.navigate", params, reply=Navigated, seconds=self.config.navigate_seconds
+                "Page.navigate", {"url": url}, reply=Navigated, seconds=self.config.navigate_seconds
             )
         except BrowserTimeout:
             self.session.send("Page.stopLoading")
@@ -699,6 +689,10 @@ class Page:
         if self.loader == self._loaded[0] and self.changes > self._loaded[1]:
             self._changed.add(urldefrag(self.url).url)
         self.url = (frame.unreachable_url or frame.url) + frame.url_fragment
+        self._left[self.loader] = self.status
+        if event.type == "BackForwardCacheRestore":
+            self._statuses[frame.loader_id] = self._left.get(frame.loader_id)
+            self._changed.discard(urldefrag(frame.url).url)
         self.status = self._statuses.get(frame.loader_id)
         self.loader = frame.loader_id
         self.is_substitute = bool(frame.unreachable_url) or frame.url == BLANK

@@ -295,7 +295,7 @@ class Slot:
         """
         if self._is_open:
             await self.close()
-        if not self.is_up or (self._windows is not None and self._windows.front.is_lost):
+        if not self.is_up or (self._windows is not None and self._windows.front.is_crashed):
             await self.stop()
         if self.needs_replacement:
             await self.start()
@@ -334,7 +334,7 @@ class Slot:
             BrowserCrashed, BrowserTimeout: the browser is gone, or no longer answers.
         """
         try:
-            await (await self._living_windows().close_others()).begin_again(options)
+            await self._living_windows().close_others().begin_again(options)
         except (CommandFailed, TargetGone) as error:
             raise BrowserCrashed(f"the tab could not be cleared: {error.message}") from error
         self._was_revived = False

@@ -8,12 +8,9 @@ an action and the look at what came of it: nobody acts on another page than the 
 
 from __future__ import annotations
 
-import asyncio
-
 from webgym.browser.cdp import Session
 from webgym.browser.cdp_messages import AttachedToTarget, DetachedFromTarget
 from webgym.browser.page import Page
-from webgym.core.background import BackgroundTasks
 
 MOST_WINDOWS = 8
 """Most windows of an episode, the first page included, and most that one action opens."""
@@ -30,7 +27,7 @@ class Windows:
         self._stack = [first]
         self._arrived: list[Page] = []
         """Windows that were opened and were not in front yet."""
-        self._tasks = BackgroundTasks()
+        self._closed: list[Page] = []
 
     @property
     def front(self) -> Page:
@@ -93,23 +90,21 @@ class Windows:
         for page in arrived:
             what = "and closed it again" if page.is_gone else "which is in front now; go_back closes it"
             page.note("popup", f"the page opened a new window, {what}")
-        for page in set(everything) - set(self._stack):
-            self._tasks.start(page.close())
+        self._closed += [page for page in everything if page not in self._stack]
         return self.front is not before
 
-    async def close_others(self) -> Page:
+    def close_others(self) -> Page:
         """Close all windows but the first page, which is returned."""
         [first, *others] = self.pages
         first.dialogs.cancel()
         self._stack, self._arrived, first.is_window = [first], [], False
         for page in others:
-            page.close_target()
-            await page.close()
+            page.discard()
+        self._closed += others
         return first
 
     async def close(self) -> None:
         """Stop the background tasks of all pages. They themselves are closed with their context."""
         self.front.dialogs.cancel()
-        for page in self.pages:
+        for page in (*self._closed, *self.pages):
             await page.close()
-        await asyncio.gather(*self._tasks)

@@ -113,8 +113,7 @@ class Trier:
 
     @property
     def tab(self) -> Tab:
-        assert self.slot._page is not None
-        return self.slot._page
+        return self.slot.page
 
     @property
     def session(self) -> Session:

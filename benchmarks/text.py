@@ -107,8 +107,7 @@ async def painted_words(slot: Slot, url: str) -> tuple[Counter[str], Counter[str
     """The words that are visible in the pixels of a page, and those that its fields may show."""
     await slot.open(PageOptions())
     await slot.act(Navigate(url))
-    assert slot._page is not None
-    session = slot._page.session
+    session = slot.page.session
     asked = {"expression": SCRIPT, "returnByValue": True}
     done = await session.call("Runtime.evaluate", asked, reply=Result, seconds=SECONDS)
     words, fields = done.result.value

@@ -8,9 +8,11 @@ from webgym.core.action import (
     GRID,
     Action,
     Answer,
+    AnswerDialog,
     DoubleClick,
     Drag,
     GoBack,
+    Hold,
     Hover,
     LeftClick,
     Mode,
@@ -26,6 +28,7 @@ from webgym.core.action import (
 )
 
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=60)
+SECONDS = st.floats(0, 1e6)
 SAID = TEXTS.filter(lambda text: bool(text.strip()))
 LINES = TEXTS.map(lambda text: " ".join(text.replace("<", "").split()))
 JSON_OBJECTS = st.dictionaries(
@@ -55,7 +58,7 @@ def actions(mode: Mode, space: Space = "paper") -> st.SearchStrategy[Action]:
         st.builds(LeftClick, targets(mode)),
         st.builds(Type, targets(mode), TEXTS),
         st.builds(Scroll, st.sampled_from(["up", "down"])),
-        st.builds(Wait, st.floats(0, 1e6)),
+        st.builds(Wait, SECONDS),
         st.just(GoBack()),
         st.builds(Navigate, SAID.map(str.strip)),
         st.builds(Answer, SAID),
@@ -69,7 +72,9 @@ def actions(mode: Mode, space: Space = "paper") -> st.SearchStrategy[Action]:
         paper,
         st.builds(LeftClick, places, modifiers),
         *(st.builds(act, places) for act in (DoubleClick, RightClick, Hover)),
-        st.builds(Drag, places, places, st.lists(points(), max_size=3).map(tuple)),
+        st.builds(Drag, places, places, st.lists(points(), max_size=3).map(tuple), SECONDS),
+        st.builds(Hold, places, SECONDS),
+        st.builds(AnswerDialog, st.booleans(), st.none() | TEXTS),
         st.builds(Type, places, TEXTS, st.booleans()),
         st.builds(Press, names),
         st.builds(Scroll, st.sampled_from(["up", "down", "left", "right"]), st.none() | places),

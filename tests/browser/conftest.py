@@ -197,8 +197,7 @@ async def open_tab(request: pytest.FixtureRequest, shared_slot: Slot) -> AsyncIt
         options = PageOptions(mode=mode, **(usual | more))  # type: ignore[arg-type]
         if shared_slot.is_open and not shared_slot.is_frozen and is_usual:
             await shared_slot.begin_again(options)
-            assert shared_slot._page is not None
-            await shared_slot._page.session.do("Input.dispatchMouseEvent", OUTSIDE, seconds=5)
+            await shared_slot.page.session.do("Input.dispatchMouseEvent", OUTSIDE, seconds=5)
         else:
             shared_slot.config = config or BrowserConfig()
             await shared_slot.open(options)

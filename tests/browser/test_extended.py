@@ -13,6 +13,7 @@ from webgym.browser.config import BrowserConfig
 from webgym.core.action import (
     DoubleClick,
     Drag,
+    Hold,
     Hover,
     LeftClick,
     Press,
@@ -125,6 +126,34 @@ async def test_what_html_makes_draggable_is_dragged(site: Site, tab: Tab) -> Non
     assert tab.text.index("Two") > tab.text.index("Bin")
     await tab.step(LeftClick(at(100, 30)))
     assert len(log(tab)) == 2, "nothing is held any more"
+
+
+LONG = """<style>#a { position: absolute; left: 20px; top: 20px; width: 100px; height: 40px }</style>
+<div id=a>Card</div><p id=s style="margin-top:200px">still</p><script>
+let timer, isHeld;
+a.onpointerdown = (e) => {
+  a.setPointerCapture(e.pointerId);
+  timer = setTimeout(() => { isHeld = true; s.textContent = 'held'; }, 250);
+};
+a.onpointermove = (e) => isHeld ? a.style.left = e.clientX - 50 + 'px' : e.buttons && clearTimeout(timer);
+a.onpointerup = (e) => {
+  clearTimeout(timer);
+  if (isHeld) s.textContent += ' and dropped at ' + Math.round(e.clientX);
+  isHeld = false;
+};
+</script>"""
+
+
+async def test_holding_the_button_down(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page(LONG))
+    await tab.step(Drag(at(70, 40), at(470, 40)))
+    assert tab.text[-1] == "still", "the list takes it for a scroll"
+    await tab.step(Hold(at(70, 40), 0.1))
+    assert tab.text[-1] == "still"
+    await tab.step(Hold(at(70, 40), 0.4))
+    assert tab.text[-1] == "held and dropped at 70"
+    await tab.step(Drag(at(70, 40), at(470, 40), time=0.4))
+    assert tab.text[-1] == "held and dropped at 470"
 
 
 FORGED = (
@@ -295,6 +324,38 @@ async def test_files_of_the_task_are_chosen(site: Site, open_tab: Open) -> None:
     await tab.step(Upload(tab.at("Hidden by its page"), ("cv.txt", "photo.png")))
     assert [part.rsplit(" ", 1)[0] for part in log(tab)[2:]] == ["hidden cv.txt 10", "hidden photo.png 4"]
     assert tab.notices == []
+
+
+DROPS = (
+    LOG
+    + """<style>div { width: 300px; height: 100px; border: 1px solid }</style><div id=zone>Drop here</div>
+<div>Not here</div><iframe style='width:300px;height:100px' srcdoc="<body style='height:80px'><script>
+ondragover = (e) => e.preventDefault();
+ondrop = (e) => { e.preventDefault(); parent.log.append('frame ' + e.dataTransfer.files[0].name); };
+</script>">
+</iframe>
+<script>
+let entered = 0;
+zone.ondragenter = () => entered++;
+zone.ondragover = (e) => e.preventDefault();
+zone.ondrop = async (e) => {
+  e.preventDefault();
+  for (const file of e.dataTransfer.files) say(entered, file.name, await file.text());
+};</script>"""
+)
+
+
+async def test_files_of_the_task_are_dropped_where_none_is_asked_for(site: Site, open_tab: Open) -> None:
+    tab = await open_tab(files=FILES)
+    home = site.page(DROPS)
+    await tab.goto(home)
+    await tab.step(Upload(at(150, 90), ("cv.txt",)))
+    assert log(tab) == ["1 cv.txt Ann, baker"]
+    await tab.step(Upload(at(150, 300), ("photo.png",)))
+    assert log(tab)[1:] == ["frame photo.png"]
+    look = await tab.step(Upload(at(150, 200), ("cv.txt",)))
+    assert tab.notices == [("action_failed", "nothing at this place asks for a file")]
+    assert look.observation.url == home, "it was not opened"
 
 
 async def test_no_other_files_are_chosen(site: Site, open_tab: Open) -> None:

@@ -95,8 +95,7 @@ class _Result(msgspec.Struct):
 
 async def evaluate(tab: Tab, expression: str) -> Any:
     """In the page's own world, which our scripts do not touch."""
-    page = tab.slot._page
-    assert page is not None
+    page = tab.slot.page
     params = {"expression": expression, "returnByValue": True}
     done = await page.session.call("Runtime.evaluate", params, reply=_Result, seconds=30)
     return done.result.value
@@ -397,8 +396,7 @@ async def test_labels_can_be_read(site: Site, open_tab: Open) -> None:
     )
     tab = await open_tab("marks")
     await tab.goto(site.page(f"{nav}<table style='font-size:20px'>{days}</table>{edges}"))
-    page = tab.slot._page
-    assert page is not None
+    page = tab.slot.page
     world = {"contextId": page.worlds._worlds[page.target_id], "expression": LABELS, "returnByValue": True}
     labels = (await page.session.call("Runtime.evaluate", world, reply=_Result, seconds=5)).result.value
     assert len(labels) == len(elements(tab)) > 150

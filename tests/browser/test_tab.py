@@ -1,4 +1,4 @@
-"""What happens to the one tab: dialogs, second windows, downloads, failures, crashes."""
+"""What happens to a page: dialogs, downloads, failures, crashes."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ from pathlib import Path
 
 import pytest
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, RedirectResponse, Response
+from starlette.responses import Response
 
-from webgym.browser.cdp_messages import CdpMessage, TargetInfo
 from webgym.browser.config import BrowserConfig
+from webgym.browser.notices import NOTICES_PER_OBSERVATION
 from webgym.browser.page import MOST_DOCUMENTS
-from webgym.browser.traffic import NOTICES_PER_OBSERVATION
 from webgym.core.action import GoBack, LeftClick
 
 from .conftest import Open, Site, Tab, one_in
@@ -122,16 +121,6 @@ async def test_a_page_that_is_blocked_again_and_again_loses_its_scripts(
     assert tab.text == ["runs"]
 
 
-async def test_many_windows_and_an_empty_one_do_no_harm(site: Site, tab: Tab) -> None:
-    site.page("<title>Second</title><p>here</p>", "/second")
-    opens = "for (let i = 0; i < 5; i++) window.open('/second'); window.open('about:blank')"
-    await tab.goto(site.page(f'<button onclick="{opens}">Go</button>'))
-    await tab.step(LeftClick(tab.at("Go")))
-    look = await tab.step()
-    assert look.observation.title == "Second"
-    assert site.hits.count("/second") == 1
-
-
 async def test_downloads_are_refused(site: Site, tab: Tab) -> None:
     async def file(_: Request) -> Response:
         return Response(b"x" * 1000, headers={"content-disposition": "attachment; filename=report.zip"})
@@ -196,129 +185,7 @@ async def test_a_page_that_closes_itself(site: Site, new_tab: Tab) -> None:
     assert "here" in new_tab.text
 
 
-# --- windows, dialogs and downloads in all their ways --------------------------------------------------
-
-WAYS = {
-    "a link": "<a href=/second target=_blank>Go</a>",
-    "a named link": "<a href=/second target=other>Go</a>",
-    "a script": "<button onclick=\"window.open('/second')\">Go</button>",
-    "a script that fills it in": "<button onclick=\"w = window.open(); w.location = '/second'\">Go</button>",
-    "a form": "<form action=/second target=_blank><button>Go</button></form>",
-    "noopener": "<a href=/second target=_blank rel='noopener noreferrer'>Go</a>",
-    "noopener by script": "<button onclick=\"window.open('/second', '_blank', 'noopener')\">Go</button>",
-    "a window with a size": "<button onclick=\"window.open('/second', 'w', 'width=300')\">Go</button>",
-    "later": "<button onclick=\"setTimeout(() => window.open('/second'), 30)\">Go</button>",
-    "in a frame": "<iframe srcdoc='<a href=/second target=_blank>Go</a>'></iframe>",
-    "for the top": "<iframe srcdoc='<a href=/second target=_top>Go</a>'></iframe>",
-    "a form that a script sends": "<form id=f action=/second target=_blank></form>"
-    '<button onclick="f.submit()">Go</button>',
-    "a form into a window": "<form id=f action=/second target=w></form>"
-    "<button onclick=\"window.open('', 'w'); f.submit()\">Go</button>",
-    "through a redirect": "<a href=/redirect target=_blank>Go</a>",
-    "a link that a script opens": '<a href=/second target=_blank onclick="event.preventDefault();'
-    'window.open(this.href)">Go</a>',
-    "an area of a picture": "<img usemap=#m width=60 height=60 src=/dot>"
-    "<map name=m><area shape=rect coords=0,0,60,60 href=/second target=_blank alt=Go></map>",
-}
-
-
-@pytest.mark.parametrize("way", one_in(2, WAYS))
-async def test_every_way_to_a_second_window_ends_in_this_tab(site: Site, tab: Tab, way: str) -> None:
-    async def redirect(_: Request) -> Response:
-        return RedirectResponse("/second")
-
-    async def dot(_: Request) -> Response:
-        return Response("<svg xmlns='http://www.w3.org/2000/svg'/>", media_type="image/svg+xml")
-
-    site.page("<title>Second</title><p>here</p>", "/second")
-    site.on("/redirect", redirect)
-    site.on("/dot", dot)
-    first = site.page(WAYS[way])
-    await tab.goto(first)
-    await tab.step(LeftClick(tab.at("Go")))
-    look = await tab.step()
-    assert look.observation.title == "Second"
-    assert site.hits.count("/second") == 1, "asked for once, not by the window as well"
-    look = await tab.step(GoBack())
-    assert look.observation.url == first
-
-
-@pytest.mark.parametrize("kind", ["", "enctype=multipart/form-data", "enctype=text/plain"])
-async def test_what_a_script_posts_to_a_new_window_arrives(site: Site, tab: Tab, kind: str) -> None:
-    async def take(request: Request) -> Response:
-        if kind.endswith("plain"):
-            said = (await request.body()).decode().strip()
-        else:
-            said = ", ".join(f"{name}={value}" for name, value in (await request.form()).items())
-        return HTMLResponse(f"<title>{request.method} {said}</title>")
-
-    site.on("/take", take)
-    first = site.page(
-        f"<form id=f action=/take method=post target=w {kind}><input name=q value='Zoë &amp; 7'></form>"
-        "<button onclick=\"window.open('', 'w'); f.submit()\">Go</button>"
-    )
-    await tab.goto(first)
-    look = await tab.step(LeftClick(tab.at("Go")))
-    assert look.observation.title == "POST q=Zoë & 7"
-    assert site.hits.count("/take") == 1
-    assert [kind for kind, _ in tab.notices] == ["popup"]
-    look = await tab.step(GoBack())
-    assert look.observation.url == first
-
-
-NOWHERE = {
-    "written": ("w = window.open('about:blank'); w.document.write('<h1>Receipt</h1>')", "that is empty"),
-    "blob": (
-        "window.open(window.URL.createObjectURL(new Blob(['<h1>Receipt</h1>'], { type: 'text/html' })))",
-        "for blob:http",
-    ),
-    "javascript": ("window.open('javascript:alert(1)')", "for javascript:alert(1)"),
-    "mail": ("window.open('mailto:someone@x.example')", "for mailto:someone@x.example"),
-}
-
-
-@pytest.mark.parametrize(("opens", "where"), NOWHERE.values(), ids=NOWHERE.keys())
-async def test_windows_that_lead_nowhere_are_closed_and_told(
-    site: Site, tab: Tab, opens: str, where: str
-) -> None:
-    home = site.page(f'<button onclick="{opens}">Go</button><p>here</p>')
-    await tab.goto(home)
-    await tab.step(LeftClick(tab.at("Go")))
-    told = list(tab.notices)
-    look = await tab.step()
-    assert look.observation.url == home
-    assert f"the page opened a window {where}" in " ".join(text for _, text in [*told, *tab.notices])
-    assert await windows(tab) == 1
-
-
-async def windows(tab: Tab) -> int:
-    """Pages that the browser holds for this tab's episode."""
-    assert tab.slot.process is not None
-    connection = tab.slot.process.connection
-    targets = await connection.call("Target.getTargets", reply=_Targets, seconds=5)
-    page = tab.slot._page
-    assert page is not None
-    [own] = [one for one in targets.target_infos if one.target_id == page.target_id]
-    same = [one for one in targets.target_infos if one.browser_context_id == own.browser_context_id]
-    return len([one for one in same if one.type == "page"])
-
-
-class _Targets(CdpMessage, frozen=True):
-    target_infos: tuple[TargetInfo, ...]
-
-
-async def test_a_page_that_looks_at_its_window(site: Site, tab: Tab) -> None:
-    """What `open` gives is a window, not nothing, as from a blocker."""
-    site.page("<title>Second</title><p>here</p>", "/second")
-    await tab.goto(
-        site.page(
-            "<button onclick=\"w = window.open('/second'); if (w) w.focus(); else alert('blocked')\">"
-            "Go</button>"
-        )
-    )
-    look = await tab.step(LeftClick(tab.at("Go")))
-    assert look.observation.title == "Second"
-    assert [kind for kind, _ in tab.notices] == ["popup"]
+# --- dialogs and downloads in all their ways --------------------------------------------------
 
 
 async def test_dialogs_while_a_page_loads_and_within_frames(site: Site, tab: Tab) -> None:

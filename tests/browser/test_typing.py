@@ -192,8 +192,7 @@ async def test_lines_break_again_when_the_page_types_on(site: Site, tab: Tab) ->
     """Only the Enter that ends our typing is held back."""
     await tab.goto(site.page("<textarea aria-label=Field></textarea>"))
     await tab.step(Type(tab.at("Field"), "one"))
-    page = tab.slot._page  # a second Enter, which no action presses
-    assert page is not None
+    page = tab.slot.page  # a second Enter, which no action presses
     for kind in ("down", "up"):
         await page.session.do("Input.dispatchKeyEvent", ENTER.event(kind), seconds=5)
     await tab.step()

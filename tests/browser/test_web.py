@@ -5,12 +5,15 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import io
+import shutil
 import socket
 import ssl
 import struct
+import tempfile
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from datetime import UTC, datetime
+from pathlib import Path
 
 import pytest
 import trustme
@@ -18,13 +21,18 @@ from PIL import Image
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response, StreamingResponse
 
-from webgym.browser.config import BrowserConfig
+from webgym.browser.config import BrowserConfig, PageOptions
+from webgym.browser.egress.proxy import Egress
 from webgym.browser.observe import Look
+from webgym.browser.profiles import ProfileRoot
+from webgym.browser.slot import Slot
 from webgym.core.action import GoBack, LeftClick, Target, Wait
 
 from .conftest import VIEWPORT, Open, Site, Tab, one_in
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
+
+FULL = shutil.which("chromium")
 
 Peer = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 
@@ -446,8 +454,7 @@ async def test_certificates_that_are_not_to_be_trusted(site: Site, tab: Tab, con
 
 async def test_offline(site: Site, new_tab: Tab) -> None:
     home = site.page("<title>Home</title><p>here</p>")
-    page = new_tab.slot._page
-    assert page is not None
+    page = new_tab.slot.page
     offline = {"offline": True, "latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
     await page.session.do("Network.emulateNetworkConditions", offline, seconds=5)
     await new_tab.goto(home)
@@ -544,6 +551,67 @@ async def test_back_after_a_form_was_sent(site: Site, tab: Tab, kept: str) -> No
     assert site.hits.count("/take") == 1, "it was not sent again"
     look = await tab.step(GoBack())
     assert look.observation.url == home
+
+
+async def test_back_to_a_page_that_scripts_had_changed(site: Site, tab: Tab) -> None:
+    site.page("<title>Item</title><p>here</p>", "/item")
+    home = site.page(
+        "<button onclick=\"r.textContent = '3 results'\">Search</button><a href=/item>Item</a><p id=r>none"
+    )
+    await tab.goto(home)
+    for is_changed in (False, True):
+        if is_changed:
+            await tab.step(LeftClick(tab.at("Search")))
+        await tab.step(LeftClick(tab.at("Item")))
+        await tab.step(GoBack())
+        assert [kind for kind, _ in tab.notices] == ["reloaded"] * is_changed
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not FULL, reason="no full Chromium is installed")
+async def test_a_full_browser_goes_back_to_the_page_as_it_was(site: Site, egress: Egress) -> None:
+    """It has a back-forward cache; our scripts stay in the page, and numbers with their elements."""
+    site.page("<title>Item</title><p>here</p>", "/item")
+    inner = site.page("<button onclick=\"this.textContent = 'Pressed'\">Press</button>")
+    home = site.page(
+        "<button onclick=\"r.innerHTML = '3 results <a href=/item>Shoe</a>'\">Search</button>"
+        f"<label><input type=checkbox>Red</label><iframe src='{site.elsewhere(inner)}'></iframe><p id=r>none"
+    )
+    with tempfile.TemporaryDirectory() as folder:  # such a browser needs a short path
+        slot = Slot(BrowserConfig(), Path(FULL or ""), ProfileRoot(Path(folder)), egress)
+        options = PageOptions(text=True, elements=True, viewport=VIEWPORT)
+        await slot.open(options)
+        tab = Tab(slot, options)
+        await tab.goto(home)
+        for name, role in (("Search", "button"), ("Press", "button"), ("Red", "checkbox")):
+            await tab.step(LeftClick(tab.at(name, role)))
+        assert tab.last is not None
+        elements = tab.last.observation.elements
+        for _ in range(2):
+            await tab.step(LeftClick(tab.at("Shoe")))
+            look = await tab.step(GoBack())
+            assert look.observation.elements == elements
+            assert (look.observation.status, tab.notices) == (200, [])
+        await slot.stop()
+    assert site.hits.count(home.removeprefix(site.url(""))) == 1
+
+
+async def test_back_out_of_a_page_that_writes_its_history(site: Site, tab: Tab) -> None:
+    """Each popstate adds entries: that is reported, and going back once more leaves it."""
+    home = site.page("<title>Home</title><a href=/writer>Go</a>")
+    site.page(
+        "<title>Writer</title><h1>here</h1><script>let k = 0; f(); f(); f(); onpopstate = f;"
+        "function f() { history.pushState({}, '', '?' + ++k) }</script>",
+        "/writer",
+    )
+    await tab.goto(home)
+    await tab.step(LeftClick(tab.at("Go")))
+    look = await tab.step(GoBack())
+    assert look.observation.title == "Writer"
+    assert "put itself in front" in tab.notices[0][1]
+    look = await tab.step(GoBack())
+    assert (look.observation.title, look.observation.url) == ("Home", home)
+    assert tab.notices == []
 
 
 TRAPS = {

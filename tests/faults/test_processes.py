@@ -97,10 +97,9 @@ async def test_a_lost_renderer_is_brought_back_and_the_agent_is_told(fault: Arou
         if how == "killed":
             kill(slot, "renderer")
         elif how == "crashed":
-            assert slot._page is not None
             with slot.awake():
-                slot._page.session.send("Page.crash")
-                await bench.until(lambda: slot._page is not None and slot._page.is_crashed)
+                slot.page.session.send("Page.crash")
+                await bench.until(lambda: slot.page.is_crashed)
         if how == "killed during a call":
             working = asyncio.create_task(session.step(Wait(3)))
             await in_the_middle(bench, slot)

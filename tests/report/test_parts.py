@@ -19,8 +19,10 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from webgym.core.action import (
+    AnswerDialog,
     DoubleClick,
     Drag,
+    Hold,
     Hover,
     LeftClick,
     Press,
@@ -112,7 +114,9 @@ EXTENDED = {
         Drag(Target(element=77), PLACE, ((500, 40), (0, 1000))),
         f"Dragged element 77 to {SEARCH} through 2 points",
     ),
+    "hold": (Hold(PLACE, 0.5), f"Held the mouse button down on {SEARCH} for 0.5 s"),
     "press": (Press(("Control", "a")), "Pressed Control+a"),
+    "answer dialog": (AnswerDialog(accept=False), "Answered the dialog with Cancel"),
     "upload": (Upload(PLACE, ("cv.txt", "photo.png")), f"Chose the files cv.txt, photo.png at {SEARCH}"),
     "scroll": (Scroll("left", PLACE), f"Scrolled left at {SEARCH}"),
 }
@@ -126,7 +130,7 @@ def test_extended_actions_are_told_and_drawn(run_folder: Path, name: str) -> Non
     episode = msgspec.structs.replace(made.episode, steps=(step,))
     action = page(msgspec.structs.replace(made, episode=episode), None)["steps"][0]["action"]
     assert (action["name"], action["words"]) == (name, words)
-    assert len(action["places"]) == (0 if name == "press" else 2 if name == "drag" else 1)
+    assert len(action["places"]) == (0 if name in ("press", "answer dialog") else 2 if name == "drag" else 1)
     assert action["way"] == ([[50, 4], [0, 100]] if name == "drag" else [])
     history = action_history(episode, line_chars=300, limit=3000)
     assert history.startswith(f"step 1, on {step.observation.url}: {words.split()[0].lower()} ")

@@ -179,14 +179,14 @@ def _read(name: str, field: str, key: str, value: Any, screen: Size, space: Spac
         case "path":
             return _path(key, value, screen)
         case "text":
-            return _text(key, value, empty=name == "type")
+            return _text(key, value, empty=name in ("type", "answer_dialog"))
         case "url":
             return _text(key, value).strip()
         case "direction":
             return _choice(key, value, DIRECTIONS[space])
         case "time":
             return _seconds(value)
-        case "enter":
+        case "enter" | "accept":
             return _flag(key, value)
         case "modifiers":
             return tuple(_choice(key, name, get_args(Modifier)) for name in _texts(key, value))

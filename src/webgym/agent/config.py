@@ -34,8 +34,9 @@ class AgentConfig(Settings):
 
     actions: Space = "paper"
     """``paper``: the paper's seven actions. ``extended``: also hover, key chords, double, right and modified
-    clicks, drags, scrolling a given element, scrolling left and right, typing without Enter, and uploading
-    files of the task; in marks mode, coordinates for places that carry no number."""
+    clicks, holding the button down, drags, scrolling a given element, scrolling left and right, typing
+    without Enter, uploading files of the task, and answering dialogs; in marks mode, coordinates for places
+    that carry no number."""
 
     rounds: int = Field(default=4, ge=0, le=50)
     """Past rounds that are shown in full, as screenshot and reply, before the current screenshot. The paper

@@ -58,6 +58,7 @@ _ARGUMENT_SCHEMA: dict[str, dict[str, Any]] = {
     | {"items": {"type": "string", "enum": list(get_args(Modifier))}, "description": "Keys to hold"},
     "text": {"type": "string", "description": "What to type, or the final answer"},
     "enter": {"type": "boolean", "description": "Whether to press Enter afterwards, true by default"},
+    "accept": {"type": "boolean", "description": "OK rather than Cancel, true by default"},
     "keys": _NAMES | {"description": 'Keys by name, as ["Control", "a"], ["ArrowDown"], ["Escape"]'},
     "direction": {"type": "string", "enum": [], "description": ""},
     "files": _NAMES | {"description": "Names of files of the task"},

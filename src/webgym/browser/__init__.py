@@ -1,7 +1,10 @@
 """One browser slot: launch, act, observe, settle, marks. Raw CDP over a pipe; no open port.
 
 slot.py      Slot: one browser process group, one fresh context and page per episode
-page.py      Page: the one tab of an episode, and everything that happens to it
+page.py      Page: one tab or window, and everything that happens to it
+windows.py   the windows of an episode, the newest in front
+dialogs.py   alert, confirm, prompt and the question before leaving
+notices.py   what the next observation reports of all of them
 actions.py   from an Action to mouse, keyboard and history
 pointer.py   the mouse: clicks, drags, the wheel
 upload.py    choosing files that the task comes with

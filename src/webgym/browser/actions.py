@@ -12,17 +12,19 @@ from webgym.browser.cdp_messages import History, HistoryEntry
 from webgym.browser.isolated_worlds import DocumentGone
 from webgym.browser.keyboard import BACKSPACE, ENTER, PROCESS, Key, key_of, split_input
 from webgym.browser.page import BLANK, Page, Returned
-from webgym.browser.pointer import Point, click, drag, holding, mouse, press, scroll
+from webgym.browser.pointer import Point, click, drag, hold, holding, mouse, press, scroll
 from webgym.browser.settle import settle
 from webgym.browser.sliders import TYPED_KEYS, slide
 from webgym.browser.upload import upload
 from webgym.core.action import (
     GRID,
     MAX_WAIT_SECONDS,
+    AnswerDialog,
     BrowserAction,
     DoubleClick,
     Drag,
     GoBack,
+    Hold,
     Hover,
     LeftClick,
     Navigate,
@@ -90,9 +92,11 @@ async def perform(page: Page, action: BrowserAction) -> None:
             await click(page, point_of(page, target), button="right")
         case Hover(target=target):
             await mouse(page, "mouseMoved", point_of(page, target))
-        case Drag(start=start, target=target, path=path):
+        case Hold(target=target, time=seconds):
+            await hold(page, point_of(page, target), _bounded(seconds))
+        case Drag(start=start, target=target, path=path, time=seconds):
             between = [_on_page(page, point) for point in path]
-            await drag(page, [point_of(page, start), *between, point_of(page, target)])
+            await drag(page, [point_of(page, start), *between, point_of(page, target)], _bounded(seconds))
         case Type(target=target, text=text, enter=enter):
             await type_at(page, point_of(page, target), text, enter=enter)
         case Press(keys=keys):
@@ -102,13 +106,21 @@ async def perform(page: Page, action: BrowserAction) -> None:
         case Upload(target=target, files=names):
             await upload(page, point_of(page, target), names)
         case Wait(time=seconds):
-            await page.rest(max(0.0, min(seconds, MAX_WAIT_SECONDS)))
+            await page.rest(_bounded(seconds))
+        case AnswerDialog(accept=accept, text=text):
+            if not page.dialogs.is_open:
+                raise ActionFailed("no dialog is open")
+            page.dialogs.answer(accept=accept, text=text)
         case GoBack():
             await _go_back(page)
         case Navigate(url=url):
             await _navigate(page, url)
         case _:
             assert_never(action)
+
+
+def _bounded(seconds: float) -> float:
+    return max(0.0, min(seconds, MAX_WAIT_SECONDS))
 
 
 def point_of(page: Page, target: Target) -> Point:
@@ -259,21 +271,23 @@ async def _go_back(page: Page) -> None:
     index = (history.current_index if page.returned is None else page.returned.index) - 1
     page.returned = None
     if index < 0 or history.entries[index].url == BLANK:
-        raise ActionFailed("there is no earlier page to go back to")
+        if not page.is_window:
+            raise ActionFailed("there is no earlier page to go back to")
+        page.close_target()
+        await page.rest(page.config.execute_seconds)
+        return
     left = page.loader
     await _return_to(page, history.entries[index])
     page.returned = Returned(index, left)
 
 
 async def has_redirected(page: Page) -> bool:
-    """Whether the page that this action went back to has redirected again by script.
+    """Whether the page that this action went back to has redirected, or added itself to the history.
 
     Going back then requires skipping that page, by going back once more in the same action.
     """
     returned = page.returned
-    if returned is None or page.loader == returned.left:  # a document that changes its own history may
-        return False
-    return (await _history(page)).current_index > returned.index
+    return returned is not None and (await _history(page)).current_index > returned.index
 
 
 async def _history(page: Page) -> History:

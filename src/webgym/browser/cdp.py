@@ -104,6 +104,8 @@ class Connection(asyncio.Protocol):
         self._last_id = 0
         self._lost: BrowserCrashed | None = None
         self._lost_handlers: list[Callable[[], None]] = []
+        self.paused: BrowserError | None = None
+        """Raised for the commands of all sessions while their pages wait for something else."""
         self.why_lost: Callable[[], BrowserCrashed | None] = lambda: None
         """Called when the pipe closes: may return a more specific error than "the pipe closed"."""
 
@@ -278,8 +280,8 @@ class Session:
         self, method: str, params: dict[str, Any] | None = None, *, reply: type[T], seconds: float
     ) -> T:
         """See :meth:`Connection.call`."""
-        if self.crashed is not None:
-            raise self.crashed
+        if why := self.crashed or self.connection.paused:
+            raise why
         return await self.connection.call(method, params, reply=reply, seconds=seconds, session_id=self.id)
 
     async def do(self, method: str, params: dict[str, Any] | None = None, *, seconds: float) -> None:

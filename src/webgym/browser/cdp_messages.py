@@ -78,9 +78,10 @@ class FrameAttached(CdpMessage, frozen=True):
 
 
 class FrameNavigated(CdpMessage, frozen=True):
-    """``Page.frameNavigated``."""
+    """``Page.frameNavigated``; its type tells a document that the back-forward cache has kept alive."""
 
     frame: Frame
+    type: str = ""
 
 
 class NavigatedWithinDocument(CdpMessage, frozen=True):
@@ -126,12 +127,6 @@ class RequestedNavigation(CdpMessage, frozen=True):
     url: str
 
 
-class WindowOpen(CdpMessage, frozen=True):
-    """``Page.windowOpen``."""
-
-    url: str
-
-
 class Navigated(CdpMessage, frozen=True):
     """``Page.navigate``."""
 
@@ -169,19 +164,11 @@ class DownloadWillBegin(CdpMessage, frozen=True):
     suggested_filename: str = ""
 
 
-class PostData(CdpMessage, frozen=True):
-    """A part of a request's body, decoded from base64."""
-
-    data: bytes = msgspec.field(default=b"", name="bytes")
-
-
 class Request(CdpMessage, frozen=True):
     """An HTTP request."""
 
     url: str = ""
     method: str = "GET"
-    headers: dict[str, str] = {}
-    post_data_entries: tuple[PostData, ...] = ()
     initial_priority: str = ""
 
 

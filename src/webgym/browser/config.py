@@ -79,6 +79,8 @@ class PageOptions(msgspec.Struct, frozen=True, omit_defaults=True):
         elements: whether observations contain the interactive elements (always in marks mode).
         cookies: cookies to set before the first page is opened.
         files: files that the agent may upload.
+        keep_dialogs: whether a question of a page, such as ``confirm``, stays open until the next action, for
+            an agent that can answer it; otherwise it is accepted at once.
         jpeg_quality: 1 to 100 for screenshots as JPEG, a third of the bytes and a quarter less CPU; ``None``
             for PNG, which is lossless, so that equal names of screenshots mean equal pixels.
     """
@@ -90,6 +92,7 @@ class PageOptions(msgspec.Struct, frozen=True, omit_defaults=True):
     elements: bool = False
     cookies: tuple[Cookie, ...] = ()
     files: tuple[Attachment, ...] = ()
+    keep_dialogs: bool = False
     jpeg_quality: int | None = None
 
     def __post_init__(self) -> None:

@@ -135,7 +135,6 @@ async def look(page: Page, settled: str, milliseconds: dict[str, float], early: 
     Raises:
         BrowserTimeout: no screenshot within the deadline.
     """
-    page.popups.close_blank()
     for tries in range(_MAX_LOOKS):
         if tries:
             early, settled = None, await settle(page)
@@ -167,7 +166,7 @@ def _observation(
         scroll=content.scroll,
         mode=page.options.mode,
         settled=settled,
-        notices=(*page.take_notices(), *content.notices(page)),
+        notices=(*page.notices.take(), *content.notices(page)),
         faults=page.take_faults(),
         text=content.text,
         fields=content.fields,
@@ -259,6 +258,8 @@ async def _capture(page: Page) -> bytes:
         params = {"format": "jpeg", "quality": quality}
     picture_type = f"image/{params['format']}"
     requests: set[asyncio.Task[Screenshot]] = set()
+    if page.is_new_window and (undrawn := await _have_drawn(page, picture_type, quality and quality / 100)):
+        return undrawn
     try:
         while True:
             request = page.session.call(
@@ -301,15 +302,21 @@ async def _have_drawn(page: Page, picture_type: str, quality: float | None) -> b
     Returns:
         A white picture of a document whose body is yet to come; ``None`` if there is something to draw now.
     """
-    options = {"hasEnded": page.has_broken_off, "type": picture_type, "quality": quality}
+    options = {
+        "hasEnded": page.has_broken_off,
+        "type": picture_type,
+        "quality": quality,
+        "isNew": page.is_new_window,
+    }
     with contextlib.suppress(DocumentGone, CommandFailed, BrowserTimeout):
         found = await page.run("drawn", options, reply=str)
         if found == "cut off":
             content = {"frameId": page.target_id, "html": ""}
             await page.session.do("Page.setDocumentContent", content, seconds=page.config.execute_seconds)
         elif found:
-            why = f"{page.address} has nothing to show yet"
-            page.fail(NavigationFailed(why, url=page.url), is_typed=page.is_typed)
+            if not page.is_new_window:
+                why = f"{page.address} has nothing to show yet"
+                page.fail(NavigationFailed(why, url=page.url), is_typed=page.is_typed)
             return base64.b64decode(found.partition(",")[2])
     return None
 
@@ -333,14 +340,14 @@ class EarlyScreenshot:
     def __init__(self, page: Page) -> None:
         self.content: PageContent | None = None
         """The content of the document, if the screenshot shows its current state."""
-        self._page = page
+        self.page = page
         self._is_calm, page.is_calm = page.is_calm, False
         self._before = self._state()
         self._task: asyncio.Task[bytes | None] | None = None
         self._is_requested = False
 
     def _state(self) -> tuple[str, int]:
-        return self._page.loader, self._page.requests
+        return self.page.loader, self.page.requests
 
     @property
     def result(self) -> Early | None:
@@ -351,10 +358,10 @@ class EarlyScreenshot:
 
     async def begin(self) -> None:
         """After the action: request the screenshot, unless something is known to be in progress."""
-        page = self._page
+        page = self.page
         worlds = page.worlds  # the main frame does not see changes in other frames and workers
         has_more = worlds.has_new_frames or worlds.entered or len(page.workers) or page.options.cuts
-        if has_more or not worlds.is_entered or page.happened:
+        if has_more or not worlds.is_entered or page.notices.happened:
             return
         if not page.traffic.is_idle() or self._before != self._state():
             return
@@ -363,7 +370,7 @@ class EarlyScreenshot:
 
     async def _take(self) -> bytes | None:
         """The screenshot, or ``None`` if the page is about to change."""
-        page = self._page
+        page = self.page
         options = content_options(page) if page.options.mode == "marks" else None
         is_worth_it: bool | None = None
         try:
@@ -382,7 +389,7 @@ class EarlyScreenshot:
     @property
     def wanted(self) -> dict[str, bool] | None:
         """The content to read when the wait is over; ``None`` if no screenshot is on its way."""
-        return content_options(self._page) if self._task is not None else None
+        return content_options(self.page) if self._task is not None else None
 
     def end(self, settled: str) -> None:
         """After the wait: find out whether the screenshot shows the page's current state.
@@ -390,7 +397,7 @@ class EarlyScreenshot:
         Args:
             settled: why the wait ended.
         """
-        page = self._page
+        page = self.page
         if not self._is_requested or settled not in _FINAL or page.result is None:
             return
         contents = (msgspec.json.decode(it, type=PageContent) for it in page.result.contents)
@@ -451,7 +458,7 @@ class EffectCheck:
         if self._is_idle:
             page.post("beginTrace")  # what has gone on meanwhile does so by itself
         page.post("endTrace")
-        if not was_traced or page.happened or self._before != self._state():
+        if not was_traced or page.notices.happened or self._before != self._state():
             return
         effect = page.result.effect if page.result else "some"
         if effect == "some":

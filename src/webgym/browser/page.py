@@ -1,4 +1,4 @@
-"""The tab of an episode: its documents, navigations, dialogs and notices."""
+"""A page of an episode: its documents, navigations, dialogs and notices."""
 
 from __future__ import annotations
 
@@ -29,16 +29,18 @@ from webgym.browser.cdp_messages import (
     RequestPaused,
     ResponseReceived,
     ScheduledNavigation,
+    TargetInfo,
 )
 from webgym.browser.config import BrowserConfig, PageOptions
+from webgym.browser.dialogs import Dialogs
 from webgym.browser.egress.proxy import ProxyListener
 from webgym.browser.isolated_worlds import ADDRESS_CHARACTERS, Worlds
-from webgym.browser.popups import Popups
+from webgym.browser.notices import Notices
 from webgym.browser.timers import IdleTimers, Timers
-from webgym.browser.traffic import NOTICES_PER_OBSERVATION, Traffic
+from webgym.browser.traffic import Traffic
 from webgym.browser.workers import AUTO_ATTACH, Workers
 from webgym.core.errors import BrowserTimeout, EgressRefused, NavigationFailed
-from webgym.core.observation import Fault, FaultKind, Notice, NoticeKind
+from webgym.core.observation import Fault, FaultKind, NoticeKind
 
 log = logging.getLogger(__name__)
 
@@ -48,11 +50,8 @@ BLANK = "about:blank"
 _NO_CONTENT = (204, 205)
 """HTTP statuses after which a browser stays on the current page."""
 
-_NO_DIALOGS = "window.alert = window.confirm = window.prompt = () => undefined"
-"""Suppresses further dialogs, as browsers offer to when a page opens one dialog after the other."""
-
 _QUOTED_LENGTH = 300
-"""Characters of a dialog's message, or of a URL, that a notice quotes."""
+"""Characters of a URL that a notice quotes."""
 
 _CLEAR_CLIPBOARD = """
 addEventListener('copy', (event) => {
@@ -64,7 +63,7 @@ document.execCommand('copy');
 """Clears the clipboard, which all contexts of a browser share: the next episode must not paste from it."""
 
 _SCHEMES = ("http://", "https://")
-_NAVIGABLE_SCHEMES = frozenset({"http", "https", "about", "blob", "javascript"})
+_NAVIGABLE_SCHEMES = frozenset({"", "http", "https", "about", "blob", "javascript"})
 """Schemes that a page can navigate to; for any other, Chromium stays on the page."""
 
 _PROXY_ERRORS = frozenset({"net::ERR_SOCKS_CONNECTION_FAILED", "net::ERR_ADDRESS_UNREACHABLE"})
@@ -72,9 +71,6 @@ _PROXY_ERRORS = frozenset({"net::ERR_SOCKS_CONNECTION_FAILED", "net::ERR_ADDRESS
 
 _FORM_RESULT = "net::ERR_CACHE_MISS"
 """Chromium's error for a page in the history that requires submitting a form again."""
-
-DIALOGS_PER_ACTION = 20
-"""Most dialogs that are answered within one action; then the script that opens them is terminated."""
 
 MOST_DOCUMENTS = 12
 """Documents that may follow one another in the tab after an action. A page that redirects further, such as
@@ -118,7 +114,7 @@ class Returned(msgspec.Struct, frozen=True):
 
 
 class Page:
-    """A tab in a fresh browser context.
+    """A tab or window.
 
     Args:
         session: session attached to the tab, which waits for the debugger.
@@ -126,15 +122,27 @@ class Page:
         config: the slot's limits.
         listener: the proxy of its connections, which knows why one failed.
         timers: the pending timers of the browser's pages.
+        opener: the page in front of which it was opened; ``None`` for an episode's first page.
     """
 
     def __init__(
-        self, session: Session, target_id: str, config: BrowserConfig, listener: ProxyListener, timers: Timers
+        self,
+        session: Session,
+        target_id: str,
+        config: BrowserConfig,
+        listener: ProxyListener,
+        timers: Timers,
+        opener: Page | None = None,
     ) -> None:
         self.session = session
         self.target_id = target_id
         self.config = config
-        self.options = PageOptions()
+        self.options: PageOptions = opener.options if opener else PageOptions()
+        self.notices: Notices = opener.notices if opener else Notices()
+        self.dialogs: Dialogs = opener.dialogs if opener else Dialogs(self.notices)
+        """Both are shared by all pages of the episode."""
+        self.is_window = opener is not None
+        """Whether another page of the episode lies behind it, which closing this one uncovers."""
         self._listener = listener
         self.url = BLANK
         self.status: int | None = None
@@ -143,8 +151,9 @@ class Page:
         self.points: dict[int, tuple[float, float]] = {}
         """The point to click for each element of the last observation, by number, CSS pixels."""
         self.is_gone = False
-        """Whether the page closed itself, and the tab with it."""
-        self.is_closed = False
+        """Whether the page was closed."""
+        self.leads_nowhere = False
+        """Whether it is a window that was opened for something else than a page."""
         self.has_scripts = True
         """Whether scripts of the page may run."""
         self.is_substitute = True
@@ -159,19 +168,16 @@ class Page:
         """Timers that had no visible effect when they fired."""
         self.acted = time.monotonic()
         """When the last action began, seconds of ``time.monotonic()``."""
-        self._notices: list[Notice] = []
-        self._more_notices = 0
-        self._faults: list[Fault] = []
-        self.is_first = True
+        self.is_first = opener is None
         """Whether no page was opened yet: its address is the caller's, and not typed by the agent."""
         self.is_typed = False
         """Whether the document was opened by an address that was typed."""
         self.next_is_typed = False
         """The same of documents that are opened from now on."""
-        self._happened: list[Notice] = []
-        self._dialogs = 0
-        self._statuses: dict[str, int] = {}
+        self._statuses: dict[str, int | None] = {}
         """HTTP status by loader, until the document is committed."""
+        self._left: dict[str, int | None] = {}
+        """The same of documents that were left, which the back-forward cache may restore."""
         self._failures: dict[str, str] = {}
         """The browser's error code by loader, until the error page is committed."""
         self.loader = ""
@@ -180,6 +186,12 @@ class Page:
         """What came of the action, once the page is quiet."""
         self.returned: Returned | None = None
         """The result of going back in this action, if it did."""
+        self._loaded = ("", 0)
+        """Loader of the document, and its number of changes at the first action on it."""
+        self._changed: set[str] = set()
+        """Addresses of documents that were changed by scripts later, and then left."""
+        self._keeper = ""
+        """Loader of a document that went back within itself in vain."""
         self._reported_failure = ""
         """Loader of a failed navigation that was reported by an exception."""
         self._is_navigating = False
@@ -194,7 +206,7 @@ class Page:
         """Number of documents since the action began."""
         self._release: Callable[[], None] | None = None
         """Set while the tab is kept at its document: unsubscribes from paused requests."""
-        self.files: dict[str, Path] = {}
+        self.files: dict[str, Path] = opener.files if opener else {}
         """Files that can be uploaded, by name."""
         self.requests = 0
         """Number of requests started and messages sent on sockets."""
@@ -211,14 +223,17 @@ class Page:
         self.choosers: list[FileChooser] | None = None
         """File choosers that were opened, while an action waits for one; else ``None``."""
         self.worlds = Worlds(session, target_id, config)
-        self.popups = Popups(self)
         self.workers = Workers(session, self.traffic, config)
         session.on("Page.frameStartedNavigating", NavigationStarted, self._on_leaving)
         session.on("Page.frameScheduledNavigation", ScheduledNavigation, self._on_navigation_requested)
         session.on("Page.frameRequestedNavigation", RequestedNavigation, self._on_navigation_requested)
         session.on("Page.frameNavigated", FrameNavigated, self._on_navigated)
         session.on("Page.navigatedWithinDocument", NavigatedWithinDocument, self._on_within_document)
-        session.on("Page.javascriptDialogOpening", DialogOpening, self._on_dialog)
+        session.on(
+            "Page.javascriptDialogOpening",
+            DialogOpening,
+            lambda event: self.dialogs.on_opening(session, event),
+        )
         session.on("Page.downloadWillBegin", DownloadWillBegin, self._on_download)
         session.on("Page.fileChooserOpened", FileChooser, self._on_file_chooser)
         session.on("Network.requestWillBeSent", EmptyReply, self._on_sent)
@@ -234,7 +249,11 @@ class Page:
 
     async def prepare(self) -> None:
         """Set the tab up and let it run."""
-        commands: list[tuple[str, dict[str, Any]]] = [
+        clear = ("Runtime.evaluate", {"expression": _CLEAR_CLIPBOARD, "userGesture": True})
+        await self._do_all([*self._preparation(), clear])
+
+    def _preparation(self) -> list[tuple[str, dict[str, Any]]]:
+        return [
             ("Page.enable", {}),
             ("Inspector.enable", {}),
             ("Target.setAutoAttach", AUTO_ATTACH),
@@ -243,10 +262,16 @@ class Page:
             ("Emulation.setFocusEmulationEnabled", {"enabled": True}),
             ("Page.setInterceptFileChooserDialog", {"enabled": True}),
             ("Page.addScriptToEvaluateOnNewDocument", self.worlds.script_in_page),
+            ("Runtime.runIfWaitingForDebugger", {}),
         ]
-        commands.append(("Runtime.runIfWaitingForDebugger", {}))
-        commands.append(("Runtime.evaluate", {"expression": _CLEAR_CLIPBOARD, "userGesture": True}))
-        await self._do_all(commands)
+
+    def beside(self, session: Session, target: TargetInfo) -> Page:
+        """The page of a window of the same episode, which waits for the debugger, and then runs."""
+        page = Page(session, target.target_id, self.config, self._listener, self.timers, self)
+        page.traffic.begin(target.target_id, self.config.minor_seconds)
+        for method, params in page._preparation():
+            session.send(method, params)  # its errors are ignored: it may be closed already
+        return page
 
     async def begin(self, options: PageOptions) -> None:
         """Start an episode in this tab. Needs no command if the options are those of every tab."""
@@ -263,10 +288,11 @@ class Page:
     async def begin_again(self, options: PageOptions) -> None:
         """Start another episode in this tab: without cookies, history, notices and what was learned."""
         self.begin_action()
-        self.take_notices()
+        self.notices.take()
         self.take_faults()
         self.is_first, self.is_typed = True, False
         self.idlers, self.points, self.picture = IdleTimers(), {}, ""
+        self._changed.clear()
         await self._do_all([("Network.clearBrowserCookies", {}), ("Page.resetNavigationHistory", {})])
         await self.begin(options)
 
@@ -292,34 +318,53 @@ class Page:
 
     @property
     def is_crashed(self) -> bool:
-        """Whether its renderer is gone."""
+        """Whether its renderer is gone, or the tab itself."""
         return self.session.crashed is not None
 
     @property
-    def is_lost(self) -> bool:
-        """Whether the tab cannot be used any more."""
-        return self.is_gone or self.is_crashed or self.is_closed
+    def can_reload(self) -> bool:
+        """Whether it can be loaded again after a crash: what a script wrote into a window cannot."""
+        return not self.is_window or self.url.startswith(_SCHEMES)
+
+    @property
+    def is_new_window(self) -> bool:
+        """Whether it is a window in which no page was opened; a script may have written into it."""
+        return self.is_window and self.is_substitute
 
     async def close(self) -> None:
         """Stop the page's background tasks. The tab itself is closed with its context."""
-        self.is_closed = True
         self._forget_browser()
-        await self.popups.close()
         await self.workers.close()
         self.session.connection.drop_session(self.session.id, TargetGone("the page was closed"))
 
+    def end(self) -> None:
+        """Handle that it was closed."""
+        self.is_gone = True
+        self.session.crashed = TargetGone("the page closed itself")
+        self._on_ended()
+        self.session.connection.fail_session(self.session.id, self.session.crashed)
+
+    def close_target(self) -> None:
+        """Close the tab itself; :meth:`end` follows."""
+        self.session.connection.send("Target.closeTarget", {"targetId": self.target_id})
+
+    def discard(self) -> None:
+        """Close the tab itself, without waiting for it."""
+        self.close_target()
+        self.end()
+
     def begin_action(self) -> None:
         """Start an action: reset the state and the counters that are per action."""
-        self._happened.clear()
-        self._dialogs = self._documents = 0
-        self.next_is_typed = False
+        self._documents = 0
+        if self._loaded[0] != self.loader:
+            self._loaded = self.loader, self.changes
+        self.next_is_typed &= self.dialogs.is_open  # the one that it asks about is yet to be left
         if self._release is not None:
             self._release()
             self._release = None
             self.session.send("Fetch.disable")
         self.returned = None
         self._reported_unopened = self.ineffective_if_same = self.ineffective_if_unscrolled = ""
-        self.popups.begin_action()
         self.acted = time.monotonic()
         self.traffic.begin_action()
 
@@ -329,16 +374,25 @@ class Page:
             async with asyncio.timeout(seconds):
                 await self._ended.wait()
 
+    def tell_reloaded(self) -> None:
+        """Add a notice if going back has loaded a page again that its scripts had changed."""
+        if self.returned is None or self.returned.left == self.loader:
+            return
+        if urldefrag(self.url).url in self._changed:
+            what = "the page was loaded again; what its scripts had shown since it was opened may be gone"
+            self.note("reloaded", what)
+
+    def keeps_back(self) -> bool:
+        """Whether the page went back within its document for the first time although the document then added
+        itself to the history again."""
+        before, self._keeper = self._keeper, self.loader
+        return self.returned is not None and self.returned.left == self.loader != before
+
     # --- notices ------------------------------------------------------------------------------------
 
     def note(self, kind: NoticeKind, text: str) -> None:
         """Add a notice to the next observation."""
-        if len(self._happened) < NOTICES_PER_OBSERVATION:
-            self._happened.append(Notice(kind, text))
-        if len(self._notices) < NOTICES_PER_OBSERVATION:
-            self._notices.append(Notice(kind, text))
-        else:
-            self._more_notices += 1
+        self.notices.add(kind, text)
 
     def fail(self, error: NavigationFailed, *, is_typed: bool | None = None) -> None:
         """Add a notice that a document could not be opened, and the fault, unless our own limits refused it.
@@ -354,39 +408,23 @@ class Page:
             )
 
     def _add_fault(self, kind: FaultKind, url: str, why: str, is_typed: bool) -> None:
-        if kind == "renderer" or len(self._faults) < NOTICES_PER_OBSERVATION:
-            self._faults.append(Fault(kind, url[:ADDRESS_CHARACTERS], why, is_typed))
+        self.notices.add_fault(Fault(kind, url[:ADDRESS_CHARACTERS], why, is_typed))
 
     def take_faults(self) -> tuple[Fault, ...]:
         """The faults since the last call."""
         explained = ((url, *self._explain(url, error)) for url, error in self.traffic.take_broken())
         parts = [Fault("part", url, f"{url}: {why}") for url, why, is_refused in explained if not is_refused]
-        faults, self._faults = self._faults, []
-        return (*faults, *parts)
-
-    @property
-    def happened(self) -> tuple[Notice, ...]:
-        """The notices since the last action began, which the next observation contains too."""
-        return tuple(self._happened)
+        return (*self.notices.take_faults(), *parts)
 
     def pictured(self, name: str, scrolled: float) -> None:
         """Record the name of a new screenshot, and how far the page is scrolled. If they are unchanged, the
         action may have had no effect."""
         is_same, is_still = name == self.picture, scrolled == self.scrolled
         text = (is_same and self.ineffective_if_same) or (is_still and self.ineffective_if_unscrolled)
-        if text and not self._happened:
+        if text and not self.notices.happened:
             self.note("no_effect", text)
         self.ineffective_if_same, self.picture = "", name
         self.ineffective_if_unscrolled, self.scrolled = "", scrolled
-
-    def take_notices(self) -> tuple[Notice, ...]:
-        """The notices since the last call."""
-        notices = self._notices
-        if self._more_notices:
-            last = notices[-1]
-            notices[-1] = Notice(last.kind, f"{last.text} (and {self._more_notices} more notices)")
-        self._notices, self._more_notices = [], 0
-        return tuple(notices)
 
     # --- scripts ------------------------------------------------------------------------------------
 
@@ -474,18 +512,16 @@ class Page:
 
     # --- navigation ---------------------------------------------------------------------------------
 
-    async def navigate(self, url: str, referrer: str = "") -> None:
+    async def navigate(self, url: str) -> None:
         """Open a URL, and wait for the first byte that replaces the page.
 
         Args:
             url: the URL.
-            referrer: sent as ``Referer``; empty for none.
 
         Raises:
             NavigationFailed: it could not be opened; with the browser's own error code.
             EgressRefused: the egress policy refused the connection.
         """
-        params = {"url": url, "referrer": referrer} if referrer else {"url": url}
         quoted_url = url[:_QUOTED_LENGTH]
         if not url.lower().startswith(_SCHEMES):
             raise NavigationFailed(_not_opened_message(url))
@@ -494,7 +530,7 @@ class Page:
         unload = asyncio.create_task(self._end_unload())
         try:
             navigated = await self.session.call(
-                "Page.navigate", params, reply=Navigated, seconds=self.config.navigate_seconds
+                "Page.navigate", {"url": url}, reply=Navigated, seconds=self.config.navigate_seconds
             )
         except BrowserTimeout:
             self.session.send("Page.stopLoading")
@@ -574,6 +610,17 @@ class Page:
         )
         await self.session.do("Page.navigate", {"url": BLANK}, seconds=self.config.navigate_seconds)
 
+    def give_up_window(self, why: str) -> None:
+        """Close a window that has crashed.
+
+        Args:
+            why: as in :meth:`revive`.
+        """
+        what = f"the window crashed and was closed{f': {why}' if why else ''}"
+        self._add_fault("renderer", self.url, what, self.is_chosen)
+        self.note("crashed", what)
+        self.discard()
+
     def _begin_renderer(self, what: str, url: str) -> None:
         """Record the loss of the renderer of a page, and take commands for the next one."""
         self.next_is_typed = self.is_chosen
@@ -590,6 +637,7 @@ class Page:
         if event.frame_id != self.target_id or event.url.split(":")[0] in _NAVIGABLE_SCHEMES:
             return
         self.traffic.end(self.target_id)  # a document that was still loading is never reported as complete
+        self.leads_nowhere |= self.is_new_window
         if event.url != self._reported_unopened:
             self._reported_unopened = event.url
             self.note("navigation_failed", _not_opened_message(event.url))
@@ -603,7 +651,13 @@ class Page:
         self._documents += 1
         if self._documents > MOST_DOCUMENTS and self._release is None:
             self._keep_document()
+        if self.loader == self._loaded[0] and self.changes > self._loaded[1]:
+            self._changed.add(urldefrag(self.url).url)
         self.url = (frame.unreachable_url or frame.url) + frame.url_fragment
+        self._left[self.loader] = self.status
+        if event.type == "BackForwardCacheRestore":
+            self._statuses[frame.loader_id] = self._left.get(frame.loader_id)
+            self._changed.discard(urldefrag(frame.url).url)
         self.status = self._statuses.get(frame.loader_id)
         self.loader = frame.loader_id
         self.is_substitute = bool(frame.unreachable_url) or frame.url == BLANK
@@ -664,25 +718,8 @@ class Page:
             why = f"{self.url[:_QUOTED_LENGTH]}: the page broke off, {event.error_text}"
             self.fail(NavigationFailed(why, url=self.url), is_typed=self.is_typed)
 
-    def _on_dialog(self, event: DialogOpening) -> None:
-        self._dialogs += 1
-        if self._dialogs > DIALOGS_PER_ACTION:
-            self.session.send("Runtime.terminateExecution")
-            if self._dialogs == DIALOGS_PER_ACTION + 1:
-                self.note("dialog", "the page would not stop opening dialogs; it may open no more")
-        else:
-            dialog = f'{event.type} "{event.message[:_QUOTED_LENGTH]}"'
-            answer = (
-                f'answered "{event.default_prompt[:_QUOTED_LENGTH]}"'
-                if event.type == "prompt"
-                else "accepted"
-            )
-            self.note("dialog", f"{dialog}: {answer}")
-        self.session.send("Page.handleJavaScriptDialog", {"accept": True, "promptText": event.default_prompt})
-        if self._dialogs > DIALOGS_PER_ACTION:
-            self.session.send("Runtime.evaluate", {"expression": _NO_DIALOGS})
-
     def _on_download(self, event: DownloadWillBegin) -> None:
+        self.leads_nowhere |= self.is_new_window
         name = event.suggested_filename or event.url
         self.note("download_refused", f'the download of "{name[:_QUOTED_LENGTH]}" was refused')
 

@@ -143,8 +143,18 @@ def _is_inside(page: Page, point: Point) -> bool:
 # --- drags --------------------------------------------------------------------------------------------
 
 
-async def drag(page: Page, points: Sequence[Point]) -> None:
+async def hold(page: Page, point: Point, seconds: float) -> None:
+    """Press the left button at a point, and release it after a while."""
+    await _send_and_react(page, "mouseMoved", point)
+    await _send_and_react(page, "mousePressed", point, button="left", buttons=1, clickCount=1)
+    await page.rest(seconds)
+    await mouse(page, "mouseReleased", point, button="left", clickCount=1)
+
+
+async def drag(page: Page, points: Sequence[Point], seconds: float = 0.0) -> None:
     """Press the left button at the first point, move through the others, and release it at the last.
+
+    Before it moves, the button is held down for ``seconds``.
 
     For HTML drag and drop, Chromium's drag is intercepted, and the drag events are dispatched instead of
     mouse events.
@@ -162,6 +172,7 @@ async def drag(page: Page, points: Sequence[Point]) -> None:
         await mouse(page, "mouseMoved", points[0])
         await mouse(page, "mousePressed", points[0], button="left", buttons=1, clickCount=1)
         try:
+            await page.rest(seconds)
             await _move_and_drop(page, _path(points), intercepted)
         finally:
             await mouse(page, "mouseReleased", points[-1], button="left", clickCount=1)
@@ -181,7 +192,7 @@ async def _move_and_drop(
             await _drag_event(page, "dragOver", point, data)
             continue
         await mouse(page, "mouseMoved", point, button="left", buttons=1)
-        if may_intercept and await _has_drag_begun(page):
+        if may_intercept and await _any_frame(page, "hasDragBegun"):
             done, _ = await asyncio.wait({intercepted}, timeout=page.config.execute_seconds)
             may_intercept = bool(done)
             if done:
@@ -210,11 +221,21 @@ def _between(start: Point, end: Point, share: float) -> Point:
     return start[0] + (end[0] - start[0]) * share, start[1] + (end[1] - start[1]) * share
 
 
-async def _has_drag_begun(page: Page) -> bool:
-    """Whether an HTML drag began, in the main frame or one below it."""
+async def drop_files(page: Page, point: Point, paths: Sequence[str]) -> bool:
+    """Drag files to a point, and drop them there. Returns whether the page takes any there."""
+    data = {"items": [], "files": paths, "dragOperationsMask": 1}
+    for kind in ("dragEnter", "dragOver"):
+        await _drag_event(page, kind, point, data)
+    is_taken = await _any_frame(page, "takesDrop")
+    await _drag_event(page, "drop" if is_taken else "dragCancel", point, data)
+    return is_taken
+
+
+async def _any_frame(page: Page, function: str) -> bool:
+    """Whether this is true of the main frame or one below it."""
     for frame in (None, *page.worlds.entered):
         with contextlib.suppress(DocumentGone):
-            if await page.run("hasDragBegun", reply=bool, frame=frame):
+            if await page.run(function, reply=bool, frame=frame):
                 return True
     return False
 

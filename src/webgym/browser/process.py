@@ -71,7 +71,7 @@ _FLAGS = (
     "--mute-audio",
     "--deny-permission-prompts",
     "--disable-notifications",
-    # The one tab is always in front.
+    # Every page is drawn, and none is slowed down: the one in front is any of them.
     "--disable-background-timer-throttling",
     "--disable-backgrounding-occluded-windows",
     "--disable-renderer-backgrounding",
@@ -320,9 +320,17 @@ def _tail(profile: Path) -> str:
     return " | ".join(reasons[-_LOG_LINES:] or lines[-_LOG_LINES:])
 
 
+def _flags(executable: Path) -> list[str]:
+    """The flags of an executable. Full browsers have a back-forward cache, which would use a new renderer for
+    every website; in headless shells pages do not support it."""
+    if "headless" in executable.name:
+        return list(_FLAGS)
+    return [*(flag.replace("BackForwardCache,", "") for flag in _FLAGS), "--renderer-process-limit=1"]
+
+
 def _arguments(executable: Path, profile: Path, sandbox: SandboxState, listener: ProxyListener) -> list[str]:
     folder = f"--user-data-dir={profile}{os.sep}profile"
-    arguments = [str(executable), *_FLAGS, *listener.browser_flags, folder]
+    arguments = [str(executable), *_flags(executable), *listener.browser_flags, folder]
     if not sandbox.on:
         arguments.append("--no-sandbox")
     return arguments

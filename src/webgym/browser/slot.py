@@ -14,6 +14,8 @@ from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
+import msgspec
+
 from webgym.browser.actions import has_redirected
 from webgym.browser.cdp import CommandFailed, Session, TargetGone
 from webgym.browser.cdp_messages import (
@@ -43,7 +45,8 @@ from webgym.browser.sandbox import SandboxState
 from webgym.browser.settle import settle_timed
 from webgym.browser.timers import Timers
 from webgym.browser.upload import write_files
-from webgym.core.action import GoBack, Navigate
+from webgym.browser.windows import Windows
+from webgym.core.action import AnswerDialog, GoBack, Navigate
 from webgym.core.errors import BrowserCrashed, BrowserError, BrowserOutOfMemory, BrowserTimeout
 from webgym.core.observation import Probed
 
@@ -96,7 +99,7 @@ class Slot:
         self._listener: ProxyListener | None = None
         self._process: BrowserProcess | None = None
         self._context = ""
-        self._page: Page | None = None
+        self._windows: Windows | None = None
         self._is_open = False
         self._was_revived = False
         """Whether the page was reloaded after a crash since the last action; that is done only once."""
@@ -104,6 +107,10 @@ class Slot:
         self._timers: Timers | None = None
         self._attached: asyncio.Future[AttachedToTarget] | None = None
         self._episodes = 0
+        self._last: Look | None = None
+        """The episode's last look."""
+        self._shown: Page | None = None
+        """The page that it shows."""
         self._milliseconds: dict[str, float] = {}
         self._settled = ""
 
@@ -122,17 +129,17 @@ class Slot:
     @property
     def is_warm(self) -> bool:
         """Whether a fresh page is ready for the next episode."""
-        return self._page is not None and not self._is_open
+        return self._windows is not None and not self._is_open
 
     @property
     def page(self) -> Page:
-        """The open episode's page, for measurements.
+        """The page in front of the open episode, for measurements.
 
         Raises:
             BrowserError: no episode is open.
             BrowserCrashed: the browser or the page is gone.
         """
-        return self._living_page()
+        return self._living_windows().front
 
     @property
     def process(self) -> BrowserProcess | None:
@@ -190,8 +197,8 @@ class Slot:
         frozen_at, self._frozen_at = self._frozen_at, None
         if frozen_at is None or self._process is None:
             return
-        if self._page is not None:
-            self._page.traffic.pass_over(asyncio.get_running_loop().time() - frozen_at)
+        for page in self._windows.pages if self._windows is not None else ():
+            page.traffic.pass_over(asyncio.get_running_loop().time() - frozen_at)
         self._process.thaw()
 
     async def start(self) -> None:
@@ -228,10 +235,10 @@ class Slot:
         """End the browser and everything in it. Safe to call twice."""
         self._thaw()  # a stopped process does not answer
         process, self._process = self._process, None
-        page, self._page = self._page, None
+        windows, self._windows = self._windows, None
         self._is_open = False
-        if page is not None:
-            await page.close()
+        if windows is not None:
+            await windows.close()
         if process is not None:
             await process.kill()
         listener, self._listener = self._listener, None
@@ -239,26 +246,18 @@ class Slot:
             await listener.close()
 
     def _on_attached(self, attached: AttachedToTarget) -> None:
-        if attached.target_info.type == "shared_worker":
-            if self._page is not None:
-                self._page.workers.adopt(attached)
-            return
-        expected = self._attached
-        if expected is not None and not expected.done() and not attached.target_info.opener_id:
+        windows, target, expected = self._windows, attached.target_info, self._attached
+        if target.type == "shared_worker":
+            if windows is not None:
+                windows.front.workers.adopt(attached)
+        elif expected is not None and not expected.done() and not target.opener_id:
             expected.set_result(attached)
-        elif self._page is not None:  # also without an opener: a click with Ctrl opens a new tab
-            self._page.popups.adopt(attached)
+        elif windows is not None and target.browser_context_id == self._context:
+            windows.adopt(attached)  # perhaps without an opener: a click with Ctrl opens a new tab
 
     def _on_detached(self, detached: DetachedFromTarget) -> None:
-        if self._page is None:
-            return
-        self._page.popups.forget(detached.target_id)
-        self._page.workers.forget(detached)
-        if detached.session_id == self._page.session.id:
-            self._page.is_gone = True
-            self._page.session.connection.fail_session(
-                detached.session_id, TargetGone("the page closed itself")
-            )
+        if self._windows is not None:
+            self._windows.forget(detached)
 
     # --- an episode ---------------------------------------------------------------------------------
 
@@ -277,7 +276,7 @@ class Slot:
         assert self._process is not None
         try:
             async with asyncio.timeout(self.config.open_seconds):
-                self._page = await self._new_page(self._process)
+                self._windows = Windows(await self._new_page(self._process))
         except TimeoutError:
             raise BrowserTimeout(f"no fresh page within {self.config.open_seconds:g} s") from None
         except (CommandFailed, TargetGone) as error:
@@ -295,19 +294,20 @@ class Slot:
         """
         if self._is_open:
             await self.close()
-        if not self.is_up or (self._page is not None and self._page.is_lost):
+        if not self.is_up or (self._windows is not None and self._windows.front.is_crashed):
             await self.stop()
         if self.needs_replacement:
             await self.start()
         await self.warm()
-        assert self._page is not None
+        assert self._windows is not None
         assert self._process is not None
         assert self._listener is not None
         self._listener.renew()
+        page = self._windows.front
         try:
-            await self._page.begin(options)
+            await page.begin(options)
             if options.files:
-                self._page.files = await write_files(options.files, self._process.profile / "files")
+                page.files = await write_files(options.files, self._process.profile / "files")
         except OSError as error:
             raise BrowserError(f"the task's files cannot be written: {error.strerror}") from error
         except (CommandFailed, TargetGone) as error:
@@ -315,7 +315,7 @@ class Slot:
         self._is_open = True
         self._was_revived = False
         self._episodes += 1
-        self._settled = ""
+        self._settled, self._last = "", None
 
     async def begin_again(self, options: PageOptions) -> None:
         """Start another episode in the open one's tab: without its cookies, history and notices.
@@ -331,11 +331,11 @@ class Slot:
             BrowserCrashed, BrowserTimeout: the browser is gone, or no longer answers.
         """
         try:
-            await self._living_page().begin_again(options)
+            await self._living_windows().close_others().begin_again(options)
         except (CommandFailed, TargetGone) as error:
             raise BrowserCrashed(f"the tab could not be cleared: {error.message}") from error
         self._was_revived = False
-        self._settled = ""
+        self._settled, self._last = "", None
 
     async def _new_page(self, process: BrowserProcess) -> Page:
         connection, seconds = process.connection, self.config.open_seconds
@@ -364,15 +364,15 @@ class Slot:
         If that fails, the browser is ended; the next episode starts another.
         """
         self._thaw()
-        page, self._page = self._page, None
+        windows, self._windows = self._windows, None
         self._is_open = False
-        if page is None:
+        if windows is None:
             return
-        await page.close()
+        await windows.close()
         if self._process is None or not self._process.is_alive:
             return
         try:
-            await page.timers.stop()
+            await windows.front.timers.stop()
             await self._process.connection.call(
                 "Target.disposeBrowserContext",
                 {"browserContextId": self._context},
@@ -390,16 +390,45 @@ class Slot:
         Raises:
             BrowserCrashed, BrowserTimeout: the browser is gone, or no longer answers.
         """
-        await self._act(self._living_page(), action)
+        await self._act(action)
 
-    async def _act(self, page: Page, action: AnyAction, early: EarlyScreenshot | None = None) -> None:
+    async def _act(self, action: AnyAction, early: EarlyScreenshot | None = None) -> None:
+        windows = self._living_windows()
         self._milliseconds = {}
         self._was_revived = False
+        windows.begin_action()
+        async with windows.front.dialogs.interrupting():
+            if isinstance(action, AnswerDialog) or await self._accept_dialog(windows.front):
+                await self._carry_out(windows.front, action, early)
+            await self._front()
+
+    async def _accept_dialog(self, page: Page) -> bool:
+        """Accept a dialog that is open, and wait until the page is quiet.
+
+        Returns:
+            Whether this page is the one that was last shown, which the action is meant for.
+        """
+        if not page.dialogs.is_open:
+            return True
+        with page.dialogs.accepting():
+            await self._settle(page)
+        page.next_is_typed = False
+        if page is not self._shown:
+            page.note("action_failed", "another window is in front, which was not shown yet")
+        return page is self._shown
+
+    async def _settle(self, page: Page) -> None:
+        """Wait until a page is quiet; one that has crashed is loaded again."""
+        try:
+            self._settled = await settle_timed(page, self._milliseconds)
+        except TargetGone:
+            await self._reload_crashed(page)
+
+    async def _carry_out(self, page: Page, action: AnyAction, early: EarlyScreenshot | None) -> None:
         operation = "navigate" if isinstance(action, Navigate) else "execute"
         start = time.perf_counter()
-        page.begin_action()
         try:
-            if page.is_crashed:
+            if page.is_crashed and not page.is_gone:
                 await self._reload_crashed(page)
             trace = EffectCheck(page, action)
             await trace.begin()
@@ -411,16 +440,33 @@ class Slot:
             self._settled = await settle_timed(page, self._milliseconds, wanted)
             if isinstance(action, GoBack):
                 await self._skip_redirects(page, action)
+                page.tell_reloaded()
             await trace.end()
             if early is not None:
                 early.end(self._settled)
         except TargetGone:
             await self._reload_crashed(page)
 
+    async def _front(self) -> Page:
+        """The page in front, after waiting for one that has just come there until it is quiet."""
+        while self._living_windows().update():
+            await self._settle(self._living_windows().front)
+        return self._living_windows().front
+
     async def _skip_redirects(self, page: Page, action: GoBack) -> None:
-        """Go further back if the page that the action went back to redirects by script."""
+        """Go further back if the page that the action went back to redirects by script.
+
+        A page that was not left, but adds itself to the history again, may have shown something else. It is
+        skipped the next time.
+        """
         for _ in range(self.config.passed_over):
             if not await has_redirected(page):
+                return
+            if page.keeps_back():
+                page.note(
+                    "action_failed",
+                    "the page has put itself in front of the earlier one again; go_back leaves it",
+                )
                 return
             await attempt(page, action)
             self._settled = await settle_timed(page, self._milliseconds)
@@ -428,15 +474,19 @@ class Slot:
     async def _reload_crashed(self, page: Page) -> None:
         process = self._living_process()
         if page.is_gone:
-            raise BrowserCrashed("the page closed itself")
+            return  # another one is in front then
         why, process.relieved = process.relieved, ""
-        if not self._was_revived:
+        if not self._was_revived and page.can_reload:
             self._was_revived = True
             with contextlib.suppress(TargetGone):
                 await page.revive(why)
                 self._settled = await settle_timed(page, self._milliseconds)
                 return
             why, process.relieved = process.relieved, ""
+        if page.is_window:
+            page.give_up_window(why)
+            self._was_revived = False  # what lies behind it has most likely crashed with it
+            return
         if not page.is_chosen:
             raise _crashed_again(why)
         try:  # the agent chose this page, and goes on without it
@@ -454,20 +504,40 @@ class Slot:
         return await self._observe(None)
 
     async def _observe(self, early: EarlyScreenshot | None) -> Look:
-        page = self._living_page()
-        milliseconds, self._milliseconds = self._milliseconds, {}
+        async def query(page: Page) -> Look:
+            milliseconds, self._milliseconds, self._shown = self._milliseconds, {}, page
+            taken = early.result if early and page is early.page else None
+            return await look(page, self._settled, milliseconds, taken)
+
+        dialogs, seen = self.page.dialogs, None
         try:
-            return await self._query(
-                page, lambda: look(page, self._settled, milliseconds, early.result if early else None)
-            )
+            async with dialogs.interrupting():
+                seen = self._last = await self._query(query)
+                dialogs.stay_open = self.page.options.keep_dialogs
+            return seen if seen is not None else self._last_look()
         except CommandFailed as error:
             raise BrowserCrashed(f"the page could not be looked at: {error.message}") from error
 
-    async def _query(self, page: Page, query: Callable[[], Awaitable[T]]) -> T:
-        """Query the page; if it has crashed, reload it first."""
+    def _last_look(self) -> Look:
+        """The last look again, with what has happened since: while a dialog is open, pages show nothing."""
+        assert self._last is not None, "dialogs stay open from the first look on"
+        page, milliseconds = self.page, self._milliseconds
+        self._milliseconds = {}
+        observation = msgspec.structs.replace(
+            self._last.observation,
+            settled="dialog",
+            notices=page.notices.take(),
+            faults=page.take_faults(),
+            milliseconds=milliseconds,
+        )
+        return Look(observation, self._last.image)
+
+    async def _query(self, query: Callable[[Page], Awaitable[T]]) -> T:
+        """Query the page in front; if it has crashed, reload it first."""
         while True:
+            page = await self._front()
             try:
-                result = await query()
+                result = await query(page)
             except TargetGone:
                 await self._reload_crashed(page)
             else:
@@ -489,10 +559,9 @@ class Slot:
         """
         if action is None:
             return await self.observe()
-        page = self._living_page()
-        early = EarlyScreenshot(page)
+        early = EarlyScreenshot(self._living_windows().front)
         try:
-            await self._act(page, action, early)
+            await self._act(action, early)
             if early.result is None:
                 await early.drop()
                 if between is not None:
@@ -503,20 +572,19 @@ class Slot:
 
     async def screenshot(self) -> bytes:
         """A screenshot without marks and without waiting."""
-        page = self._living_page()
-        page.post("unmark")
+        self.page.post("unmark")
         try:
-            return await self._query(page, lambda: capture(page))
+            return await self._query(capture)
         except CommandFailed as error:
             raise BrowserCrashed(f"no screenshot could be taken: {error.message}") from error
 
     async def metadata(self) -> Metadata:
         """The page's state, without a screenshot."""
-        page = self._living_page()
         try:
-            content = await self._query(page, lambda: read_content(page))
+            content = await self._query(read_content)
         except CommandFailed as error:
             raise BrowserCrashed(f"the page could not be queried: {error.message}") from error
+        page = self.page
         return Metadata(
             page.address,
             content.title,
@@ -524,7 +592,7 @@ class Slot:
             page.status,
             content.scroll,
             self._settled,
-            (*page.happened, *content.notices(page)),
+            (*page.notices.happened, *content.notices(page)),
         )
 
     async def probe(self, url: str) -> Probed:
@@ -534,17 +602,17 @@ class Slot:
     async def read(self, request: ReadRequest) -> Document:
         """Read the whole document, in view or not."""
         try:
-            return await read(self._living_page(), request)
+            return await read(self.page, request)
         except (TargetGone, CommandFailed) as error:
             raise BrowserCrashed(f"the page could not be read: {error.message}") from error
 
-    def _living_page(self) -> Page:
-        if self._page is None or not self._is_open:
+    def _living_windows(self) -> Windows:
+        if self._windows is None or not self._is_open:
             raise BrowserError("no episode is open in this slot")
         self._living_process()
-        if self._page.is_gone:
+        if all(page.is_gone for page in self._windows.pages):
             raise BrowserCrashed("the page closed itself")
-        return self._page
+        return self._windows
 
     def _living_process(self) -> BrowserProcess:
         if self._process is not None and self._process.is_alive:

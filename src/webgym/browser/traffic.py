@@ -27,6 +27,7 @@ from webgym.browser.cdp_messages import (
 )
 from webgym.browser.config import BrowserConfig
 from webgym.browser.isolated_worlds import NAME_CHARACTERS
+from webgym.browser.notices import NOTICES_PER_OBSERVATION
 
 _NEVER_AWAITED = frozenset(
     {"Ping", "WebSocket", "Media", "Prefetch", "Preflight", "CSPViolationReport", "Manifest"}
@@ -64,9 +65,6 @@ _FRAMES = "frames"
 """Counted as an address: documents that start to load in frames, for pages that load such ones for ever."""
 
 _DIGITS = re.compile(r"\d+")
-
-NOTICES_PER_OBSERVATION = 12
-"""Most notices in an observation; further ones are only counted."""
 
 LOAD_SECONDS = 2.0
 """How long to wait for a page's load event after its document is complete."""

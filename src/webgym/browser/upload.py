@@ -10,7 +10,7 @@ from pathlib import Path
 
 from webgym.browser.cdp_messages import FileChooser
 from webgym.browser.page import Page
-from webgym.browser.pointer import Point, click
+from webgym.browser.pointer import Point, click, drop_files
 from webgym.browser.settle import settle
 from webgym.core.errors import ActionFailed
 from webgym.core.task import Attachment
@@ -28,10 +28,10 @@ def _collecting_choosers(page: Page) -> Iterator[list[FileChooser]]:
 
 
 async def upload(page: Page, point: Point, names: Sequence[str]) -> None:
-    """Click at a point and choose these files in the file chooser that opens.
+    """Click at a point and choose these files in the file chooser that opens; if none does, drop them there.
 
     Raises:
-        ActionFailed: the task has no such file, or no file chooser for them opens.
+        ActionFailed: the task has no such file, or this place takes none, or only one.
     """
     for name in names:
         if name not in page.files:
@@ -41,12 +41,15 @@ async def upload(page: Page, point: Point, names: Sequence[str]) -> None:
         await click(page, point)
         if not choosers:
             await settle(page)  # a script may open it with a delay
+    paths = [str(page.files[name]) for name in names]
     if not choosers:
-        raise ActionFailed("nothing at this place asks for a file")
+        if not await drop_files(page, point, paths):
+            raise ActionFailed("nothing at this place asks for a file")
+        return
     chooser = choosers[0]
     if len(names) > 1 and chooser.mode != "selectMultiple":
         raise ActionFailed("only one file can be chosen here")
-    chosen = {"files": [str(page.files[name]) for name in names], "backendNodeId": chooser.backend_node_id}
+    chosen = {"files": paths, "backendNodeId": chooser.backend_node_id}
     await page.session.do("DOM.setFileInputFiles", chosen, seconds=page.config.execute_seconds)
 
 

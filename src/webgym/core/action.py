@@ -245,26 +245,42 @@ class Hover(_Action, frozen=True, tag="hover"):
     target: Target
 
 
+class Hold(_Action, frozen=True, tag="hold"):
+    """Press the left mouse button on the target, and release it after a while.
+
+    Attributes:
+        time: seconds; longer than :data:`MAX_WAIT_SECONDS` counts as that.
+    """
+
+    does = "press the mouse button at {target} and let go after `time` seconds, 1 by default."
+    did = "held the mouse button down on {target} for {time} s"
+
+    target: Target
+    time: float = 1.0
+
+
 class Drag(_Action, frozen=True, tag="drag"):
     """Press the left mouse button at the start, move to the target, release it there.
 
     Attributes:
         path: points on the 0-1000 grid to pass on the way, for a drag that is not a straight line.
+        time: seconds to keep the button down before it moves, as for :class:`Hold`.
 
     Raises:
         ValueError: a point is off the grid, or there are more than ``MAX_WAY_POINTS``.
     """
 
     does = (
-        "press the mouse button at {start}, move to {target}, through the points `path` if there are any, "
-        "and let go there."
+        "press the mouse button at {start}, wait `time` seconds if given, move to {target}, through the "
+        "points `path` if there are any, and let go there."
     )
     did = "dragged {start} to {target}"
-    did_also = {"path": " through {path} points"}
+    did_also = {"path": " through {path} points", "time": " after {time} s"}
 
     start: Target
     target: Target
     path: tuple[tuple[float, float], ...] = ()
+    time: float = 0.0
 
     def __post_init__(self) -> None:
         if len(self.path) > MAX_WAY_POINTS:
@@ -295,7 +311,7 @@ class Press(_Action, frozen=True, tag="press"):
 
 
 class Upload(_Action, frozen=True, tag="upload"):
-    """Click the target, which opens a file chooser, and choose these files.
+    """Click the target, which opens a file chooser, and choose these files; if none opens, drop them there.
 
     Attributes:
         files: names of files that the task comes with; no others can be chosen.
@@ -304,7 +320,10 @@ class Upload(_Action, frozen=True, tag="upload"):
         ValueError: no file is named.
     """
 
-    does = "click {target}, which asks for a file, and choose `files`, by the names of the task's files."
+    does = (
+        "click {target}, which asks for a file, and choose `files`, by the names of the task's files; where "
+        "nothing asks, they are dropped there."
+    )
     joint = ", "
     did = "chose the files {files} at {target}"
 
@@ -314,6 +333,25 @@ class Upload(_Action, frozen=True, tag="upload"):
     def __post_init__(self) -> None:
         if not self.files:
             raise ValueError("no file is named")
+
+
+class AnswerDialog(_Action, frozen=True, tag="answer_dialog"):
+    """Answer a question of the page (``confirm``, ``prompt``, before it is left) that stays open.
+
+    Attributes:
+        accept: whether to press OK rather than Cancel.
+        text: what to enter into a prompt; by default what stands in it.
+    """
+
+    does = (
+        "answer a dialog that is open: with OK, or with Cancel if `accept` is false; `text` is what a prompt "
+        "is answered."
+    )
+    did = "answered the dialog"
+    did_also = {"accept": " with Cancel", "text": ' with "{text}"'}
+
+    accept: bool = True
+    text: str | None = None
 
 
 BrowserAction: TypeAlias = (
@@ -327,8 +365,10 @@ BrowserAction: TypeAlias = (
     | RightClick
     | Hover
     | Drag
+    | Hold
     | Press
     | Upload
+    | AnswerDialog
 )
 """The actions that a browser carries out."""
 
@@ -341,10 +381,12 @@ _EXTENDED: Final[tuple[type[Action], ...]] = (
     RightClick,
     Hover,
     Drag,
+    Hold,
     Type,
     Press,
     Scroll,
     Upload,
+    AnswerDialog,
     Wait,
     GoBack,
     Navigate,

@@ -13,7 +13,8 @@ NoticeKind: TypeAlias = Literal[
     "download_refused",
     "action_failed",
     "dialog",  # alert, confirm, prompt, beforeunload: what it said, how it was answered
-    "popup",  # the page tried to open a second window; its URL was opened in this tab
+    "popup",  # a window was opened, and is in front, or was closed
+    "reloaded",  # going back loaded a page again that its scripts had changed
     "still_loading",  # the page was not quiet at the settle deadline, or showed that more was to come
     "crashed",  # the renderer died and was brought back
     "reply_unreadable",  # the agent's last reply held no action

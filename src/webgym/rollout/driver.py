@@ -210,6 +210,7 @@ class EpisodeDriver:
             elements=traits.elements,
             cookies=context.site_state.cookies(self.visitor) if context.site_state else (),
             files=self.planned.task.files if traits.space == "extended" else (),
+            keep_dialogs=traits.space == "extended",
         )
 
     async def reach_site_state(self) -> None:

@@ -31,11 +31,13 @@
 
   // Have the document drawn. Gives 'cut off' if it has no body and `hasEnded`, so that it never gets one, or else
   // the picture of a document without a body, as a data URL: nothing but white. Empty if there is something to draw.
-  webgym.drawn = async ({ hasEnded, type, quality }) => {
+  // Of a window that nobody has written into (`isNew`), Chromium draws nothing either.
+  webgym.drawn = async ({ hasEnded, type, quality, isNew }) => {
     const root = documentElement(document);
     if (root && localName(root) !== 'html') return '';
     if (!body(document)) return hasEnded || readyState(document) === 'complete' ? 'cut off' : white(type, quality);
     const head = headOf(root);
+    if (isNew && !(await isDrawn())) return white(type, quality);
     if (head && !(await isDrawn())) {
       // What was put there by a script is not waited for. It is applied as soon as it has loaded.
       const place = make(document, 'head');

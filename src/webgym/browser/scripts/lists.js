@@ -1,11 +1,10 @@
-// Native pop-ups that no screenshot shows: the list of a <select> is drawn in the page instead, pickers
-// stay shut, and a form that wants a new window is sent in this one.
+// Native pop-ups that no screenshot shows: the list of a <select> is drawn in the page instead, and pickers
+// stay shut.
 (() => {
   const webgym = globalThis.webgym;
   if (webgym.closeList) return;
   const {
-    parentElement, ownerDocument, localName, getAttribute, setAttribute, removeAttribute, matches, closest,
-    getBoundingClientRect, body, defaultView, typeOf, make,
+    parentElement, localName, matches, closest, getBoundingClientRect, body, typeOf, make,
   } = webgym.dom;
   const { state, changed } = webgym;
   const { parentOf, moved, standing } = webgym.geometry;
@@ -164,22 +163,11 @@
     if (target && localName(target) === 'input' && PICKERS.includes(target.type)) event.preventDefault();
   };
 
-  // A form that wants a new window keeps its method and body if it is sent in this one.
-  const onSubmit = (event) => {
-    const form = eventTarget(event);
-    if (!form) return;
-    const target = (event.submitter && getAttribute(event.submitter, 'formtarget')) || getAttribute(form, 'target');
-    if (!target || (target.startsWith('_') ? target !== '_blank' : target in defaultView(ownerDocument(form)))) return;
-    setAttribute(form, 'target', '_self');
-    if (event.submitter) removeAttribute(event.submitter, 'formtarget');
-  };
-
   const SHIELDED = ['pointerdown', 'mousedown', 'pointerup', 'mouseup', 'click', 'dblclick'];
   const ON_CONTENT = [['mousedown', onMouseDown, true], ['click', onClick, true]];
   webgym.listen(
     ...SHIELDED.map((name) => [name, onListEvent, true]),
     ...ON_CONTENT,
-    ['submit', onSubmit, true],
     ['scroll', (event) => typeOf(event.target) === Node.DOCUMENT_NODE && webgym.closeList(), true],
     ['resize', webgym.closeList, false],
     ['keydown', (event) => event.key === 'Escape' && webgym.closeList(), true],

@@ -50,12 +50,16 @@
   // --- drags of the system --------------------------------------------------------------------------
 
   let begun = null;
+  let over = null;
   webgym.listen(
-    ['mousedown', () => (begun = null), { capture: true, passive: true }],
+    ['mousedown', () => (begun = over = null), { capture: true, passive: true }],
+    ['dragover', (event) => event.isTrusted && (over = event), { capture: true, passive: true }],
     ['dragstart', (event) => event.isTrusted && (begun = event), { capture: true, passive: true }],
     ['dragend', (event) => event.isTrusted && (begun = null), { capture: true, passive: true }],
   );
   // Whether a drag of the system began since the button was pressed, and the page let it. An event that the page
   // made itself is no drag, and one that Chromium gives up ends at once.
   webgym.hasDragBegun = () => Boolean(begun && !begun.defaultPrevented);
+  // Whether the page takes what was dragged over it; else Chromium would open it.
+  webgym.takesDrop = () => Boolean(over && over.defaultPrevented);
 })();

@@ -108,6 +108,8 @@ def draw(picture: bytes, elements: Sequence[Element], quality: int | None = None
         elements: the elements.
         quality: 1 to 100.
     """
+    if not elements and quality is None:
+        return picture
     pixels = decode(picture)
     height, width, _ = pixels.shape
     boxes = [_whole(element.box) for element in elements]

@@ -247,11 +247,8 @@ async def _read_content(page: Page, wanted: dict[str, bool]) -> PageContent:
 def content_options(page: Page) -> dict[str, bool]:
     """The content of the page's observations, by its options (see :func:`read_content`)."""
     options = page.options
-    return {
-        "text": options.text,
-        "cuts": options.cuts,
-        "elements": options.elements or options.mode == "marks",
-    }
+    elements = options.elements or options.mode == "marks"
+    return {"text": options.text, "cuts": options.cuts, "elements": elements}
 
 
 def _middle(box: tuple[float, float, float, float]) -> tuple[float, float]:

@@ -282,7 +282,7 @@ class Page:
             ("Inspector.enable", {}),
             ("Target.setAutoAttach", AUTO_ATTACH),
             ("Network.enable", {"maxTotalBufferSize": 0, "maxResourceBufferSize": 0}),
-            ("Emulation.setDeviceMetricsOverride", self._metrics()),
+            ("Emulation.setDeviceMetricsOverride", desktop.metrics(self.options.viewport)),
             ("Emulation.setFocusEmulationEnabled", {"enabled": True}),
             ("Page.setInterceptFileChooserDialog", {"enabled": True}),
             ("Page.addScriptToEvaluateOnNewDocument", self.worlds.script_in_page),
@@ -304,7 +304,7 @@ class Page:
         has_own_size = options.viewport != self.options.viewport
         self.options = options
         if has_own_size:
-            commands.append(("Emulation.setDeviceMetricsOverride", self._metrics()))
+            commands.append(("Emulation.setDeviceMetricsOverride", desktop.metrics(self.options.viewport)))
             await self._fit_window()
         if options.place:
             commands.append(("Emulation.setGeolocationOverride", desktop.location(options.place)))
@@ -330,9 +330,6 @@ class Page:
         window = await self.session.call("Browser.getWindowForTarget", reply=Window, seconds=seconds)
         bounds = {"windowId": window.window_id, "bounds": {"width": width, "height": height}}
         await self.session.do("Browser.setWindowBounds", bounds, seconds=seconds)
-
-    def _metrics(self) -> dict[str, Any]:
-        return desktop.metrics(self.options.viewport)
 
     async def _do_all(self, commands: list[tuple[str, dict[str, Any]]]) -> None:
         seconds = self.config.open_seconds

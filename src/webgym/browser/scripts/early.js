@@ -30,7 +30,7 @@
       scheduler.postTask(() => false, { priority: 'user-blocking', delay: PATIENCE }),
     ]);
 
-  let early = null; // the first frame after `beginEarly`: {moment}
+  let early = null; // {moment}: that of the first frame after `beginEarly`
 
   // A picture is about to be asked for. Gives whether it is worth it: whether the action set nothing off that is yet
   // to come. `isCalm`: not to wait until nothing is left to do; it is found in the end whether anything was.

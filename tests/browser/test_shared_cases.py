@@ -90,9 +90,9 @@ async def _basic(request: Request) -> Response:
 
 def serve(site: Site) -> None:
     """Put the pages and what they ask for on the site."""
-    for path in FOLDER.rglob("*"):
-        if path.suffix.strip(".") in KINDS:
-            site.on(f"/{path.relative_to(FOLDER)}", _file)
+    for file in FOLDER.rglob("*"):
+        if file.suffix.strip(".") in KINDS:
+            site.on(f"/{file.relative_to(FOLDER)}", _file)
     for path, handler in {
         "/echo": _echo,
         "/slow": _slow,

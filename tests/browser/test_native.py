@@ -202,6 +202,8 @@ async def test_a_pdf_in_the_place_of_a_plugin_is_told_with_its_address(site: Sit
 async def test_files_are_not_given_to_the_file_system_api(site: Site, open_tab: Open) -> None:
     tab = await open_tab(files=(Attachment("notes.txt", "words"),))
     await tab.goto(site.page("<button onclick='showOpenFilePicker().catch(() => 0)'>Open</button>"))
+    await tab.step(LeftClick(tab.at("Open")))
+    assert tab.notices == [("action_failed", "the page asked for a file; files cannot be uploaded")]
     await tab.step(Upload(tab.at("Open"), ("notes.txt",)))
     assert ("action_failed", "the page asks by the File System API, which takes no files here") in tab.notices
 

@@ -106,7 +106,8 @@ class NavigationStarted(CdpMessage, frozen=True):
 
 
 class FileChooser(CdpMessage, frozen=True):
-    """``Page.fileChooserOpened``: an ``<input type=file>`` asks for files."""
+    """``Page.fileChooserOpened``: an ``<input type=file>`` asks for files; without a node, a script does
+    by the File System API."""
 
     mode: str = "selectSingle"
     backend_node_id: int = 0

@@ -761,7 +761,8 @@ class Page:
         if self.choosers is not None:
             self.choosers.append(event)
         else:
-            how = "upload chooses one of the task's" if self.files else "files cannot be uploaded"
+            can_choose = self.files and event.backend_node_id
+            how = "upload chooses one of the task's" if can_choose else "files cannot be uploaded"
             self.note("action_failed", f"the page asked for a file; {how}")
 
     def _on_crashed(self, _: EmptyReply) -> None:

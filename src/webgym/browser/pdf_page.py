@@ -1,7 +1,8 @@
 """Makes a page of a PDF: its pages as pictures, with their text and links where they stand on them.
 
 A program of its own, because PDFium is C++ and PDFs come from anywhere: what breaks it, or has it use too
-much, ends this process alone. It reads a PDF from standard input, and writes HTML to standard output.
+much, ends this process alone, which can open no file and no connection. It reads a PDF from standard input,
+and writes HTML to standard output.
 """
 
 from __future__ import annotations
@@ -178,6 +179,8 @@ def main() -> None:
     nothing to show."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CPU, (CPU_SECONDS, CPU_SECONDS))
+    Image.preinit()  # loads the code of the formats
+    resource.setrlimit(resource.RLIMIT_NOFILE, (0, 0))
     try:
         page = make_page(sys.stdin.buffer.read(), sys.argv[1])
     except Broken as error:

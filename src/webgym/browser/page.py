@@ -34,7 +34,7 @@ from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.egress.proxy import ProxyListener
 from webgym.browser.isolated_worlds import ADDRESS_CHARACTERS, Worlds
 from webgym.browser.popups import Popups
-from webgym.browser.timers import IdleTimers, Timers
+from webgym.browser.timers import Timers
 from webgym.browser.traffic import NOTICES_PER_OBSERVATION, Traffic
 from webgym.browser.workers import AUTO_ATTACH, Workers
 from webgym.core.errors import BrowserTimeout, EgressRefused, NavigationFailed
@@ -151,12 +151,11 @@ class Page:
         """Whether the document is the initial blank page or an error page."""
         self.traffic = Traffic(session, target_id, config)
         self.timers = timers
-        self.timers_set = 0
-        """Number of timers that the document had set when it was last quiet."""
-        self.frame_timers: dict[int, int] = {}
-        """The same of frames of other origins, by world."""
-        self.idlers = IdleTimers()
-        """Timers that had no visible effect when they fired."""
+        self.timers_set: tuple[int, dict[int, int]] = 0, {}
+        """Number of timers that the document had set when it was last quiet, and its frames of other origins,
+        by world."""
+        self._still_loading: Notice | None = None
+        """What the last wait said to be under way when it ended."""
         self.acted = time.monotonic()
         """When the last action began, seconds of ``time.monotonic()``."""
         self._notices: list[Notice] = []
@@ -266,7 +265,7 @@ class Page:
         self.take_notices()
         self.take_faults()
         self.is_first, self.is_typed = True, False
-        self.idlers, self.points, self.picture = IdleTimers(), {}, ""
+        self.points, self.picture = {}, ""
         await self._do_all([("Network.clearBrowserCookies", {}), ("Page.resetNavigationHistory", {})])
         await self.begin(options)
 
@@ -339,6 +338,19 @@ class Page:
             self._notices.append(Notice(kind, text))
         else:
             self._more_notices += 1
+
+    def note_still_loading(self, text: str) -> None:
+        """Add a notice of what is under way at the end of a wait, in place of what an earlier wait said.
+
+        Args:
+            text: names it; empty if nothing is.
+        """
+        for notices in (self._happened, self._notices):
+            if self._still_loading in notices:
+                notices.remove(self._still_loading)
+        self._still_loading = Notice("still_loading", text) if text else None
+        if text:
+            self.note("still_loading", text)
 
     def fail(self, error: NavigationFailed, *, is_typed: bool | None = None) -> None:
         """Add a notice that a document could not be opened, and the fault, unless our own limits refused it.
@@ -618,7 +630,7 @@ class Page:
         self._statuses.clear()
         self._failures.clear()
         self.changes = -1
-        self.timers_set = 0
+        self.timers_set = 0, {}
         self.points = {}
 
     def _keep_document(self) -> None:

@@ -102,6 +102,7 @@
   webgym.endTrace = () => {
     trace = null;
     isActing = false;
+    state.isAlone = true;
     planned = plans();
   };
 

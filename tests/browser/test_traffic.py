@@ -6,10 +6,7 @@ import asyncio
 import itertools
 from typing import Any
 
-import msgspec
-import pytest
-
-from webgym.browser.cdp_messages import RequestDone, RequestWillBeSent
+from webgym.browser.cdp_messages import RequestDone
 from webgym.browser.config import BrowserConfig
 from webgym.browser.traffic import Traffic
 
@@ -29,36 +26,6 @@ async def test_what_ends_between_two_looks_at_the_clock_has_ended() -> None:
         await traffic.idle()
 
 
-def _asks(traffic: Traffic, number: int) -> None:
-    url = f"https://tiles.example/7/{number}.png"
-    told = {
-        "requestId": f"request {number}",
-        "loaderId": "document",
-        "documentURL": "https://tiles.example/",
-        "request": {"url": url, "method": "GET", "initialPriority": "High"},
-        "type": "Image",
-        "frameId": "main",
-    }
-    traffic._on_request(msgspec.convert(told, RequestWillBeSent))
-
-
-@pytest.mark.parametrize(("seconds_between", "is_awaited"), [(0.001, True), (0.5, False)])
-async def test_a_map_that_asks_for_its_tiles_at_once_does_not_poll(
-    seconds_between: float, is_awaited: bool
-) -> None:
-    traffic = Traffic(_Session(), "main", BrowserConfig())  # type: ignore[arg-type]
-    now = 0.0
-    traffic._clock = lambda: now
-    traffic._site = "tiles.example"
-    for number in range(20):
-        _asks(traffic, number)
-        now += seconds_between
-    traffic.give_up(all_of_it=True)  # the deadline of a wait
-    assert traffic.is_idle()
-    _asks(traffic, 20)
-    assert traffic.is_idle() is not is_awaited
-
-
 async def test_what_a_socket_sends_all_the_time_is_no_answer() -> None:
     traffic = Traffic(_Session(), "main", BrowserConfig())  # type: ignore[arg-type]
     now = 0.0
@@ -71,6 +38,6 @@ async def test_what_a_socket_sends_all_the_time_is_no_answer() -> None:
             now += 0.15
             traffic._on_received(RequestDone("socket"))
         waits.append(now - start)
-        traffic.give_up()
-    assert waits[0] > BrowserConfig().stir_seconds - 0.2
+        traffic.end_wait()
+    assert waits[0] > BrowserConfig().busy_seconds - 0.2
     assert waits[1] < 0.2

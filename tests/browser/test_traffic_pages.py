@@ -12,7 +12,7 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse, Response, StreamingResponse
 
 from webgym.browser.config import BrowserConfig
-from webgym.core.action import LeftClick, Target
+from webgym.core.action import LeftClick, Target, Type, Wait
 
 from .conftest import Open, Site, Tab
 
@@ -41,6 +41,27 @@ def reason(tab: Tab) -> str:
 def settle_ms(tab: Tab) -> float:
     assert tab.last is not None
     return tab.last.observation.milliseconds["settle"]
+
+
+_SEARCH = """<input id=q aria-label=Search><p id=out>nothing</p><script>q.onchange = async () => {
+  out.textContent = await (await fetch('/search?q=' + q.value)).text() }</script>"""
+
+
+async def test_an_answer_that_is_late_is_named_each_time(site: Site, open_tab: Open) -> None:
+    async def answer(request: Request) -> Response:
+        await asyncio.sleep(1)
+        return Response(f"about {request.query_params['q']}")
+
+    site.on("/search", answer)
+    tab = await open_tab(config=BrowserConfig(long_poll_seconds=0.5))
+    await tab.goto(site.page(_SEARCH))
+    for word in ("ships", "shores", "ferries"):
+        await tab.step(Type(tab.at("Search"), word))
+        assert settle_ms(tab) >= 450
+        assert "a request to /search" in dict(tab.notices)["still_loading"]
+        await tab.step(Wait(0.8))
+        assert f"about {word}" in tab.text
+        assert tab.notices == []
 
 
 _ONE_ADDRESS = """<p id=out>nothing</p><button onclick=ask()>Ask</button><script>

@@ -222,6 +222,13 @@ class RequestDone(CdpMessage, frozen=True):
     request_id: str
 
 
+class DataReceived(CdpMessage, frozen=True):
+    """``Network.dataReceived``: bytes of a body, as they were sent."""
+
+    request_id: str
+    encoded_data_length: int = 0
+
+
 class RequestFailed(CdpMessage, frozen=True):
     """``Network.loadingFailed``."""
 

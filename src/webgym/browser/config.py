@@ -160,17 +160,15 @@ class BrowserConfig(Settings):
     quiet_seconds: float = Field(default=0.1, gt=0)
     """How long a page that did something must show no change to be called quiet."""
 
-    busy_seconds: float = Field(default=1.5, gt=0)
-    """How long to wait for a loaded page to stop changing, because some never do, such as one with a clock.
-    Parts that changed all that time are ignored from then on."""
-
-    stir_seconds: float = Field(default=4.0, gt=0)
-    """The same on a page that was quiet before the action: changes that an action causes come to an end, such
-    as an answer that is written letter by letter."""
+    busy_seconds: float = Field(default=3.0, gt=0)
+    """How long to wait for a loaded page to stop changing: figures that count up take 2 s, and some pages
+    never stop, such as one with a clock. Parts that changed all that time are ignored from then on. Half as
+    long for animations that may hide a message again, and for scripts that ask for frame after frame and
+    change nothing."""
 
     long_poll_seconds: float = Field(default=4.0, gt=0)
-    """A request in flight for longer counts as a long poll or a stream. Settling does not wait for the next
-    one to its address."""
+    """A request in flight for longer is not awaited. If the page began it by itself, it is a long poll or a
+    stream, and the next one to its address is not awaited at all."""
 
     minor_seconds: float = Field(default=1.5, gt=0)
     """The same for what matters less: pictures out of view, frames of other sites with everything that they
@@ -186,9 +184,8 @@ class BrowserConfig(Settings):
     shown no reaction to the action yet."""
 
     linger_seconds: float = Field(default=2.0, ge=0)
-    """How long to wait for a sign of loading to disappear when nothing is known to be in progress, and
-    for timers that poll; half as long for a sign that only spins. A sign that stays counts as decoration from
-    then on."""
+    """How long to wait for a sign of loading to disappear when nothing is known to be in progress; half as
+    long for a sign that only spins. One that was there before the action is not awaited."""
 
     # --- actions ------------------------------------------------------------------------------------
 

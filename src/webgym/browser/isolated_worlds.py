@@ -98,15 +98,11 @@ class DocumentActivity(msgspec.Struct, frozen=True):
         changes: number of changes so far.
         ago: milliseconds since the last change.
         timers: number of timers that it set.
-        target: number of the element that received the first input since this was last asked; 0 for none.
-        typed: whether one of these inputs was a key.
     """
 
     changes: int
     ago: float
     timers: int = 0
-    target: int = 0
-    typed: bool = False
 
 
 class Worlds:
@@ -148,10 +144,6 @@ class Worlds:
         """Number of timers set by the frames of other origins in view, by world."""
         self.changes: dict[int, int] = {}
         """Number of their changes, without those that never stop changing."""
-        self.target = ""
-        """The element in such a frame that received input since the wait began; empty for none."""
-        self.has_typed = False
-        """Whether keys were pressed in such a frame since the wait began."""
         session.on("Page.frameAttached", FrameAttached, self._on_attached)
         session.on("Page.frameNavigated", FrameNavigated, self._on_navigated)
         session.on("Page.frameDetached", FrameEvent, self._on_detached)
@@ -375,17 +367,13 @@ class Worlds:
             return {"world": 0, "items": []}
         return {"world": self._worlds.get(frame, 0), "items": items}
 
-    def begin_wait(self) -> None:
-        """A wait for a quiet page begins."""
-        self.target, self.has_typed = "", False
-
     async def wait_until_quiet(self) -> bool:
         """Wait until the frames in view are quiet. Returns whether they were quiet already.
 
-        Frames that go on changing for ``busy_seconds`` are ignored from then on.
+        Frames that go on changing for ``minor_seconds`` are ignored from then on.
         """
         try:
-            async with asyncio.timeout(self._config.busy_seconds):
+            async with asyncio.timeout(self._config.minor_seconds):
                 was_quiet = True
                 while (remaining := await self._seconds_until_quiet()) > 0:
                     was_quiet = False
@@ -403,9 +391,6 @@ class Worlds:
         remaining = 0.0
         for world, activity in zip(worlds, activities, strict=True):
             self.timers[world] = activity.timers
-            if activity.target:
-                self.target = f"{world} {activity.target}"
-            self.has_typed = self.has_typed or activity.typed
             if world not in self._never_quiet and activity.changes:
                 self.changes[world] = activity.changes
                 remaining = max(remaining, self._config.quiet_seconds - activity.ago / 1000)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+
 from webgym.core.observation import Fault, Notice, NoticeKind
 
 NOTICES_PER_OBSERVATION = 12
@@ -29,6 +31,12 @@ class Notices:
             self._notices.append(Notice(kind, text))
         else:
             self._more += 1
+
+    def drop(self, kind: NoticeKind, text: str) -> None:
+        """Take a notice back that no observation has reported yet, if it is there."""
+        for notices in (self._happened, self._notices):
+            with contextlib.suppress(ValueError):
+                notices.remove(Notice(kind, text))
 
     def add_fault(self, fault: Fault) -> None:
         """Add a fault. The loss of a renderer is always kept."""

@@ -39,7 +39,7 @@ from webgym.browser.egress.proxy import ProxyListener
 from webgym.browser.isolated_worlds import ADDRESS_CHARACTERS, Worlds
 from webgym.browser.notices import Notices
 from webgym.browser.pdf import Pdfs
-from webgym.browser.timers import IdleTimers, Timers
+from webgym.browser.timers import Timers
 from webgym.browser.traffic import Traffic
 from webgym.browser.workers import AUTO_ATTACH, Workers
 from webgym.core.errors import BrowserTimeout, EgressRefused, NavigationFailed
@@ -181,12 +181,11 @@ class Page:
         """Whether the document is the initial blank page or an error page."""
         self.traffic = Traffic(session, target_id, config)
         self.timers = timers
-        self.timers_set = 0
-        """Number of timers that the document had set when it was last quiet."""
-        self.frame_timers: dict[int, int] = {}
-        """The same of frames of other origins, by world."""
-        self.idlers = IdleTimers()
-        """Timers that had no visible effect when they fired."""
+        self.timers_set: tuple[int, dict[int, int]] = 0, {}
+        """Number of timers that the document had set when it was last quiet, and its frames of other origins,
+        by world."""
+        self._still_loading = ""
+        """What the last wait said to be under way when it ended."""
         self.acted = time.monotonic()
         """When the last action began, seconds of ``time.monotonic()``."""
         self.is_first = opener is None
@@ -319,7 +318,7 @@ class Page:
         self.notices.take()
         self.take_faults()
         self.is_first, self.is_typed = True, False
-        self.idlers, self.points, self.picture, self.image = IdleTimers(), {}, "", b""
+        self.points, self.picture, self.image = {}, "", b""
         self._changed.clear()
         await self._do_all([("Network.clearBrowserCookies", {}), ("Page.resetNavigationHistory", {})])
         await self.begin(options)
@@ -425,6 +424,17 @@ class Page:
     def note(self, kind: NoticeKind, text: str) -> None:
         """Add a notice to the next observation."""
         self.notices.add(kind, text)
+
+    def note_still_loading(self, text: str) -> None:
+        """Add a notice of what is under way at the end of a wait, in place of what an earlier wait said.
+
+        Args:
+            text: names it; empty if nothing is.
+        """
+        self.notices.drop("still_loading", self._still_loading)
+        self._still_loading = text
+        if text:
+            self.note("still_loading", text)
 
     def fail(self, error: NavigationFailed, *, is_typed: bool | None = None) -> None:
         """Add a notice that a document could not be opened, and the fault, unless our own limits refused it.
@@ -704,7 +714,7 @@ class Page:
         self._statuses.clear()
         self._failures.clear()
         self.changes = -1
-        self.timers_set = 0
+        self.timers_set = 0, {}
         self.points = {}
 
     def _keep_document(self) -> None:

@@ -16,7 +16,7 @@ from typing import Literal, TypeAlias
 
 from webgym.browser.isolated_worlds import DocumentGone
 from webgym.browser.page import ActionResult, Page
-from webgym.browser.timers import Timer
+from webgym.browser.timers import TIMER_GROUP_SECONDS
 from webgym.browser.traffic import LOADING_SECONDS
 from webgym.core.errors import BrowserTimeout
 
@@ -30,9 +30,6 @@ Reason: TypeAlias = Literal["unchanged", "quiet", "long_poll", "loading", "busy"
 * ``busy``: loaded, but the page never stopped changing.
 * ``deadline``: still in progress at the deadline; a notice says so.
 """
-
-_TIMER_GROUP_SECONDS = 0.05
-"""Timers that are due within this time of each other are awaited together."""
 
 TICK_SECONDS = 0.02
 """The interval in which a page's quiet time is counted. Unlike a clock, the count stops while the process is
@@ -51,33 +48,21 @@ class _Quiet(ActionResult, frozen=True):
 
     Attributes:
         reason: why the page counts as quiet.
-        planned: timers set before the action's first event; ``None`` if no event was seen.
-        target: number of the element that received the action's first event; 0 if no event was seen.
-        typed: whether one of the events was a key.
-        early, timers: timers set when the wait began, and when it ended.
-        handles: the same as ``timers``, including those of WebGym's scripts.
-        loading: whether the page shows that it is loading.
-        blank: whether it does so by being blank.
-        timer_effect: whether the awaited timers changed anything besides the document, such as a field's
-            value; ``unseen`` if only a picture could tell.
-        reacted: whether it has changed, other than by scrolling, since this was last asked.
+        timers: timers set by now.
+        loading: what shows that it is loading, and did not when the wait began: ``blank`` if that it shows
+            nothing at all.
+        changing: text of what never stopped changing; empty if it has none, ``None`` if nothing did.
     """
 
     reason: Literal["unchanged", "quiet", "busy"]
-    planned: int | None
-    target: int
-    typed: bool
-    early: int
     timers: int
-    handles: int
-    loading: bool
-    blank: bool
-    timer_effect: Literal["some", "none", "unseen"]
-    reacted: bool
+    loading: Literal["blank", "sign"] | None
+    changing: str | None
 
 
 async def settle(page: Page, wanted: dict[str, bool] | None = None) -> Reason:
-    """Wait until the page is quiet, ``settle_seconds`` at most. Afterwards ``page.result`` is set.
+    """Wait until the page is quiet, ``settle_seconds`` at most. Afterwards ``page.result`` is set, and a
+    notice names what is still under way.
 
     Args:
         page: the page.
@@ -88,19 +73,16 @@ async def settle(page: Page, wanted: dict[str, bool] | None = None) -> Reason:
     """
     reason: Reason
     page.result = None
+    awaited: list[str] = []
     try:
         async with asyncio.timeout(page.config.settle_seconds):
-            reason = await _Settling(page, wanted).run()
+            reason = await _Settling(page, wanted, awaited).run()
     except (TimeoutError, BrowserTimeout):
-        waiting = len(page.traffic)
-        page.note(
-            "still_loading",
-            f"the page was still loading after {page.config.settle_seconds:g} s"
-            + (f" ({waiting} requests in flight)" if waiting else ""),
-        )
         reason = "deadline"
+        awaited = [f"not quiet after {page.config.settle_seconds:g} s"]
         page.post("overlook")
-    page.traffic.give_up(all_of_it=reason == "deadline")
+    page.note_still_loading("; ".join((*awaited, *page.traffic.still_open())))
+    page.traffic.end_wait(is_over=reason == "deadline")
     return reason
 
 
@@ -116,40 +98,33 @@ async def settle_timed(
 
 
 class _Settling:
-    """One wait for a quiet page."""
+    """One wait for a quiet page.
 
-    def __init__(self, page: Page, wanted: dict[str, bool] | None) -> None:
+    Args:
+        page: the page.
+        wanted: as in :func:`settle`.
+        awaited: for what is under way at the end, requests excepted.
+    """
+
+    def __init__(self, page: Page, wanted: dict[str, bool] | None, awaited: list[str]) -> None:
         self._page = page
-        self._wanted = wanted
-        self._result: ActionResult | None = None
         self._config = page.config
+        self._wanted = wanted
+        self._awaited = awaited
+        self._result: ActionResult | None = None
+        self._is_new = True
         self._has_loaded = False
-        self._requests = page.requests
-        self._patience = 0.0
-        self._linger = 0.0
+        self._patience = self._linger = 0.0
         self._first_quiet: float | None = None
         """When the page was first quiet; from then on the wait is for timers."""
-        self._last_effect = 0.0
-        """When an awaited timer last had an effect."""
-        self._known_timers: tuple[int, dict[int, int]] | None = None
-        """Number of timers that the document and its frames had set when the trace was last read."""
-        self._handles = 0
-        """The same, including those of WebGym's scripts."""
-        self._missed_at = -1
-        """Number of changes of the document when timers were known to be missing from the trace."""
+        self._changed_at = 0.0
+        """When it was first quiet after its last change."""
         self._waited_until = 0.0
         """Timers that were due before this have fired, or will not."""
-        self._awaited: list[Timer] = []
-        self._first_awaited: dict[str, float] = {}
-        """When timers set by the same code were first awaited while the page showed that it is loading."""
-        self._ineffective: list[Timer] = []
-        """Timers that had no effect in this wait. Together they count once."""
-        self._target = ""
-        self._has_typed = False
-        self._has_reacted = False
-        self._frame_changes = dict(page.worlds.changes)
-        self._changes = self._all_changes(page.changes)
-        page.worlds.begin_wait()
+        self._known_timers: tuple[int, dict[int, int]] | None = None
+        """Number of timers that the document and its frames had set when the trace was last read."""
+        self._before = self._changes = page.changes, dict(page.worlds.changes)
+        """Number of changes of the document and its frames before the wait, and when it was last quiet."""
 
     async def run(self) -> Reason:
         page = self._page
@@ -177,23 +152,19 @@ class _Settling:
             "reaction": REACTION_SECONDS,
             "quiet": config.quiet_seconds,
             "busy": config.busy_seconds,
-            "stir": config.stir_seconds if self._page.changes >= 0 else config.busy_seconds,
             "linger": self._linger,
         }
-        times = {name: value * 1000 for name, value in seconds.items()}
         since = -1 if self._has_loaded else self._page.changes
-        return await self._page.run(
-            "quiet",
-            {
-                "since": since,
-                "blank": self._page.is_substitute,
-                "timed": bool(self._awaited),
-                "wanted": self._wanted,
-                **times,
-            },
-            reply=_Quiet,
-            seconds=config.settle_seconds,
-        )
+        more = {
+            "since": since,
+            "isNew": self._is_new,
+            "isFirst": self._page.changes < 0,
+            "blank": self._page.is_substitute,
+            "wanted": self._wanted,
+        }
+        times = {name: value * 1000 for name, value in seconds.items()}
+        self._is_new = False
+        return await self._page.run("quiet", times | more, reply=_Quiet, seconds=config.settle_seconds)
 
     async def _is_unchanged(self, quiet: _Quiet) -> bool:
         """Whether the page has not changed while the timers were read, which takes some milliseconds."""
@@ -208,22 +179,23 @@ class _Settling:
     def _begin_document(self) -> None:
         self._has_loaded = True
         self._first_quiet = self._known_timers = None
-        self._awaited = []
-        self._handles = 0
         self._patience = self._linger = 0.0
 
     def _end(self, quiet: _Quiet) -> Reason:
         page = self._page
         page.result = self._result or quiet
-        page.changes, page.timers_set = quiet.changes, quiet.timers
-        page.frame_timers = dict(page.worlds.timers)
-        page.idlers.learn(self._ineffective, self._target, had_effect=False)
-        if self._has_reacted or page.worlds.changes != self._frame_changes:
-            page.idlers.forget_elsewhere(self._target)
+        page.changes, page.timers_set = quiet.changes, self._timers(quiet)
+        if quiet.changing is not None:
+            what = f'"{quiet.changing}"' if quiet.changing else "the page"
+            self._awaited.append(f"{what} still changes")
+        if quiet.loading == "sign":
+            self._awaited.append("the page shows that it is loading")
+        due = page.timers.next_due(page.acted, self._waited_until) if self._known_timers is not None else None
+        due = due if due is not None and due < page.acted + self._config.settle_seconds else None
+        # Other timers that are too late to be awaited hide a message again, or send a report.
+        if due is not None and (quiet.loading or self._is_silent):
+            self._awaited.append(f"a timer, due in {due - time.monotonic():.0f} s")
         if quiet.loading:
-            page.post("overlook")  # so that it is reported once
-            if not quiet.blank:
-                page.note("still_loading", "the page still shows that it is loading")
             return "loading"
         if quiet.reason == "quiet" and not page.traffic.is_empty:
             return "long_poll"
@@ -233,126 +205,63 @@ class _Settling:
 
     async def _wait_for_more(self, quiet: _Quiet) -> bool:
         """Wait for requests or timers that are in progress. Returns whether there were any."""
-        self._learn(quiet)
+        now = time.monotonic()
+        changes = quiet.changes, dict(self._page.worlds.changes)
+        if self._first_quiet is None:
+            self._first_quiet = now
+        if changes != self._changes:
+            self._changes, self._changed_at = changes, now
         if quiet.reason == "busy":
             return False
-        if self._first_quiet is None:
-            self._first_quiet = time.monotonic()
         if quiet.loading and not self._patience:  # requests that exceeded their limit have more time now
             self._patience = LOADING_SECONDS
             if not self._page.traffic.is_idle(self._patience):
                 return True
-        timer = await self._next_timer(quiet)
-        if timer is not None:
-            until = timer.due + _TIMER_GROUP_SECONDS
-            pending = (it.next(self._waited_until) for it in self._pending())
-            self._awaited = [it for it in pending if self._waited_until < it.due <= until]
-            self._waited_until, self._changes = until, self._all_changes(quiet.changes)
-            if self._awaited:
-                self._page.post("beginTimer")
-            await asyncio.sleep(max(0.0, timer.due - time.monotonic()))
+        due = await self._next_timer(quiet)
+        if due is not None and due <= self._horizon(quiet, self._first_quiet):
+            self._waited_until = due + TIMER_GROUP_SECONDS
+            await asyncio.sleep(max(0.0, due - time.monotonic()))
             return True
         if quiet.loading and not self._linger:
             self._linger = self._config.linger_seconds
             return True
         return False
 
-    async def _next_timer(self, quiet: _Quiet) -> Timer | None:
-        """The next timer that is worth waiting for."""
-        assert self._first_quiet is not None
-        page, horizon = self._page, self._horizon(quiet, self._first_quiet)
+    async def _next_timer(self, quiet: _Quiet) -> float | None:
+        """When the next timer is due that the action set off."""
+        page, seconds = self._page, self._config.quiet_seconds
+        again = math.inf
         if self._has_set_timers(quiet):
-            await self._read_timers(quiet)
+            self._known_timers = self._timers(quiet)
+            # The effect of a timer that fired just now may not be visible yet.
+            self._waited_until = max(self._waited_until, time.monotonic() - TICK_SECONDS)
+            if await page.timers.read(page.acted, seconds):
+                self._known_timers, again = None, time.monotonic() + seconds
         elif self._known_timers is None:
             return None
-        for timer in self._pending():
-            if timer.repeats and not (quiet.loading and 0 < timer.delay <= TIMER_SECONDS):
-                continue
-            upcoming = timer.next(self._waited_until)
-            if upcoming.due > horizon:
-                break
-            if upcoming.due > self._waited_until and self._is_worthwhile(upcoming, quiet):
-                return upcoming
-        now, step = time.monotonic(), self._config.quiet_seconds
-        is_missed = self._missed_at == quiet.changes  # a timer is set, but it is not known when it is due
-        if now > horizon or not (is_missed or page.timers.has_worker_chain(page.acted, step)):
-            return None
-        return Timer(due=now + step, delay=math.inf, repeats=False, root=page.acted)
-
-    def _pending(self) -> list[Timer]:
-        return self._page.timers.pending(self._page.acted)
-
-    def _is_worthwhile(self, timer: Timer, quiet: _Quiet) -> bool:
-        # Typing may always have an effect: a search finds nothing for one word, and results for two.
-        if not quiet.loading:
-            return self._has_typed or not self._page.idlers.is_known(timer, self._target)
-        # Code that sets the next timer whenever one fires may be polling, or be a clock.
-        now = time.monotonic()
-        return now - self._first_awaited.setdefault(timer.origin, now) < self._config.linger_seconds
-
-    async def _read_timers(self, quiet: _Quiet) -> None:
-        # The timers of a document that began after the action are all in the trace.
-        has_watched = self._known_timers is not None or self._page.changes < 0
-        # The effect of a timer that fired just now may not be visible yet.
-        self._waited_until = max(self._waited_until, time.monotonic() - TICK_SECONDS)
-        newly_set = await self._page.timers.read()
-        if newly_set is None or (has_watched and newly_set < quiet.handles - self._handles):
-            self._missed_at = quiet.changes
-        self._known_timers, self._handles = self._timers(quiet), quiet.handles
+        due = page.timers.next_due(page.acted, self._waited_until)
+        return again if due is None else min(due, again)
 
     def _has_set_timers(self, quiet: _Quiet) -> bool:
-        """Whether the page may have set timers since the trace was read, or since the action."""
+        """Whether the page may have set timers since the trace was read, or since it was last quiet."""
         page = self._page
         if len(page.workers):  # nobody counts theirs
             return True
-        if self._known_timers is not None:
-            return self._timers(quiet) != self._known_timers
-        frames = page.worlds.timers
-        if any(count != page.frame_timers.get(world, 0) for world, count in frames.items()):
-            return True
-        if self._has_loaded:
-            return quiet.timers > 0
-        before = page.timers_set if quiet.planned is None else quiet.planned
-        # A page that neither reacts nor asks for anything has set them in its event listeners, or not at all.
-        is_inert = quiet.reason == "unchanged" and page.requests == self._requests
-        return (quiet.early if is_inert else quiet.timers) != before
+        return self._timers(quiet) != (self._known_timers or page.timers_set)
 
     def _timers(self, quiet: _Quiet) -> tuple[int, dict[int, int]]:
         return quiet.timers, dict(self._page.worlds.timers)
 
-    def _all_changes(self, changes: int) -> tuple[int, dict[int, int]]:
-        """Number of changes of the document, and of its frames."""
-        return changes, dict(self._page.worlds.changes)
-
-    def _has_changed(self, quiet: _Quiet) -> bool:
-        """Whether anything has shown since the action."""
-        page = self._page
-        return quiet.changes != page.changes or page.worlds.changes != self._frame_changes
+    @property
+    def _is_silent(self) -> bool:
+        """Whether nothing has shown since the action."""
+        return self._changes == self._before
 
     def _horizon(self, quiet: _Quiet, first: float) -> float:
         """Until when to wait for timers, ``time.monotonic()``."""
-        config = self._config
         if quiet.loading:
             return first + LOADING_SECONDS
-        if not self._last_effect and not self._has_changed(quiet):
-            return first + config.silent_timer_seconds
-        # If a timer had an effect, the next one has as much time again, but in total only twice the limit.
-        return min(max(first, self._last_effect), first + TIMER_SECONDS) + TIMER_SECONDS
-
-    def _learn(self, quiet: _Quiet) -> None:
-        """Record whether the awaited timers had an effect, and the target of the action."""
-        if quiet.planned is not None:
-            self._target = f"{self._page.loader} {quiet.target}"
-        worlds = self._page.worlds
-        if worlds.target:
-            self._target = f"{self._page.loader} {worlds.target}"
-        self._has_typed = self._has_typed or quiet.typed or worlds.has_typed
-        self._has_reacted = self._has_reacted or quiet.reacted
-        timers, self._awaited = self._awaited, []
-        if self._all_changes(quiet.changes) != self._changes or quiet.timer_effect == "some":
-            self._ineffective.clear()  # they led up to it
-            if timers:
-                self._page.idlers.learn(timers, self._target, had_effect=True)
-                self._last_effect = time.monotonic()
-        elif quiet.timer_effect == "none":
-            self._ineffective += timers
+        if self._is_silent:
+            return first + self._config.silent_timer_seconds
+        # If a timer changed the page, the next one has as much time again, but in total only twice the limit.
+        return min(self._changed_at, first + TIMER_SECONDS) + TIMER_SECONDS

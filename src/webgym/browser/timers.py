@@ -12,7 +12,7 @@ import asyncio
 import logging
 import math
 import time
-from collections.abc import Iterable
+from typing import Any
 
 import msgspec
 
@@ -21,16 +21,7 @@ from webgym.browser.cdp_messages import CdpMessage
 
 log = logging.getLogger(__name__)
 
-_CATEGORIES = ["devtools.timeline", "disabled-by-default-devtools.timeline.stack"]
-"""The second adds the stack trace to each event, which costs about ten microseconds per event."""
 _MICROSECONDS = 1e6
-
-_IDLE_WAITS = 2
-"""After this many waits in a row without effect, for timers set by the same code after actions on the same
-element, settling does not wait for them any more."""
-
-_IDLE_WAITS_ANYWHERE = 5
-"""The same, for actions on any element."""
 
 _Key = tuple[int, str, int]
 """Process id, frame or thread, and the timer's id in it."""
@@ -41,41 +32,24 @@ TRACE_KILOBYTES = 256
 TRACE_SECONDS = 0.5
 """Deadline for reading the trace. It takes 0.015 s, but 5 s after a process has joined the browser."""
 
+TIMER_GROUP_SECONDS = 0.05
+"""Timers that are due within this time of each other are awaited together."""
+
+
+_MOST_MISSED = 100
+"""Of more timers than this, the setting was lost from the buffer, and not while it was read."""
+
 
 class Timer(msgspec.Struct, frozen=True):
     """A timer that is set. Times are those of ``time.monotonic()``, in seconds.
 
     Attributes:
-        due: when it fires, for the first time if it repeats.
-        delay: time between setting and firing.
-        repeats: whether it is an interval timer.
+        due: when it fires; never, for one that repeats, which is not awaited.
         root: when the first timer of its chain was set: a timer that fires may set the next one.
-        origin: stack trace of the code that set it. The callers are included because a shared helper, such
-            as a debounce function, sets timers of many kinds.
     """
 
     due: float
-    delay: float
-    repeats: bool
     root: float
-    origin: str = ""
-
-    def next(self, now: float) -> Timer:
-        """The timer; if it repeats, with its next due time after ``now``."""
-        if not (self.repeats and self.delay):
-            return self
-        times = max(0, math.floor((now - self.due) / self.delay) + 1)
-        return msgspec.structs.replace(self, due=self.due + times * self.delay)
-
-
-class _Call(CdpMessage, frozen=True):
-    url: str = ""
-    script_id: str = ""
-    line_number: int = 0
-    column_number: int = 0
-
-    def __str__(self) -> str:
-        return f"{self.url or self.script_id}:{self.line_number}:{self.column_number}"
 
 
 class _Data(CdpMessage, frozen=True):
@@ -84,7 +58,6 @@ class _Data(CdpMessage, frozen=True):
     single_shot: bool = True
     frame: str = ""
     is_outermost_main_frame: bool = False
-    stack_trace: tuple[_Call, ...] = ()
 
 
 class _Args(msgspec.Struct, frozen=True):
@@ -104,42 +77,8 @@ class _Collected(msgspec.Struct, frozen=True):
     value: tuple[_Event, ...]
 
 
-class _Complete(CdpMessage, frozen=True):
-    data_loss_occurred: bool = False
-
-
 _NAMES = frozenset({"TimerInstall", "TimerRemove", "TimerFire", "CommitLoad"})
 _read_args = msgspec.json.Decoder(_Args).decode
-
-
-class IdleTimers:
-    """Timers without visible effect, identified by the code that sets them and the element that was acted on.
-    Delay and code alone do not distinguish a search that waits for the next key from a click counter."""
-
-    def __init__(self) -> None:
-        self.waits: dict[tuple[object, ...], int] = {}
-        """Number of waits in a row without effect."""
-
-    def is_known(self, timer: Timer, target: str) -> bool:
-        """Whether this timer is known to have no effect after an action on ``target``."""
-        return any(self.waits.get(key, 0) >= most for key, most in self._keys(timer, target))
-
-    def learn(self, timers: Iterable[Timer], target: str, *, had_effect: bool) -> None:
-        """Record whether these timers, which fired together, had a visible effect."""
-        for key in {key for timer in timers for key, _ in self._keys(timer, target)}:
-            if had_effect:
-                self.waits.pop(key, None)
-            else:
-                self.waits[key] = self.waits.get(key, 0) + 1
-
-    def forget_elsewhere(self, target: str) -> None:
-        """An action on ``target`` changed the page: what had no effect elsewhere may have one now."""
-        self.waits = {key: count for key, count in self.waits.items() if key[-1] == target or len(key) == 1}
-
-    @staticmethod
-    def _keys(timer: Timer, target: str) -> tuple[tuple[tuple[object, ...], int], ...]:
-        code = timer.origin or timer.delay
-        return ((code, timer.delay, target), _IDLE_WAITS), ((code,), _IDLE_WAITS_ANYWHERE)
 
 
 class Timers:
@@ -153,18 +92,20 @@ class Timers:
         self._connection = connection
         self._is_wanted = False
         self._is_on = False
-        self._was_full = False
-        """Whether the buffer of the last trace was full, so that its beginning was lost."""
         self._has_ended = asyncio.Event()
         self._has_ended.set()
         self._events: list[_Event] = []
         self._set: dict[_Key, Timer] = {}
+        self._last_ids: dict[tuple[int, str], int] = {}
+        """The last known timer of each process and frame or thread. Their ids count up."""
+        self._missed: set[_Key] = set()
+        """Timers that were set while the trace was read: nobody knows when they are due."""
         self._worker_fires: dict[float, float] = {}
         """When a worker's timer fired last, by when its chain began."""
-        self._ended_at = 0.0
-        """When the trace was ended last."""
+        self._began_at = 0.0
+        """When the trace was started last."""
         connection.on("Tracing.dataCollected", _Collected, lambda data: self._events.extend(data.value))
-        connection.on("Tracing.tracingComplete", _Complete, self._on_complete)
+        connection.on("Tracing.tracingComplete", CdpMessage, self._on_complete)
 
     def start(self) -> None:
         """Start the trace. Call it when the page's renderer exists: a renderer that starts later delays the
@@ -172,11 +113,11 @@ class Timers:
         self._is_wanted = True
         if self._is_on or not self._has_ended.is_set():
             return
-        self._is_on = True
+        self._is_on, self._began_at = True, time.monotonic()
         trace = {
             "recordMode": "recordContinuously",
             "traceBufferSizeInKb": TRACE_KILOBYTES,
-            "includedCategories": _CATEGORIES,
+            "includedCategories": ["devtools.timeline"],
             "excludedCategories": ["*"],
         }
         self._connection.send("Tracing.start", {"transferMode": "ReportEvents", "traceConfig": trace})
@@ -185,24 +126,40 @@ class Timers:
         """End the trace. Call it while the page's renderer exists."""
         self._is_wanted = False
         self._set.clear()
-        self._worker_fires.clear()
+        self._last_ids.clear()
+        self._missed.clear()
         await self._end()
 
-    async def read(self) -> float | None:
-        """Read the trace and update the known timers. If that takes too long, they are not changed.
+    async def read(self, since: float, seconds: float) -> bool:
+        """Read the trace, and update the known timers.
 
-        Events while the trace is read, for some milliseconds, are missed.
+        Args:
+            since: when the action began.
+            seconds: what is lately.
 
         Returns:
-            The number of timers set since the last reading; infinity if the beginning of the trace was lost,
-            ``None`` if it could not be read.
+            Whether to read it again soon, because another timer may be set: one was set while it was read, or
+            one of a worker, whose changes nobody sees, has fired lately or is late, or it could not be read.
         """
+        now, began_at = time.monotonic(), self._began_at
         is_read = await self._end()
         events, self._events = self._events, []
         if not is_read:
-            return None
-        self._apply(events)
-        return math.inf if self._was_full else sum(event.name == "TimerInstall" for event in events)
+            return True
+        self._worker_fires.clear()
+        if began_at < since:
+            self._missed.clear()
+        self._apply(events, missed_root=since if began_at > since else 0.0)
+        has_fired = any(root >= since and at > now - seconds for root, at in self._worker_fires.items())
+        is_late = any(
+            key[1].isdecimal() and it.root >= since and it.due < now for key, it in self._set.items()
+        )
+        return bool(self._missed) or has_fired or is_late
+
+    def next_due(self, since: float, after: float) -> float | None:
+        """When the next known timer is due, after ``after``, of a chain that began after ``since``."""
+        dues = (timer.due for timer in self._set.values() if timer.root >= since)
+        return min((due for due in dues if after < due < math.inf), default=None)
 
     async def _end(self) -> bool:
         """End the trace and wait for its events; returns whether they came in time. If the trace is still
@@ -212,7 +169,6 @@ class Timers:
         self._is_on = False
         self._events.clear()
         self._has_ended.clear()
-        self._ended_at = time.monotonic()
         self._connection.send("Tracing.end")
         try:
             async with asyncio.timeout(TRACE_SECONDS):
@@ -222,64 +178,63 @@ class Timers:
             return False
         return True
 
-    def _on_complete(self, complete: _Complete) -> None:
-        self._was_full = complete.data_loss_occurred
+    def _on_complete(self, _: CdpMessage) -> None:
         self._has_ended.set()
         if self._is_wanted:
             self.start()
 
-    def pending(self, since: float) -> list[Timer]:
-        """The pending timers of chains that began after ``since``, ordered by due time."""
-        recent = (timer for timer in self._set.values() if timer.root >= since)
-        return sorted(recent, key=lambda timer: timer.due)
-
-    def has_worker_chain(self, since: float, seconds: float) -> bool:
-        """Whether a worker's timer, of a chain that began after ``since``, fired in the last ``seconds``
-        before the trace was read: the next one may have been set meanwhile."""
-        late = self._ended_at - seconds
-        return any(root >= since and at >= late for root, at in self._worker_fires.items())
-
     # --- updating the known timers ------------------------------------------------------------------
 
-    def _apply(self, events: list[_Event]) -> None:
+    def _apply(self, events: list[_Event], missed_root: float) -> None:
         firing: dict[int, tuple[float, float]] = {}
         """By thread: until when a timer's function runs, and when its chain began."""
         for event in sorted((it for it in events if it.name in _NAMES), key=lambda it: it.ts):
             data = _read_args(event.args).data
             place = data.frame or str(event.tid)
             key = (event.pid, place, data.timer_id)
-            now = event.ts / _MICROSECONDS
+            now, end = event.ts / _MICROSECONDS, (event.ts + event.dur) / _MICROSECONDS
             match event.name:
                 case "TimerInstall":
                     until, root = firing.get(event.tid, (0.0, now))
-                    self._set[key] = Timer(
-                        due=now + data.timeout / 1000,
-                        delay=data.timeout / 1000,
-                        repeats=not data.single_shot,
-                        root=root if now <= until else now,
-                        origin=" < ".join(map(str, data.stack_trace)),
-                    )
+                    due = now + data.timeout / 1000 if data.single_shot else math.inf
+                    self._set[key] = Timer(due, root if now <= until else now)
+                    self._note_missed(key, missed_root)
                 case "TimerRemove":
                     self._set.pop(key, None)
+                    self._missed.discard(key)
                 case "TimerFire":
                     fired = self._set.get(key)
-                    if fired is not None and not fired.repeats:
-                        del self._set[key]
-                    root = fired.root if fired is not None else now  # it was set while the trace was read
-                    firing[event.tid] = (now + event.dur / _MICROSECONDS, root)
+                    # Of one that is not known, the setting was missed, or lost from the buffer.
+                    is_missed = fired is None and data.timer_id > self._last_ids.get(key[:2], 0)
+                    if is_missed:
+                        self._note_missed(key, missed_root)
+                    self._missed.discard(key)
+                    root = missed_root if is_missed else 0.0
+                    if fired is not None:
+                        root = fired.root
+                        if fired.due < math.inf:
+                            del self._set[key]
+                    firing[event.tid] = (end, root)
                     if not data.frame:
-                        self._worker_fires[root] = now + event.dur / _MICROSECONDS
+                        self._worker_fires[root] = end
                 case "CommitLoad":  # a new document: the timers of the old one are cancelled
                     self._forget(event.pid, "" if data.is_outermost_main_frame else place)
-        self._prune()
+        # The firing of those that are overdue was lost from the buffer.
+        old = time.monotonic() - TRACE_SECONDS
+        self._set = {key: timer for key, timer in self._set.items() if timer.due > old}
+
+    def _note_missed(self, key: _Key, missed_root: float) -> None:
+        """A timer was set: those between the last known one and this are missed."""
+        place, number = key[:2], key[2]
+        last = self._last_ids.get(place, number)
+        if missed_root and 0 < number - last <= _MOST_MISSED:
+            self._missed |= {(*place, missed) for missed in range(last + 1, number)}
+        self._last_ids[place] = number
 
     def _forget(self, process: int, place: str) -> None:
-        self._set = {
-            key: timer for key, timer in self._set.items() if key[0] != process or place not in ("", key[1])
-        }
+        def is_left(key: tuple[Any, ...]) -> bool:
+            return key[0] != process or place not in ("", key[1])
 
-    def _prune(self) -> None:
-        """Remove overdue timers, whose firing was lost from the buffer."""
-        old = time.monotonic() - TRACE_SECONDS
-        self._set = {key: timer for key, timer in self._set.items() if timer.repeats or timer.due > old}
-        self._worker_fires = {root: at for root, at in self._worker_fires.items() if at > old}
+        self._set = {key: timer for key, timer in self._set.items() if is_left(key)}
+        self._missed = {key for key in self._missed if is_left(key)}
+        self._last_ids = {key: last for key, last in self._last_ids.items() if is_left(key)}

@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import math
 import re
-from collections import Counter
 from http import HTTPStatus
 from urllib.parse import urlsplit
 
@@ -15,6 +14,7 @@ import msgspec
 from webgym.browser.cdp import Session
 from webgym.browser.cdp_messages import (
     CdpMessage,
+    DataReceived,
     FrameEvent,
     FrameNavigated,
     PriorityChanged,
@@ -26,7 +26,7 @@ from webgym.browser.cdp_messages import (
     SocketCreated,
 )
 from webgym.browser.config import BrowserConfig
-from webgym.browser.isolated_worlds import NAME_CHARACTERS
+from webgym.browser.isolated_worlds import ADDRESS_CHARACTERS, NAME_CHARACTERS
 from webgym.browser.notices import NOTICES_PER_OBSERVATION
 
 _NEVER_AWAITED = frozenset(
@@ -40,15 +40,6 @@ _OUT_OF_VIEW = frozenset({"Medium", "Low", "VeryLow"})
 _SYNCHRONOUS = "VeryHigh"
 """Priority of an XMLHttpRequest for which the script waits; that of others is ``High``."""
 
-_READ_BY_SCRIPTS = frozenset({"Fetch", "XHR"})
-
-_POLLS = 6
-"""If an address is requested this often in a wait that reaches its deadline, it counts as polled."""
-
-_BURST = 0.1
-"""Seconds in which requests to an address count once: the tiles of a map differ only in digits, and are not
-polled."""
-
 _BROKEN = re.compile(
     r"net::ERR_(CONNECTION|SOCK|EMPTY_RESPONSE|TIMED_OUT|NETWORK|INTERNET|ADDRESS_UNREACHABLE|HTTP2"
     r"|CONTENT_LENGTH_MISMATCH|INCOMPLETE_CHUNKED)"
@@ -58,23 +49,34 @@ _BROKEN = re.compile(
 _FOLLOW_SECONDS = 0.4
 """How long after an answer on a WebSocket another message may belong to it."""
 
-_ALONE = 2
-"""After this many answers in a row that no other message followed, none is waited for."""
-
-_FRAMES = "frames"
-"""Counted as an address: documents that start to load in frames, for pages that load such ones for ever."""
-
 _DIGITS = re.compile(r"\d+")
+
+_BODY_BYTES = 200
+"""Of a request's body that tell it from others to the same URL."""
+
+_NAMES = {
+    "Document": "a frame from",
+    "Stylesheet": "a style sheet from",
+    "Image": "a picture from",
+    "Font": "a font from",
+    "Script": "a script from",
+}
+"""How notices name requests, by resource type; "a request to" is the name of others."""
+
+_PATH_CHARACTERS = 60
+"""Longest path that a notice quotes."""
+
+_TELLINGS = 3
+"""A request that is still open after so many actions is a stream or a long poll, and no longer told."""
+
+_NAMED_AT_ONCE = 3
+"""Most requests that a notice names."""
 
 LOAD_SECONDS = 2.0
 """How long to wait for a page's load event after its document is complete."""
 
 PICTURE_SECONDS = 3.0
 """A picture in the viewport in flight for longer is no longer awaited."""
-
-UNREAD_SECONDS = 0.5
-"""How long to wait for the body of a response to a script, if its length is known and none of it was read: a
-page that only reports something never reads the response, which then never ends."""
 
 LOADING_SECONDS = 8.0
 """How long to wait for timers and requests while the page shows that it is loading: a spinner, a skeleton,
@@ -85,44 +87,41 @@ class _DomContent(CdpMessage, frozen=True):
     pass
 
 
-class _Channel(msgspec.Struct):
-    """What was learned about the answers to messages on a WebSocket.
-
-    Attributes:
-        tries: how many more messages in a row may stay without an answer. One, if none was ever answered.
-        alone: number of answers in a row that no other message followed; -1 while one follows.
-    """
-
-    tries: int = 1
-    alone: int = 0
-
-
 class _InFlight(msgspec.Struct):
     """A request or another activity that settling waits for.
 
     Attributes:
         since: when it began, event loop time.
         seconds: time limit of the wait for it.
-        endpoint: identifies later requests of the same kind, which are not awaited if this one exceeds the
-            limit; empty for none.
+        name: what a notice calls it that names what is still open; empty if none does.
+        url: its URL without the query; empty if it is no request.
+        address: identifies its like, in :attr:`Traffic._own`; empty if it has none.
         is_patient: whether the limit is longer while the page shows that it is loading.
         is_request: whether it counts as an open request after the limit.
-        has_answer: whether the response's headers have arrived. Its body does not end while the page does not
-            read it, as with responses to reports.
+        has_answer: whether the response's headers, or a first message, have arrived.
+        left: bytes of the body that have not arrived. Chromium does not report the end of a response that the
+            page does not read, such as the answer to a report.
         is_synchronous: whether it is a request for which the page's script waits.
-        is_acted: whether it began after an action on this document, until it exceeds its limit.
-        channel: where a message was sent, if it is one.
+        is_acted: whether it began after an action on this document.
+        actions: number of actions that began since.
     """
 
     since: float
     seconds: float
-    endpoint: str = ""
+    name: str = ""
+    url: str = ""
+    address: str = ""
     is_patient: bool = False
     is_request: bool = True
-    has_answer: bool = False
     is_synchronous: bool = False
     is_acted: bool = False
-    channel: _Channel | None = None
+    has_answer: bool = False
+    left: float = math.inf
+    actions: int = 0
+
+    def describe(self, now: float) -> str:
+        path = self.url.partition("://")[2].partition("/")[2][:_PATH_CHARACTERS]
+        return f"{self.name}{f' /{path}' if self.url else ''}, {now - self.since:.0f} s so far"
 
     def until(self, patience: float) -> float:
         return self.since + (max(self.seconds, patience) if self.is_patient else self.seconds)
@@ -131,10 +130,9 @@ class _InFlight(msgspec.Struct):
 class Traffic:
     """Tracks what one tab is loading, from the browser's events.
 
-    What exceeds its time limit is a long poll, a stream, or too slow. The next request to the same address,
-    or the next message on the same channel, is then not awaited at all, until one is answered in time. What
-    begins after an action is learned apart from what the page begins by itself: an application may have one
-    address for everything.
+    What the page began by itself and is still open when a wait ends, such as a long poll, is its own: its
+    like is not awaited again in this document. What follows an action always is, up to its limit, unless it
+    kept the page from ever being idle.
 
     Args:
         session: the tab's session.
@@ -149,24 +147,11 @@ class Traffic:
         self._config = config
         self._clock = asyncio.get_running_loop().time
         self._in_flight: dict[str, _InFlight] = {}
-        self._too_slow: set[str] = set()
-        """Endpoints that did not answer in time at the last request."""
-        self._too_slow_acted: set[str] = set()
-        """The same, of requests after an action."""
-        self._channels: dict[tuple[str, bool], _Channel] = {}
-        """WebSockets by address, and whether the message was sent after an action."""
-        self._sockets: dict[str, str] = {}
-        """The addresses of the open ones."""
+        self._own: dict[str, bool] = {}
+        """Addresses of what this document does by itself, which is not awaited, and whether it has kept the
+        page from ever being idle."""
         self._is_acting = False
         """Whether the document is the one that was acted on, and the wait after the action has not ended."""
-        self._unread: set[str] = set()
-        """Endpoints whose responses did not end in time: only their headers are awaited."""
-        self._request_counts: Counter[str] = Counter()
-        """Number of requests by address, with digits replaced, since the wait began."""
-        self._counted: dict[str, float] = {}
-        """When each of these addresses was last counted."""
-        self._polled: set[str] = set()
-        """Addresses that this document polls."""
         self._changed = asyncio.Event()
         self._document = ("", "")
         """Loader and URL of the last request for a main document, redirects followed."""
@@ -186,67 +171,44 @@ class Traffic:
         """Track another target's requests too."""
         session.on("Network.requestWillBeSent", RequestWillBeSent, self._on_request)
         session.on("Network.responseReceived", ResponseReceived, self._on_response)
-        session.on("Network.dataReceived", RequestDone, self._on_data)
+        session.on("Network.dataReceived", DataReceived, self._on_data)
         session.on("Network.resourceChangedPriority", PriorityChanged, self._on_priority)
-        for name in ("loadingFinished", "eventSourceMessageReceived"):
+        for name in ("loadingFinished", "eventSourceMessageReceived", "webSocketClosed"):
             session.on(f"Network.{name}", RequestDone, lambda done: self.end(done.request_id))
         session.on("Network.loadingFailed", RequestFailed, self._on_failed)
         session.on("Network.webSocketCreated", SocketCreated, self._on_socket)
         session.on("Network.webSocketFrameSent", RequestDone, self._on_sent)
         session.on("Network.webSocketFrameReceived", RequestDone, self._on_received)
-        session.on("Network.webSocketClosed", RequestDone, self._on_closed)
 
     # --- what is in flight --------------------------------------------------------------------------
 
-    def begin(
-        self,
-        key: str,
-        seconds: float,
-        *,
-        endpoint: str = "",
-        is_patient: bool = False,
-        is_request: bool = True,
-        is_synchronous: bool = False,
-        is_acted: bool = False,
-    ) -> None:
+    def begin(self, key: str, seconds: float, *, name: str = "") -> None:
         """Record that something is in flight.
 
         Args:
             key: identifies it, for :meth:`end`.
             seconds: time limit of the wait for it.
-            endpoint, is_patient, is_request, is_synchronous, is_acted: see :class:`_InFlight`.
+            name: what a notice calls it; empty if none names it.
         """
-        limit = self._limit(endpoint, seconds, is_acted=is_acted)
-        self._in_flight[key] = _InFlight(
-            self._clock(),
-            limit,
-            endpoint,
-            is_patient and limit > 0,
-            is_request,
-            is_synchronous=is_synchronous,
-            is_acted=is_acted,
-        )
+        self._add(key, _InFlight(self._clock(), seconds, name))
+
+    def _add(self, key: str, activity: _InFlight) -> None:
+        activity.is_acted = self._is_acting
+        if self._is_own(activity.address):
+            activity.seconds, activity.name, activity.is_patient = 0.0, "", False
+        self._in_flight[key] = activity
         self._changed.set()
 
-    def _limit(self, endpoint: str, seconds: float, *, is_acted: bool) -> float:
-        """The time limit, given what was learned about the endpoint."""
-        if endpoint in (self._too_slow_acted if is_acted else self._too_slow):
-            return 0.0
-        if endpoint not in self._too_slow:
-            return seconds
-        now = self._clock()
-        is_another = any(it.endpoint == endpoint and it.until(0.0) <= now for it in self._in_flight.values())
-        return seconds if is_another else min(seconds, self._config.minor_seconds)  # or the page asks again
+    def _is_own(self, address: str) -> bool:
+        is_polled = self._own.get(address)
+        if is_polled is False:  # a second one at the same time is the action's
+            return all(it.address != address or it.has_answer for it in self._in_flight.values())
+        return bool(is_polled)
 
     def end(self, key: str) -> None:
         """Record that something is no longer in flight."""
-        ended = self._in_flight.pop(key, None)
-        if ended is None:
-            return
-        if self._clock() - ended.since < self._config.minor_seconds:
-            self._too_slow.discard(ended.endpoint)
-            self._too_slow_acted.discard(ended.endpoint)
-        self._changed.set()
+        if self._in_flight.pop(key, None) is not None:
+            self._changed.set()
 
     def clear(self) -> None:
         """Forget everything in flight: the renderer is gone."""
@@ -257,6 +219,8 @@ class Traffic:
         """Start an action: what the document asks for until the end of the wait may be for it."""
         self.started.clear()
         self._is_acting = True
+        for activity in self._in_flight.values():
+            activity.actions += 1
 
     async def starts(self, seconds: float) -> bool:
         """Whether the main frame has started a navigation, or does within ``seconds``."""
@@ -270,39 +234,28 @@ class Traffic:
         for activity in self._in_flight.values():
             activity.since += seconds
 
-    def give_up(self, *, all_of_it: bool = False) -> None:
-        """End of a wait: remember what exceeded its time limit, so that it is not awaited next time.
+    def end_wait(self, *, is_over: bool = False) -> None:
+        """End of a wait: what the page began by itself and is still open is its own.
 
         Args:
-            all_of_it: whether to give up what has time left too.
+            is_over: whether the page was never idle: then so is all that is open, and awaited no longer.
         """
-        now, self._is_acting = self._clock(), False
-        counts, self._request_counts, self._counted = self._request_counts, Counter(), {}
-        if all_of_it:
-            self._polled |= {address for address, count in counts.items() if count >= _POLLS}
+        self._is_acting = False
         for key, activity in tuple(self._in_flight.items()):
-            if activity.channel is not None:
-                self._learn_answer(key, activity, activity.channel)
-            if all_of_it:
-                self._give_up(activity)
-            if activity.endpoint and activity.until(0.0) <= now:
-                (self._unread if activity.has_answer else self._too_slow).add(activity.endpoint)
-                if activity.is_acted and not activity.has_answer:
-                    self._too_slow_acted.add(activity.endpoint)
-                activity.is_acted = False
+            if not activity.is_request:
+                self._end_message(key, activity)
+            elif activity.address and (is_over or not activity.is_acted or activity.has_answer):
+                self._own[activity.address] = is_over or self._own.get(activity.address, False)
+            if is_over:
+                activity.seconds, activity.is_patient = 0.0, False
 
-    def _learn_answer(self, key: str, activity: _InFlight, channel: _Channel) -> None:
-        if activity.has_answer:
-            is_endless = activity.seconds >= self._config.stir_seconds
-            channel.alone = _ALONE if is_endless else channel.alone + 1
-            self.end(key)
-        elif activity.seconds:
-            channel.tries -= 1
-            activity.seconds = 0.0
-
-    @staticmethod
-    def _give_up(activity: _InFlight) -> None:
-        activity.seconds, activity.is_patient = 0.0, False
+    def still_open(self) -> list[str]:
+        """What of it a notice should name: what is no stream of the page's own, the oldest first."""
+        now = self._clock()
+        told = [it for it in self._in_flight.values() if it.name and it.actions < _TELLINGS]
+        told.sort(key=lambda it: it.since)
+        names = [it.describe(now) for it in told[:_NAMED_AT_ONCE]]
+        return [*names, *([f"{len(told) - len(names)} more"] if len(told) > len(names) else [])]
 
     @property
     def synchronous(self) -> frozenset[str]:
@@ -327,9 +280,6 @@ class Traffic:
         """Whether no request is in flight, not even one that is no longer awaited."""
         return not any(activity.is_request for activity in self._in_flight.values())
 
-    def __len__(self) -> int:
-        return len(self._in_flight)
-
     async def idle(self, patience: float = 0.0) -> None:
         """Return when nothing is awaited. Without a deadline of its own."""
         while ends := self._ends(patience):
@@ -349,11 +299,13 @@ class Traffic:
 
     def _on_frame_started(self, event: FrameEvent) -> None:
         if event.frame_id == self._main_frame:
-            self.begin(event.frame_id, math.inf)
+            self._begin_main(math.inf)
             self.started.set()
         else:  # its document gets a limit of its own once its URL is known
-            self._count(_FRAMES)
-            self.begin(event.frame_id, 0.0 if _FRAMES in self._polled else self._config.minor_seconds)
+            self.begin(event.frame_id, self._config.minor_seconds)
+
+    def _begin_main(self, seconds: float) -> None:
+        self.begin(self._main_frame, seconds, name="the page itself")
 
     def _on_frame_stopped(self, event: FrameEvent) -> None:
         self.end(event.frame_id)
@@ -362,13 +314,12 @@ class Traffic:
         if event.frame.id != self._main_frame:
             return
         self._site = _site(event.frame.url)
-        self._polled.clear()
-        self._sockets.clear()
+        self._own.clear()
         self._is_acting = False
         kept = {event.frame.id, event.frame.loader_id}
         self._in_flight = {key: activity for key, activity in self._in_flight.items() if key in kept}
         if self._main_frame in self._in_flight:
-            self.begin(self._main_frame, math.inf)
+            self._begin_main(math.inf)
         self.started.set()
         self._changed.set()
 
@@ -394,31 +345,27 @@ class Traffic:
         if request.request_id == request.loader_id and request.frame_id == self._main_frame:
             self._document = (request.loader_id, request.document_url)
             if self._main_frame in self._in_flight:  # the main document is awaited as the main frame
-                self.begin(self._main_frame, math.inf)
+                self._begin_main(math.inf)
             return
         if request.type in _NEVER_AWAITED or request.request_id in self._in_flight:
             return  # a redirect does not start the clock again
         if request.type == "EventSource":
-            self._await_message(request.request_id, request.request.url)
+            self._await_message(request.request_id)
             return
         is_minor = request.type == "Image" and request.request.initial_priority in _OUT_OF_VIEW
-        address = _DIGITS.sub("0", f"{request.request.method} {request.request.url}")
-        self._count(address)
-        is_foreign = bool(request.frame_id) and _site(request.document_url) != self._site
-        seconds = self._config.minor_seconds if is_minor or is_foreign else self._config.long_poll_seconds
-        self.begin(
-            request.request_id,
-            0.0 if address in self._polled else seconds,
-            endpoint=f"{request.request.method} {request.request.url.partition('?')[0]}",
-            is_patient=not (is_minor or is_foreign),
+        is_minor |= bool(request.frame_id) and _site(request.document_url) != self._site
+        activity = _InFlight(
+            self._clock(),
+            self._config.minor_seconds if is_minor else self._config.long_poll_seconds,
+            name="" if is_minor else _NAMES.get(request.type, "a request to"),
+            url=request.request.url.partition("?")[0],
+            address=_address(request),
+            is_patient=not is_minor,
             is_synchronous=request.type == "XHR" and request.request.initial_priority == _SYNCHRONOUS,
-            is_acted=self._is_acting,
         )
-
-    def _count(self, address: str) -> None:
-        if self._clock() - self._counted.get(address, -math.inf) >= _BURST:
-            self._counted[address] = self._clock()
-            self._request_counts[address] += 1
+        self._add(request.request_id, activity)
+        if request.type == "Document" and not activity.seconds:
+            self.end(request.frame_id)  # one of the frames that come and go for ever
 
     def _on_response(self, event: ResponseReceived) -> None:
         activity = self._in_flight.get(event.request_id)
@@ -426,21 +373,23 @@ class Traffic:
             return
         activity.has_answer = True
         if event.response.status >= HTTPStatus.INTERNAL_SERVER_ERROR:
-            self._add_broken(activity, f"HTTP status {event.response.status}")
-        if activity.endpoint in self._unread:
-            self._give_up(activity)
-        elif event.type in _READ_BY_SCRIPTS and "content-length" in {
-            name.lower() for name in event.response.headers
-        }:
-            # A body that the page reads arrives at once.
-            activity.seconds = min(activity.seconds, self._clock() - activity.since + UNREAD_SECONDS)
-            activity.is_patient = False
+            self._add_broken(activity.url, f"HTTP status {event.response.status}")
+        lengths = (
+            value for name, value in event.response.headers.items() if name.lower() == "content-length"
+        )
+        length = next(lengths, "")
+        activity.left = float(length) if length.isdigit() else math.inf
         self._changed.set()
 
-    def _on_data(self, event: RequestDone) -> None:
+    def _on_data(self, event: DataReceived) -> None:
         """Extend the limit while a response's body arrives."""
         activity = self._in_flight.get(event.request_id)
-        if activity is not None and activity.has_answer and activity.seconds:
+        if activity is None or not activity.has_answer:
+            return
+        activity.left -= event.encoded_data_length
+        if activity.left <= 0:
+            self.end(event.request_id)
+        elif activity.seconds:
             more = self._clock() - activity.since + self._config.minor_seconds
             activity.seconds = max(activity.seconds, min(more, LOADING_SECONDS))
             self._changed.set()
@@ -448,11 +397,10 @@ class Traffic:
     def _on_failed(self, failed: RequestFailed) -> None:
         activity = self._in_flight.get(failed.request_id)
         if activity is not None and not failed.canceled and _BROKEN.match(failed.error_text):
-            self._add_broken(activity, failed.error_text)
+            self._add_broken(activity.url, failed.error_text)
         self.end(failed.request_id)
 
-    def _add_broken(self, activity: _InFlight, why: str) -> None:
-        url = activity.endpoint.partition(" ")[2]
+    def _add_broken(self, url: str, why: str) -> None:
         if _site(url) == self._site and len(self._broken) < NOTICES_PER_OBSERVATION:
             self._broken.append((url[:NAME_CHARACTERS], why))
 
@@ -464,51 +412,45 @@ class Traffic:
     def _on_priority(self, changed: PriorityChanged) -> None:
         activity = self._in_flight.get(changed.request_id)
         if activity is not None and activity.seconds and changed.new_priority not in _OUT_OF_VIEW:
-            activity.seconds = max(activity.seconds, PICTURE_SECONDS)
+            activity.seconds, activity.name = max(activity.seconds, PICTURE_SECONDS), _NAMES["Image"]
             self._changed.set()
 
+    # --- messages -----------------------------------------------------------------------------------
+
     def _on_socket(self, socket: SocketCreated) -> None:
-        self._sockets[socket.request_id] = socket.url.partition("?")[0]
-        self._await_message(socket.request_id, socket.url)
+        self._await_message(socket.request_id)
+
+    def _await_message(self, channel: str) -> None:
+        """A channel was opened: a message may come."""
+        self._add(channel, _InFlight(self._clock(), self._config.reply_seconds, is_request=False))
 
     def _on_sent(self, socket: RequestDone) -> None:
-        address = self._sockets.get(socket.request_id, "")
-        channel = self._channels.setdefault((address, self._is_acting), _Channel())
-        seconds = self._answer_seconds if self._is_acting else self._config.reply_seconds
-        self.begin(socket.request_id, seconds if channel.tries else 0.0, is_request=False)
-        self._in_flight[socket.request_id].channel = channel
-
-    @property
-    def _answer_seconds(self) -> float:
-        return 2 * self._config.reply_seconds
+        seconds = self._config.reply_seconds * (2 if self._is_acting else 1)
+        address = f"{socket.request_id} {self._is_acting}"
+        self._add(socket.request_id, _InFlight(self._clock(), seconds, address=address, is_request=False))
 
     def _on_received(self, socket: RequestDone) -> None:
+        """More may follow: an answer in several messages."""
         activity = self._in_flight.get(socket.request_id)
-        if activity is None or activity.channel is None:
-            self.end(socket.request_id)
+        if activity is None or not activity.seconds:
             return
-        channel = activity.channel
-        age = self._clock() - activity.since
-        if not activity.has_answer:
-            activity.has_answer = True
-            channel.tries = 2 if age < self._answer_seconds else channel.tries
-        elif age < activity.seconds:
-            channel.alone = -1
-        else:
-            self._learn_answer(socket.request_id, activity, channel)
-            return
-        if channel.alone >= _ALONE:
-            self.end(socket.request_id)
-        activity.seconds = min(age + _FOLLOW_SECONDS, self._config.stir_seconds)
+        activity.has_answer = True
+        more = self._clock() - activity.since + _FOLLOW_SECONDS
+        activity.seconds = min(more, self._config.busy_seconds)
         self._changed.set()
 
-    def _on_closed(self, socket: RequestDone) -> None:
-        self._sockets.pop(socket.request_id, None)
-        self.end(socket.request_id)
+    def _end_message(self, key: str, activity: _InFlight) -> None:
+        """A channel that did not answer, or never stopped, is not waited for again."""
+        if not activity.has_answer or activity.seconds >= self._config.busy_seconds:
+            self._own[activity.address] = True
+        self.end(key)
 
-    def _await_message(self, channel: str, endpoint: str) -> None:
-        """A channel was opened, or a message was sent on it: an answer may come."""
-        self.begin(channel, self._config.reply_seconds, endpoint=endpoint, is_request=False)
+
+def _address(request: RequestWillBeSent) -> str:
+    """What a request has in common with its like: all but its numbers."""
+    body = b"".join(part.data for part in request.request.post_data_entries)[:_BODY_BYTES]
+    url = request.request.url[:ADDRESS_CHARACTERS]
+    return _DIGITS.sub("0", f"{request.request.method} {url} {body!r}")
 
 
 def _site(url: str) -> str:

@@ -25,6 +25,10 @@ AUTO_ATTACH = {
 """Parameters of ``Target.setAutoAttach`` in a page's session, which is told of dedicated workers only."""
 
 
+_PROBE_SECONDS = 3600.0
+"""Until a worker that does not answer is asked again. One that blocks its thread for ever is awaited once."""
+
+
 class Workers:
     """The workers of one page. Attaches to each before it runs.
 
@@ -55,11 +59,10 @@ class Workers:
 
     async def _probe(self, session: Session) -> None:
         key = f"worker {session.id}"
-        self._traffic.begin(key, self._config.minor_seconds, endpoint=key)
+        self._traffic.begin(key, self._config.minor_seconds, name="a worker that computes")
         try:
-            # A worker that blocks its thread forever exceeds the limit, and is then ignored.
             with contextlib.suppress(BrowserError):
-                await session.do("Runtime.evaluate", {"expression": "0"}, seconds=self._config.settle_seconds)
+                await session.do("Runtime.evaluate", {"expression": "0"}, seconds=_PROBE_SECONDS)
         finally:
             self._probes.pop(session.id, None)
             self._traffic.end(key)

@@ -8,9 +8,11 @@
   // What changes the picture and is neither a change of the document nor one of its aspect.
   const STIRS = [
     'pointerover', 'pointerout', 'load', 'error', 'loadeddata', 'play', 'pause', 'seeked', 'transitionrun', 'animationstart',
-    'fullscreenchange',
+    'fullscreenchange', 'toggle', 'focusin', 'focusout',
   ];
-  const stirs = webgym.countEvents(STIRS);
+  let stirs = 0;
+  const onStir = ({ target }) => state.ours.has(target) || (stirs += 1);
+  for (const name of STIRS) webgym.listen([name, onStir, { capture: true, passive: true }]);
 
   // What is selected; a caret is not drawn.
   const selected = () => {
@@ -19,7 +21,7 @@
   };
   // Two are the same if nothing changed in between, nor was planned.
   const moment = () => [
-    state.changes, stirs(), ...Object.values(webgym.plans()), ...selected(), ...webgym.aspect(),
+    state.changes, stirs, ...Object.values(webgym.plans()), ...selected(), ...webgym.ruleCounts(), ...webgym.fieldValues(),
   ];
 
   // Whether no task is left to do: one that lets all others go first has its turn.

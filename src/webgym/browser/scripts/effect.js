@@ -93,6 +93,7 @@
   webgym.endTrace = () => {
     trace = null;
     isActing = state.hasMissed = false;
+    state.isAlone = true;
     planned = plans();
   };
 

@@ -5,11 +5,12 @@
   const webgym = globalThis.webgym;
   if (webgym.state) return;
   const {
-    ownerDocument, localName, shadowRoot, defaultView, styleSheets, adoptedStyleSheets, documentOf, make, typeOf, nodeType,
-    querySelectorAll, children, isConnected, parentNode, getBoundingClientRect, documentElement,
+    ownerDocument, localName, shadowRoot, defaultView, textContent, styleSheets, adoptedStyleSheets, documentOf, make, typeOf,
+    nodeType, querySelectorAll, children, isConnected, documentElement,
   } = webgym.dom;
   const state = {
-    changedAt: 0, changes: 0, reactions: 0, ours: new WeakSet(), roots: new WeakMap(), list: null, shadowedFrames: [],
+    changedAt: 0, changes: 0, changedNode: null, reactions: 0, ours: new WeakSet(), roots: new WeakMap(), list: null,
+    shadowedFrames: [], isAlone: false, // nobody acts, and the page is not waited for
     onChange: () => {},
   };
   webgym.state = state;
@@ -65,54 +66,38 @@
 
   // What has changed for as long as anyone waits: a clock, a carousel. Its changes are no news any more.
   const restless = new WeakMap(); // node -> kinds of change
-  const swarms = new WeakMap(); // parent -> kinds of change by which its children move
-  let counts = null; // node -> kind -> [how often, in which batch last, where it was at first], while somebody counts
+  let counts = null; // node -> kind -> [how often, in which batch last, how long its text is], while somebody counts
   let batch = 0;
+  const replaced = new WeakSet(); // texts that changed often on a page that came to rest
   const OFTEN = 4;
+  const TEXT = 'characterData';
+  const lengthOf = (node, kind) => (kind === TEXT || kind === 'childList' ? textContent(node).length : Infinity);
 
   // Count what changes, from now on; or stop.
-  webgym.census = (on) => {
-    if (!on) counts = null;
-    else counts ??= new Map();
-  };
-  // What has changed often since the count began is restless.
-  webgym.settleRestless = () => {
+  webgym.census = (on) => (counts = on ? new Map() : null);
+  // What has changed often since the count began is restless if the page never came to rest; but for a text that grows,
+  // unless it did so from the first. If it did, a text is that is replaced again while nobody acts.
+  webgym.settleRestless = (isBusy, isFirst) => {
     for (const [node, kinds] of counts || [])
-      for (const [kind, [count]] of kinds)
-        if (count >= OFTEN) restless.set(node, (restless.get(node) || new Set()).add(kind));
+      for (const [kind, [count, , length]] of kinds) {
+        const isGrowing = count >= OFTEN && length < Infinity && lengthOf(node, kind) >= length + count - 2;
+        if (count < OFTEN || (isGrowing && !isFirst)) continue;
+        if (isBusy) ignore(node, kind);
+        else if (kind === TEXT && !isGrowing) replaced.add(node);
+      }
   };
 
-  // Whether nothing has happened since the count began but that things move on and on, as large as they were, and that
-  // texts were replaced, as a clock's is; and from now on nobody minds what moves, nor others of its kind beside it.
-  webgym.settleSwarm = () => {
-    if (!counts) return false;
-    const changes = [...counts].flatMap(([node, kinds]) => [...kinds].map(([kind, more]) => [node, kind, more]));
-    const movers = new Map(); // parent -> kinds
-    for (const [node, kind, [count, , from]] of changes) {
-      const to = from && count >= OFTEN && isConnected(node) && getBoundingClientRect(node);
-      const isMoved = to && (to.x !== from.x || to.y !== from.y);
-      if (!isMoved || Math.abs(to.width - from.width) > 1 || Math.abs(to.height - from.height) > 1) continue;
-      movers.set(parentNode(node), (movers.get(parentNode(node)) || new Set()).add(swarmKind(node, kind)));
-    }
-    const isKnown = ([node, kind, [, , from]]) =>
-      counts.get(node).has(TEXT) || (from && movers.get(parentNode(node))?.has(swarmKind(node, kind)));
-    if (!movers.size || !changes.every(isKnown)) return false;
-    for (const [parent, kinds] of movers) swarms.set(parent, kinds);
-    return true;
-  };
-  const TEXT = 'characterData';
-  const swarmKind = (node, kind) => `${localName(node)} ${kind}`;
+  const ignore = (node, kind) => restless.set(node, (restless.get(node) || new Set()).add(kind));
 
   const isNews = (node, kind) => {
+    if (state.isAlone && kind === TEXT && replaced.has(node)) ignore(node, kind);
     const kinds = restless.get(node);
     if (kinds && kinds.has(kind)) return false;
-    const canMove = kind.startsWith('attributes');
-    const swarm = canMove && swarms.get(parentNode(node));
-    if (swarm && swarm.has(swarmKind(node, kind))) return false;
     if (counts) {
       if (!counts.has(node)) counts.set(node, new Map());
-      const [count, last, from] = counts.get(node).get(kind) || [0, 0, canMove && getBoundingClientRect(node)];
-      counts.get(node).set(kind, [last === batch ? count : count + 1, batch, from]);
+      const [before, last, length] = counts.get(node).get(kind) || [0, 0, Infinity];
+      const count = last === batch ? before : before + 1;
+      counts.get(node).set(kind, [count, batch, before === 1 && count === 2 ? lengthOf(node, kind) : length]);
     }
     return true;
   };
@@ -138,6 +123,7 @@
   const changed = (isReaction = true, nodes = []) => {
     state.changedAt = performance.now();
     state.changes += 1;
+    state.changedNode = nodes.at(-1) || null;
     webgym.askFrame();
     if (isReaction) state.reactions += 1;
     state.onChange(nodes);
@@ -231,13 +217,11 @@
   };
 
   // For frames of other origins, which the tab's own `quiet` does not see: how often they changed, and how
-  // many milliseconds ago, and what they were given to do. Asked from outside, for no timer runs in a frame without
+  // many milliseconds ago. Asked from outside, for no timer runs in a frame without
   // scripts.
   webgym.still = () => {
     webgym.attach();
-    const { target, hasTyped: typed, changes } = state;
-    Object.assign(state, { target: 0, hasTyped: false });
-    return { changes, ago: performance.now() - state.changedAt, timers: webgym.plans().timers, target, typed };
+    return { changes: state.changes, ago: performance.now() - state.changedAt, timers: webgym.plans().timers };
   };
 
   // --- what we draw ---------------------------------------------------------------------------------

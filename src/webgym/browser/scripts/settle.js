@@ -3,11 +3,11 @@
   const webgym = globalThis.webgym;
   if (webgym.quiet) return;
   const {
-    nodeName, nodeType, ownerDocument, getAttribute, checkVisibility, getBoundingClientRect, body, defaultView,
-    createTreeWalker, getAnimations, querySelector, querySelectorAll, offsetWidth, offsetHeight, matches, closest, isConnected,
-    parentNode, textContent, childElementCount, elementsFromPoint, getRootNode,
+    nodeName, nodeType, ownerDocument, checkVisibility, getBoundingClientRect, body, defaultView, createTreeWalker,
+    getAnimations, querySelectorAll, offsetWidth, offsetHeight, textContent, typeOf,
   } = webgym.dom;
-  const { state, views } = webgym;
+  const { state, views, fold } = webgym;
+  const roots = () => [...views().map((view) => view.document), ...webgym.shadows()];
 
   // --- what the page has planned ------------------------------------------------------------------
   // Handles of timers, frames and idle moments count up per window, over all worlds. One taken now tells
@@ -21,15 +21,13 @@
       if (handle) ours.set(view.document, (ours.get(view.document) || 0) + 1);
       return handle;
     };
-    const last = () =>
-      views().map((view) => {
-        const handle = take(view, nothing);
-        if (!handle) return [0, 0]; // no scripts in this frame
-        view[cancel](handle);
-        return [handle, handle - ours.get(view.document)];
-      });
-    const sum = (index) => last().reduce((total, counts) => total + counts[index], 0);
-    return { take, given: () => sum(0), asked: () => sum(1) };
+    const askedIn = (view) => {
+      const handle = take(view, nothing);
+      if (!handle) return 0; // no scripts in this frame
+      view[cancel](handle);
+      return handle - ours.get(view.document);
+    };
+    return { take, asked: () => views().reduce((sum, view) => sum + askedIn(view), 0) };
   };
   const timers = counter('setTimeout', 'clearTimeout');
   const frames = counter('requestAnimationFrame', 'cancelAnimationFrame');
@@ -46,51 +44,26 @@
   // How many of each the page has asked for.
   webgym.plans = () => ({ timers: timers.asked(), frames: isStill ? counted : countFrames(), idles: idles.asked() });
 
+  // The first input event of an action comes before the page's own listeners.
   const A_FRAME = 50; // ms: the time of a frame, from which animations count, is that before its events
-
-  // The first input event of an action comes before the page's own listeners. A mouse leaves one element and enters
-  // another before it moves there; it does so too when the page moves under it, which says nothing of a target.
-  const BEFORE_MOVING = ['pointerout', 'pointerover'];
-  const onInput = (event) => {
-    state.hasTyped ||= event.type === 'input';
-    if (state.target === 0 && !BEFORE_MOVING.includes(event.type)) state.target = numberOf(event.target);
-    if (state.planned !== null) return;
+  const onInput = () => {
+    state.isAlone = false;
+    if (state.hasInput) return;
+    state.hasInput = true;
     state.actedAt = performance.now() - A_FRAME;
-    state.planned = timers.asked();
     state.idles = idles.asked();
-    remember();
   };
-  // Elements by number, in the order in which they are first acted on.
-  const numbers = new WeakMap();
-  let lastNumber = 0;
-  const numberOf = (target) => {
-    if (!numbers.has(target)) numbers.set(target, ++lastNumber);
-    return numbers.get(target);
-  };
-  state.planned = null;
+  state.hasInput = false;
   state.actedAt = Infinity;
-  state.target = 0;
-  state.hasTyped = false;
   state.idles = 0;
   state.asked = 0; // frames and idle moments
   state.settled = -1; // reactions when it was last quiet
   state.isTireless = false; // draws frame after frame, for ever
-  for (const name of [...BEFORE_MOVING, 'pointermove', 'pointerdown', 'keydown', 'wheel', 'input'])
+  for (const name of ['pointerout', 'pointerover', 'pointermove', 'pointerdown', 'keydown', 'wheel', 'input'])
     webgym.listen([name, onInput, { capture: true, passive: true }]);
 
   // --- what shows that it is loading --------------------------------------------------------------
 
-  const WORDS = ['skeleton', 'shimmer', 'loading', 'loader', 'preloader'];
-  const NAMED = ['skeleton', 'spin', 'shimmer', 'load'].map((word) => `[class*="${word}" i]`).join();
-  const word = (...words) => new RegExp(`(^|[\\s_-])(${words.join('|')})([\\s_-]|$)`, 'i');
-  const isNamed = word(...WORDS);
-  const isNamedSpinner = word('spinner');
-  // "lazy-loading", "ant-spin-nested-loading" and "loader-hidden" are names of what does not load now.
-  const ONE = `(?:${WORDS.join('|')})`;
-  const UNMEANT = new RegExp(
-    `(?<![^\\s_-])(?:(?:no|not|lazy|nested|infinite)[_-]+${ONE}|${ONE}[_-]+(?:lazy|done|hidden))(?![^\\s_-])`,
-    'gi',
-  );
   const SAID = '[aria-busy="true" i], [role="progressbar" i]:not([aria-valuenow]), progress:not([value])';
   // "Processing time" and "Searching tips" are headings: these words count alone, or with what they bring. "Checking"
   // is an account, and "Saving for later" a link: such words count with dots behind them.
@@ -104,9 +77,9 @@
   const TEXT_LENGTH = 60; // of one that only says so, at most
   const TEXTS = 3000; // that are looked at, at most
   const VISIBLE = { opacityProperty: true, visibilityProperty: true };
-
-  const overlooked = new Map(); // what showed it for as long as anyone would wait -> whether it still would
-  let isBlankKnown = false; // a page that shows nothing is to show nothing
+  const BLANK = 'blank'; // stands for a page that shows nothing
+  const SKIPPED = new Set(['SCRIPT', 'STYLE', 'NOSCRIPT', 'TEMPLATE', 'TITLE']);
+  const CONTENT = 'img, svg, canvas, video, iframe, frame, object, embed, input, button, select, textarea';
 
   const isSeen = (element) => {
     if (!checkVisibility(element, VISIBLE)) return false;
@@ -114,7 +87,11 @@
     const { innerWidth, innerHeight } = defaultView(ownerDocument(element));
     return box.width >= 4 && box.height >= 4 && box.bottom > 0 && box.right > 0 && box.top < innerHeight && box.left < innerWidth;
   };
-  const isSign = (element) => element && !overlooked.has(element) && isSeen(element);
+  // What has no box of its own, such as a slot, shows its text if what it lies in does.
+  const showsText = (element) =>
+    Boolean(element) &&
+    (checkVisibility(element, VISIBLE) ||
+      (getComputedStyle(element).display === 'contents' && showsText(webgym.geometry.parentOf(element))));
 
   // No document lists those in its shadow roots. A thousand take the browser half a second to put in order, so they
   // are asked for in a quarter of the time at most.
@@ -124,145 +101,53 @@
   const animations = () => {
     const start = performance.now();
     if (start < listedUntil) return listed;
-    listed = [...views().map((view) => view.document), ...webgym.shadows()].flatMap((root) => getAnimations(root));
+    listed = roots().flatMap((root) => getAnimations(root));
     const end = performance.now();
     listedUntil = end + SHARE * (end - start);
     return listed;
   };
   const endOf = (animation) => (animation.effect ? animation.effect.getComputedTiming().endTime : 0);
 
-  // A small thing that turns or pulses for ever. A crowd of them is decoration.
+  // Small things without words that turn or pulse for ever. A crowd of them is decoration.
   const CROWD = 100;
-  const isSmall = (element) => {
-    const { innerWidth, innerHeight } = defaultView(ownerDocument(element));
-    return offsetWidth(element) * offsetHeight(element) < (innerWidth * innerHeight) / 4;
+  const isSmall = (element) => offsetWidth(element) * offsetHeight(element) < (innerWidth * innerHeight) / 4;
+  const turning = () => {
+    const endless = animations().filter((animation) => animation.playState === 'running' && endOf(animation) === Infinity);
+    const isWordless = ({ target, pseudoElement }) => target && (pseudoElement || !/\p{L}/u.test(textContent(target)));
+    const effects = endless.length > CROWD ? [] : endless.map(({ effect }) => effect).filter(isWordless);
+    return effects.map(({ target }) => target).filter(isSmall);
   };
-  // A text that runs through for ever, such as news in one line, says nothing of what is to come.
-  const MOVES = ['left', 'marginLeft', 'textIndent', 'translate'];
-  const isMoved = (frame) =>
-    MOVES.some((name) => name in frame) || (/translate/.test(frame.transform) && !/rotate|scale/.test(frame.transform));
-  const isTicker = ({ effect }) =>
-    Boolean(effect.target) && !effect.pseudoElement && effect.getKeyframes().some(isMoved) &&
-    /\p{L}{2}/u.test(textContent(effect.target));
-  const endless = () => {
-    const found = animations().filter((animation) => animation.playState === 'running' && endOf(animation) === Infinity);
-    const few = found.length > CROWD ? [] : found.filter((animation) => !isTicker(animation));
-    const elements = few.map((animation) => animation.effect.target);
-    return elements.filter((element) => element && isSmall(element));
-  };
-  let turning = null; // what was found in this pass
-  const allTurning = () => (turning ??= new Set(endless()));
 
-  const isShadow = (root) => nodeType(root) !== Node.DOCUMENT_NODE;
-  const SKIPPED = new Set(['SCRIPT', 'STYLE', 'NOSCRIPT', 'TEMPLATE', 'TITLE']);
-  const CONTENT = 'img, svg, canvas, video, iframe, frame, object, embed, input, button, select, textarea';
-
-  // What has no box of its own, such as a slot, shows its text if what it lies in does.
-  const showsText = (element) =>
-    Boolean(element) &&
-    (checkVisibility(element, VISIBLE) ||
-      (getComputedStyle(element).display === 'contents' && showsText(webgym.geometry.parentOf(element))));
-
-  // Yields what holds a text that says so; returns whether nothing at all is to be read or seen.
-  function* told(root) {
-    const host = isShadow(root) ? root.host : null;
-    const document = ownerDocument(root) || root;
-    const walker = createTreeWalker(document, host ? root : body(root), NodeFilter.SHOW_TEXT);
-    let isBlank = true;
+  const textsIn = function* (root) {
+    const isShadow = nodeType(root) !== Node.DOCUMENT_NODE;
+    const walker = createTreeWalker(ownerDocument(root) || root, isShadow ? root : body(root), NodeFilter.SHOW_TEXT);
     for (let n = 0; n < TEXTS && walker.nextNode(); n++) {
-      const { data } = walker.currentNode;
-      const parentElement = walker.currentNode.parentElement || host;
-      const tells = data.length <= TEXT_LENGTH && TELLS.test(data);
-      if (!tells && !(isBlank && /\S/.test(data))) continue;
-      if (SKIPPED.has(nodeName(parentElement))) continue;
-      if (tells && isSign(parentElement)) yield parentElement;
-      isBlank &&= !showsText(parentElement);
-    }
-    return isBlank && ![...querySelectorAll(root, CONTENT)].some(isSeen);
-  }
-
-  // A box to enter a number in is named like what turns: it holds a field or buttons, and nothing in it turns.
-  const CONTROLS = 'input, select, textarea, button, [role="button" i], [role="spinbutton" i]';
-  const isIn = (element, box) => element === box || (element && isIn(parentNode(element), box));
-  const isNumberBox = (element) => {
-    const box = closest(element, `[class*="spinner" i]:has(${CONTROLS})`) || element;
-    if (!matches(box, CONTROLS) && !querySelector(box, CONTROLS)) return false;
-    return ![...allTurning()].some((element) => isIn(element, box));
-  };
-  // What is named a skeleton may be the frame of what is there: several texts show in it, with nothing over them.
-  const isFilled = (element, name) => {
-    const shows = (one) => {
-      const { left, top, width, height } = getBoundingClientRect(one);
-      const isText = !childElementCount(one) && textContent(one).trim();
-      const layers = isText ? elementsFromPoint(getRootNode(one), left + width / 2, top + height / 2) : [];
-      return isText && layers.find((layer) => isIn(layer, element)) === one;
-    };
-    const isOther = isNamed.test(name.replace(/skeleton|shimmer/gi, ''));
-    return !isOther && [...querySelectorAll(element, '*')].slice(0, PARTS).filter(shows).length >= TEXTS_SHOWN;
-  };
-  const [PARTS, TEXTS_SHOWN] = [100, 3];
-  const isSaid = (element) => matches(element, SAID);
-  const isCalled = (element) => {
-    const name = (getAttribute(element, 'class') || '').replace(UNMEANT, '');
-    if (getAttribute(element, 'aria-busy') === 'false') return false;
-    return (isNamed.test(name) && !isFilled(element, name)) || (isNamedSpinner.test(name) && !isNumberBox(element));
-  };
-  const isTold = (element) => TELLS.test(textContent(element).slice(0, TEXT_LENGTH));
-  const isTurning = (element) => allTurning().has(element);
-
-  // All that shows that more is to come: elements and the tests that found them, `true` for a page that shows nothing.
-  function* signs() {
-    turning = null;
-    const shadows = webgym.shadows();
-    let isBlank = Boolean(body(document)) && !isBlankKnown;
-    for (const root of [...views().map((view) => view.document), ...shadows]) {
-      if (!isShadow(root) && !body(root)) continue;
-      for (const element of querySelectorAll(root, SAID)) if (isSign(element)) yield [element, isSaid];
-      for (const element of querySelectorAll(root, NAMED))
-        if (isCalled(element) && isSign(element)) yield [element, isCalled];
-      let next;
-      for (const texts = told(root); !(next = texts.next()).done; ) yield [next.value, isTold];
-      if (root === document || ownerDocument(root) === document) isBlank &&= next.value;
-    }
-    if (isBlank) yield true;
-    for (const element of allTurning()) if (isSign(element)) yield [element, isTurning];
-  }
-  const sign = () => signs().next().value || null;
-
-  // Take what is shown now for decoration: it is no sign any more in this document, unless it goes and comes again.
-  webgym.overlook = () => {
-    for (const found of signs()) {
-      if (found === true) isBlankKnown = true;
-      else overlooked.set(...found);
+      const { data, parentElement } = walker.currentNode;
+      const parent = parentElement || root.host;
+      if (/\S/.test(data) && !SKIPPED.has(nodeName(parent))) yield [data, parent];
     }
   };
-  const remember = () => {
-    turning = null;
-    for (const [element, holds] of overlooked)
-      if (!isConnected(element) || !checkVisibility(element) || !holds(element)) overlooked.delete(element);
+
+  // All that shows that more is to come.
+  const signs = (spinners = turning()) => {
+    const found = [...spinners];
+    let isBlank = Boolean(body(document));
+    for (const root of roots()) {
+      if (nodeType(root) === Node.DOCUMENT_NODE && !body(root)) continue;
+      found.push(...querySelectorAll(root, SAID));
+      const isMain = root === document || ownerDocument(root) === document;
+      for (const [data, parent] of textsIn(root)) {
+        if (data.length <= TEXT_LENGTH && TELLS.test(data)) found.push(parent);
+        isBlank &&= !(isMain && showsText(parent));
+      }
+      isBlank &&= !(isMain && [...querySelectorAll(root, CONTENT)].some(isSeen));
+    }
+    return [...(isBlank ? [BLANK] : []), ...found.filter(isSeen)];
   };
 
-  // --- what a timer brings ------------------------------------------------------------------------
-
-  // Count events of these names, but for our own elements: what changes without a change of the document.
-  webgym.countEvents = (names) => {
-    let count = 0;
-    const onEvent = ({ target }) => state.ours.has(target) || (count += 1);
-    for (const name of names) webgym.listen([name, onEvent, { capture: true, passive: true }]);
-    return () => count;
-  };
-  const stirs = webgym.countEvents(['toggle', 'focusin', 'focusout']);
-  const aspect = (webgym.aspect = () => [stirs(), ...webgym.ruleCounts(), ...webgym.fieldValues()]);
-  let before = null;
-
-  // A timer is about to fire.
-  webgym.beginTimer = () => (before = aspect());
-  // "some" effect besides changes, "none", or "unseen": only a picture could tell.
-  const timerEffect = () => {
-    if (!before) return 'none';
-    if (!webgym.isEqual(before, aspect())) return 'some';
-    return webgym.hasDrawn() ? 'unseen' : 'none';
-  };
+  // What was shown when a wait ended is no news in the next one, unless it was gone in between.
+  let [shown, latest] = [new Set(), []];
+  webgym.overlook = () => (latest = signs());
 
   // --- when is it quiet ---------------------------------------------------------------------------
 
@@ -282,17 +167,16 @@
     return performance.now() - start < limit;
   };
 
-  // Animations that run and end within the time that is waited for it. What was moved anew for as long as anyone
-  // waits is moved for ever.
+  // Animations that run and end within the time that is waited for it: half of it for those that may hide a message
+  // again, and all of it for a transition that began after the action. What was moved anew for as long as anyone waits
+  // is moved for ever.
   const movedForEver = new WeakSet();
-  // A transition that began after the action is waited for longer, for it never hides a message after a while, as
-  // other animations do.
-  const moving = (limit, longLimit = limit) =>
+  const moving = (limit) =>
     animations().filter((animation) => {
       if (animation.playState !== 'running' || movedForEver.has(animation.effect && animation.effect.target)) return false;
-      const end = endOf(animation);
+      const left = endOf(animation) - (animation.currentTime || 0);
       const isNew = animation.transitionProperty && !(animation.startTime < state.actedAt);
-      return Number.isFinite(end) && end - (animation.currentTime || 0) < (isNew ? longLimit : limit);
+      return Number.isFinite(left) && left < (isNew ? limit : limit / 2);
     });
 
   // Whether anything moves that will come to rest.
@@ -305,42 +189,43 @@
     return state.asked !== before;
   };
 
+  // What a person would call what has changed: by its text, if that is short.
+  const nameOf = (node) => {
+    const text = node && typeOf(node) && fold((textContent(node) || '').slice(0, 2 * TEXT_LENGTH));
+    return text && text.length <= TEXT_LENGTH ? text : '';
+  };
+
   // Resolves once the page showed no change for a while. Times in milliseconds:
   //   since     number of changes before the action; a page that has not changed since is given
   //   reaction  to do so (and to react, if it has only been scrolled), and one that has must be still for
   //   quiet     and is not waited for any longer after
-  //   stir;
-  //   busy      how long an animation may take that is waited for, and what a script moves on and on;
+  //   busy;
   //   linger    how long what shows that the page is loading is waited for to vanish.
-  // `blank` says that there is nothing to come on a page that shows nothing, `timed` that a timer was waited for;
-  // `wanted` is what `result` is to tell.
+  // `isNew` says that a wait begins, `isFirst` that the document was never quiet before, `blank` that there is nothing
+  // to come on a page that shows nothing; `wanted` is what `result` is to tell.
   // Time is counted in ticks of its own. A process that is stopped does not tick, so a clock that jumps
   // while timers that came due in the meantime fire one after the other makes nothing look still.
-  webgym.quiet = async ({ since, tick, reaction, quiet, busy, stir, linger, blank, timed, wanted }) => {
-    isBlankKnown ||= blank;
-    const { planned, target, hasTyped } = state;
-    isStill ||= planned !== null; // an action: from now on
-    state.planned = null;
-    state.target = 0;
-    state.hasTyped = false;
+  webgym.quiet = async ({ since, tick, reaction, quiet, busy, linger, isNew, isFirst, blank, wanted }) => {
+    if (isNew) shown = new Set(blank ? [...latest, BLANK] : latest);
+    isStill ||= state.hasInput; // an action: from now on
+    state.hasInput = state.isAlone = false;
     webgym.attach();
     webgym.askFrame();
-    const early = timers.asked();
-    let [elapsed, still, known, needed] = [0, 0, state.changes, quiet];
-    let wasMoving = false;
-    const census = [busy / 3, Math.max(busy, stir / 3)]; // when changes are counted anew
-    let isMarked = false; // have things been looked at that move on and on?
-    let found = null;
-    const patience = () => (found === true || found[1] === isTurning ? linger / 2 : linger);
+    let [elapsed, still, known, needed, wasMoving, isCounting] = [0, 0, state.changes, quiet, false, isFirst];
+    webgym.census(isFirst);
+    let [found, patience, changing] = [null, 0, null]; // a new sign of loading, and what goes on and on
+    const look = () => {
+      const spinners = turning();
+      latest = signs(spinners);
+      found = latest.find((one) => !shown.has(one)) || null;
+      patience = spinners.includes(found) ? linger / 2 : linger;
+    };
     const verdict = (reason) => {
+      webgym.settleRestless(reason === 'busy', isFirst);
       webgym.census(false);
-      const hasReacted = state.reactions !== state.settled;
       state.settled = state.reactions;
-      return {
-        reason, ...webgym.result(wanted), loading: Boolean(found), blank: found === true,
-        planned, target, typed: hasTyped, early, timers: timers.asked(), handles: timers.given(),
-        timer_effect: timed ? timerEffect() : 'none', reacted: hasReacted,
-      };
+      const loading = found && (found === BLANK ? BLANK : 'sign');
+      return { reason, ...webgym.result(wanted), loading, changing, timers: timers.asked() };
     };
     // Still, and nothing that was planned for a frame or an idle moment is left.
     const isDone = async () => {
@@ -349,7 +234,9 @@
         elapsed += tick;
         return false;
       }
-      if (hasPlanned() && !state.isTireless) {
+      if (!state.isTireless && hasPlanned()) {
+        state.isTireless = elapsed >= busy / 2;
+        if (state.isTireless && webgym.hasDrawn()) changing = '';
         await frame(); // comes after the page's own, which may be late
         elapsed += tick;
         return false;
@@ -359,13 +246,14 @@
         state.idles = idles.asked();
         return state.isTireless;
       }
+      if (state.isTireless) await frame(); // it may scroll with each
       return ((await isFree(tick)) || (await isFree(tick))) && state.changes === known; // a frame takes as long
     };
     for (;;) {
       const pulse = Math.min(tick, Math.max(1, needed - still));
       await pause(pulse);
       elapsed += pulse;
-      const isMoving = moving(busy, stir).length > 0;
+      const isMoving = moving(busy).length > 0;
       if (wasMoving && !isMoving) webgym.askFrame(); // with which the page is told that it has ended
       wasMoving = isMoving;
       if (isMoving) still = 0;
@@ -374,34 +262,22 @@
       if (state.changes !== known) webgym.attach();
       known = state.changes;
       const isSame = state.changes === since;
-      const isCalm = isSame || (since >= 0 && state.reactions === state.settled);
-      needed = isCalm ? reaction : quiet;
+      needed = isSame || (since >= 0 && state.reactions === state.settled) ? reaction : quiet;
       if (still >= needed) {
         if (await isDone()) {
-          found = isSame ? null : sign();
-          if (!found || elapsed >= patience()) return verdict(isSame ? 'unchanged' : 'quiet');
+          if (!isSame) look();
+          if (!found || elapsed >= patience) return verdict(isSame ? 'unchanged' : 'quiet');
           still = 0; // looked for again in a while
         } else still = needed - tick;
       }
-      if (elapsed >= Math.max(stir, found ? patience() : 0)) {
-        webgym.settleSwarm();
-        webgym.settleRestless();
-        for (const { effect } of moving(busy, stir)) if (effect.target) movedForEver.add(effect.target);
-        state.isTireless ||= hasPlanned();
-        found ||= sign(); // it was to be seen for as long as anyone waits
+      if (elapsed >= Math.max(busy, found ? patience : 0)) {
+        for (const { effect } of moving(busy)) if (effect.target) movedForEver.add(effect.target);
+        changing = nameOf(state.changedNode);
+        look();
         return verdict('busy');
       }
-      if (elapsed >= busy && !isMarked) {
-        isMarked = true;
-        if (webgym.settleSwarm()) {
-          state.isTireless ||= hasPlanned();
-          found = sign();
-          if (!found) return verdict('busy');
-        }
-      }
-      if (elapsed >= census[0]) {
-        census.shift();
-        webgym.census(false);
+      if (elapsed >= busy / 3 && !isCounting) {
+        isCounting = true;
         webgym.census(true);
         hasPlanned();
       }

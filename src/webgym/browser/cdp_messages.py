@@ -165,11 +165,18 @@ class DownloadWillBegin(CdpMessage, frozen=True):
     suggested_filename: str = ""
 
 
+class PostData(CdpMessage, frozen=True):
+    """A part of a request's body, decoded from base64."""
+
+    data: bytes = msgspec.field(default=b"", name="bytes")
+
+
 class Request(CdpMessage, frozen=True):
     """An HTTP request."""
 
     url: str = ""
     method: str = "GET"
+    post_data_entries: tuple[PostData, ...] = ()
     initial_priority: str = ""
 
 

@@ -26,9 +26,11 @@ Reason: TypeAlias = Literal["unchanged", "quiet", "long_poll", "loading", "busy"
 * ``unchanged``: nothing happened after the action.
 * ``quiet``: everything that was started has ended.
 * ``long_poll``: quiet, but a request is still open that counts as a long poll.
-* ``loading``: quiet, but the page still shows that it is loading, which a notice says, or is blank.
+* ``loading``: quiet, but the page shows that it is loading, or nothing at all.
 * ``busy``: loaded, but the page never stopped changing.
-* ``deadline``: still in progress at the deadline; a notice says so.
+* ``deadline``: still in progress at the deadline.
+
+A notice names what is still under way.
 """
 
 TICK_SECONDS = 0.02

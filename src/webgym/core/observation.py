@@ -14,7 +14,7 @@ NoticeKind: TypeAlias = Literal[
     "action_failed",
     "dialog",  # alert, confirm, prompt, beforeunload: what it said, how it was answered
     "popup",  # the page tried to open a second window; its URL was opened in this tab
-    "still_loading",  # the page was not quiet at the settle deadline, or showed that more was to come
+    "still_loading",  # what was still under way when the wait for a quiet page ended
     "crashed",  # the renderer died and was brought back
     "reply_unreadable",  # the agent's last reply held no action
     "shortened",  # something was too long to be observed in full

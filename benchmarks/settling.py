@@ -221,14 +221,16 @@ def read(out: Path) -> list[Trial]:
 
 def table(trials: Sequence[Trial]) -> Iterator[str]:
     """A Markdown table, and a line for each trial that was not final."""
-    yield "| deed | trials | final | wait p50 | p95 |"
-    yield "| --- | ---: | ---: | ---: | ---: |"
+    yield "| deed | trials | final | or told | wait p50 | p95 |"
+    yield "| --- | ---: | ---: | ---: | ---: | ---: |"
     kinds = Counter(trial.deed.split()[0] for trial in trials)
     for kind in ("all", *sorted(kinds)):
         own = [trial for trial in trials if kind in ("all", trial.deed.split()[0])]
         cuts = statistics.quantiles([trial.seconds for trial in own] * 2, n=20)
         final = sum(trial.is_final for trial in own)
-        yield f"| {kind} | {len(own)} | {final / len(own):.1%} | {cuts[9]:.2f} s | {cuts[18]:.2f} s |"
+        told = sum(trial.is_final or trial.settled.endswith("!") for trial in own)
+        shares = f"{final / len(own):.1%} | {told / len(own):.1%}"
+        yield f"| {kind} | {len(own)} | {shares} | {cuts[9]:.2f} s | {cuts[18]:.2f} s |"
     for trial in trials:
         if not trial.is_final:
             yield f"{trial.key} {trial.number}: {trial.deed}; {trial.settled}, {trial.differing} pixels"

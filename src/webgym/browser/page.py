@@ -40,8 +40,7 @@ from webgym.browser.isolated_worlds import ADDRESS_CHARACTERS, Worlds
 from webgym.browser.notices import Notices
 from webgym.browser.pdf import Pdfs
 from webgym.browser.timers import Timers
-from webgym.browser.traffic import Traffic
-from webgym.browser.workers import AUTO_ATTACH, Workers
+from webgym.browser.traffic import AUTO_ATTACH, Traffic, Workers
 from webgym.core.errors import BrowserTimeout, EgressRefused, NavigationFailed
 from webgym.core.observation import Fault, FaultKind, NoticeKind
 

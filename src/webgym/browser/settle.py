@@ -1,9 +1,8 @@
 """Waits until a page is quiet: decided by events, with a hard deadline; the reason is recorded.
 
 It waits only for what is known to be in progress or visible: loading and requests
-(:mod:`~webgym.browser.traffic`), computing workers (:mod:`~webgym.browser.workers`), changes, finite
-animations and signs of loading (``scripts/settle.js``), and timers that the action caused
-(:mod:`~webgym.browser.timers`). Each kind has its own limit in :class:`~webgym.browser.config.BrowserConfig`;
+and computing workers (:mod:`~webgym.browser.traffic`), changes, finite animations and signs of loading
+(``scripts/settle.js``), and timers that the action caused (:mod:`~webgym.browser.timers`). Each kind has its own limit in :class:`~webgym.browser.config.BrowserConfig`;
 docs/settling.md describes how they work together.
 """
 
@@ -26,9 +25,11 @@ Reason: TypeAlias = Literal["unchanged", "quiet", "long_poll", "loading", "busy"
 * ``unchanged``: nothing happened after the action.
 * ``quiet``: everything that was started has ended.
 * ``long_poll``: quiet, but a request is still open that counts as a long poll.
-* ``loading``: quiet, but the page still shows that it is loading, which a notice says, or is blank.
+* ``loading``: quiet, but the page shows that it is loading, or nothing at all.
 * ``busy``: loaded, but the page never stopped changing.
-* ``deadline``: still in progress at the deadline; a notice says so.
+* ``deadline``: still in progress at the deadline.
+
+A notice names what is still under way.
 """
 
 TICK_SECONDS = 0.02

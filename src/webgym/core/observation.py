@@ -16,7 +16,7 @@ NoticeKind: TypeAlias = Literal[
     "dialog",  # alert, confirm, prompt, beforeunload: what it said, how it was answered
     "popup",  # a window was opened, and is in front, or was closed
     "reloaded",  # going back loaded a page again that its scripts had changed
-    "still_loading",  # the page was not quiet at the settle deadline, or showed that more was to come
+    "still_loading",  # what was still under way when the wait for a quiet page ended
     "crashed",  # the renderer died and was brought back
     "reply_unreadable",  # the agent's last reply held no action
     "shortened",  # something was too long to be observed in full

@@ -397,7 +397,7 @@ async def test_a_script_that_is_ended_costs_no_other_request(site: Site, open_ta
     tab = await open_tab(config=BrowserConfig(settle_seconds=1, execute_seconds=1))
     await tab.goto(site.page(page))
     await tab.step(LeftClick(tab.at("b")))
-    assert "script" in tab.notices[-1][1]
+    assert any("script" in text for _, text in tab.notices)
     await asyncio.sleep(1)
     going_on.set()
     await tab.step(Wait(time=1))

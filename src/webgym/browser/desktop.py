@@ -36,8 +36,6 @@ def permissions(context: str, place: Place | None = None) -> list[dict[str, Any]
         "clipboard-read": "granted",
         "clipboard-write": "granted",
         "notifications": "denied",
-        "camera": "denied",
-        "microphone": "denied",
         "geolocation": "granted" if place else "denied",
     }
     return [

@@ -1,8 +1,9 @@
 """Waits until a page is quiet: decided by events, with a hard deadline; the reason is recorded.
 
-It waits only for what is known to be in progress or visible: loading and requests
-and computing workers (:mod:`~webgym.browser.traffic`), changes, finite animations and signs of loading
-(``scripts/settle.js``), and timers that the action caused (:mod:`~webgym.browser.timers`). Each kind has its own limit in :class:`~webgym.browser.config.BrowserConfig`;
+It waits only for what is known to be in progress or visible: loading, requests and computing workers
+(:mod:`~webgym.browser.traffic`), changes, finite animations and signs of loading (``scripts/settle.js``), and
+timers that the action caused (:mod:`~webgym.browser.timers`). Each kind has its own limit in
+:class:`~webgym.browser.config.BrowserConfig`;
 docs/settling.md describes how they work together.
 """
 

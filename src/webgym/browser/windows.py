@@ -25,6 +25,10 @@ class Windows:
 
     def __init__(self, first: Page) -> None:
         self._stack = [first]
+        self._opener = first.target_id
+        """The page that the action is done to, and that may open windows."""
+        self._opened = 0
+        self._has_refused = False
         self._arrived: list[Page] = []
         """Windows that were opened and were not in front yet."""
         self._closed: list[Page] = []
@@ -41,21 +45,27 @@ class Windows:
 
     def begin_action(self) -> None:
         """Start an action: reset what is counted per action."""
+        self._opened, self._has_refused, self._opener = 0, False, self.front.target_id
         self.front.notices.begin_action()
         self.front.dialogs.begin_action()
         for page in self.pages:
             page.begin_action()
 
     def adopt(self, attached: AttachedToTarget) -> None:
-        """Handle a new window, which is attached to and does not run yet."""
-        front = self.front
-        if len(self._arrived) >= MOST_WINDOWS:
+        """Handle a new window, which is attached to and does not run yet.
+
+        Only a page that the agent acts on opens windows: one behind it could take its place for ever.
+        """
+        front, opener = self.front, attached.target_info.opener_id
+        self._opened += 1
+        if self._opened > MOST_WINDOWS or opener not in ("", self._opener, front.target_id):
             connection = front.session.connection
-            connection.send(
-                "Runtime.runIfWaitingForDebugger", {}, attached.session_id
-            )  # else others wait, too
+            # It has to run before it can be closed, or others wait, too.
+            connection.send("Runtime.runIfWaitingForDebugger", {}, attached.session_id)
             connection.send("Target.closeTarget", {"targetId": attached.target_info.target_id})
-            front.note("popup", "a further window was not opened")
+            if not self._has_refused:
+                front.note("popup", "a further window was not opened")
+            self._has_refused = True
             return
         page = front.beside(Session(front.session.connection, attached.session_id), attached.target_info)
         self._arrived.append(page)

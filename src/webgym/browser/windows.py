@@ -90,7 +90,7 @@ class Windows:
             if page.leads_nowhere:  # browsers close such a window, too
                 page.discard()
         living = [page for page in everything if not page.is_gone]
-        for page in living[1 : len(living) + 1 - MOST_WINDOWS]:
+        for page in living[1 : max(1, len(living) + 1 - MOST_WINDOWS)]:
             page.discard()
             page.note("popup", f"more than {MOST_WINDOWS} windows: the oldest but the first one was closed")
         self._stack = [page for page in living if not page.is_gone] or [before]

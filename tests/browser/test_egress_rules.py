@@ -15,9 +15,8 @@ from pydantic import ValidationError
 
 from webgym.browser.egress.addresses import kind_of
 from webgym.browser.egress.config import EgressConfig
-from webgym.browser.egress.dial import Politeness
+from webgym.browser.egress.dial import Forbidden, Nowhere, Policy, Politeness
 from webgym.browser.egress.hosts import Address, read_host
-from webgym.browser.egress.policy import Forbidden, Nowhere, Policy
 from webgym.browser.egress.resolver import Machine, Resolver
 from webgym.browser.egress.rules import Place
 

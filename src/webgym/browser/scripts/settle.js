@@ -212,6 +212,7 @@
     webgym.attach();
     webgym.askFrame();
     let [elapsed, still, known, needed, wasMoving, isCounting] = [0, 0, state.changes, quiet, false, isFirst];
+    let hasSeenFrame = false;
     webgym.census(isFirst);
     let [found, patience, changing] = [null, 0, null]; // a new sign of loading, and what goes on and on
     const look = () => {
@@ -227,6 +228,9 @@
       const loading = found && (found === BLANK ? BLANK : 'sign');
       return { reason, ...webgym.result(wanted), loading, changing, timers: timers.asked() };
     };
+    // What a tick counts for towards the limits: on a busy machine it comes late. A clock may also have jumped.
+    const LATE = 10;
+    const counted = (began, ticks) => Math.min(LATE * ticks, Math.max(ticks, performance.now() - began));
     // Still, and nothing that was planned for a frame or an idle moment is left.
     const isDone = async () => {
       if (state.frame === 'due') {
@@ -237,8 +241,9 @@
       if (!state.isTireless && hasPlanned()) {
         state.isTireless = elapsed >= busy / 2;
         if (state.isTireless && webgym.hasDrawn()) changing = '';
+        const began = performance.now();
         await frame(); // comes after the page's own, which may be late
-        elapsed += tick;
+        elapsed += counted(began, tick);
         return false;
       }
       if (idles.asked() !== state.idles) {
@@ -246,13 +251,15 @@
         state.idles = idles.asked();
         return state.isTireless;
       }
-      if (state.isTireless) await frame(); // it may scroll with each
+      if (state.isTireless && !hasSeenFrame) await frame(); // it may scroll with each
+      hasSeenFrame = true;
       return ((await isFree(tick)) || (await isFree(tick))) && state.changes === known; // a frame takes as long
     };
     for (;;) {
       const pulse = Math.min(tick, Math.max(1, needed - still));
+      const began = performance.now();
       await pause(pulse);
-      elapsed += pulse;
+      elapsed += counted(began, pulse);
       const isMoving = moving(busy).length > 0;
       if (wasMoving && !isMoving) webgym.askFrame(); // with which the page is told that it has ended
       wasMoving = isMoving;

@@ -17,7 +17,8 @@
   const nameOf = ({ role, name }) => `${role} ${name}`;
 
   // Of several that are called the same: the text of the largest part of the page around each that holds no other of
-  // them, such as the row that a button belongs to. Where no part does, what is written up to the next of them.
+  // them, such as the row that a button belongs to. Where no part does, what is written between the one before
+  // and the one after.
   const textsAround = (elements) => {
     const holding = new Map(); // ancestor -> how many of them it holds
     for (const element of elements)
@@ -25,18 +26,20 @@
     return elements.map((element, index) => {
       let part = element;
       while (holding.get(parentOf(part)) === 1) part = parentOf(part);
-      const text = part === element ? textBetween(element, elements[index + 1]) : textContent(part);
+      const text = part === element ? textBetween(elements[index - 1], element, elements[index + 1]) : textContent(part);
       return fold(text.slice(0, 4 * LONGEST)).slice(0, LONGEST);
     });
   };
-  const textBetween = (element, next) => {
-    const range = createRange(ownerDocument(element));
+  const textBetween = (previous, element, next) => {
     const parent = parentOf(element);
     if (!parent) return '';
-    range.selectNodeContents(parent);
-    range.setStartAfter(element);
-    if (next && parentOf(next) === parent) range.setEndBefore(next);
-    return String(range);
+    const [before, after] = [createRange(ownerDocument(element)), createRange(ownerDocument(element))];
+    for (const range of [before, after]) range.selectNodeContents(parent);
+    if (previous && parentOf(previous) === parent) before.setStartAfter(previous);
+    before.setEndBefore(element);
+    after.setStartAfter(element);
+    if (next && parentOf(next) === parent) after.setEndBefore(next);
+    return `${before} | ${after}`;
   };
 
   // Writes down in each of these `{element, role, name}` what tells it from others of its name: `around`.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import io
 import re
 from typing import Literal
@@ -20,8 +21,7 @@ _MAX_PASSES = 2
 """Most passes over the document: a frame that came into view takes one more."""
 _QUOTED_LENGTH = 60
 _BAND = 60
-"""How far above and below a point the picture is compared with the page, CSS pixels: what is written beside a
-button tells which one it is."""
+"""How far above and below a point, where its label may be, the picture is compared, CSS pixels."""
 
 _WHY = {
     "gone": "is not on this page any more",
@@ -133,7 +133,7 @@ async def _compare(page: Page, point: tuple[float, float]) -> None:
     except CommandFailed:  # there is no frame yet: it looks other than before
         pass
     else:
-        if not _differ(page.image, shot.data, point[1]):
+        if not await asyncio.to_thread(_differ, page.image, shot.data, point[1]):
             return
     page.note("changed", "the page has changed since the picture, also where this action landed")
 

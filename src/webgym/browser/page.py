@@ -393,7 +393,7 @@ class Page:
             self._release()
             self._release = None
             self.session.send(*self.pdfs.watching)
-        self.returned = None
+        self.returned = self.expected = None
         self._reported_unopened = self.ineffective_if_same = self.ineffective_if_unscrolled = ""
         self.acted = time.monotonic()
         self.traffic.begin_action()

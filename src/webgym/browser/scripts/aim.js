@@ -6,7 +6,7 @@
   const { isConnected, textContent, getBoundingClientRect, createRange, ownerDocument, scrollIntoView } = webgym.dom;
   const { state, fold } = webgym;
   const { elementOf } = webgym.numbers;
-  const { begin, contains, hit, middle, parentOf } = webgym.geometry;
+  const { contains, hit, middle, parentOf } = webgym.geometry;
 
   let pictured = new Map(); // by number: {key, role, name, around, at, hit}
   let changes = -1; // of the document when the picture was taken

@@ -4,7 +4,7 @@
   const webgym = globalThis.webgym;
   if (webgym.closeList) return;
   const {
-    parentElement, localName, getAttribute, matches, closest, getBoundingClientRect, body, typeOf, make, querySelectorAll,
+    parentElement, localName, matches, closest, getBoundingClientRect, body, typeOf, make, querySelectorAll,
   } = webgym.dom;
   const { state, changed } = webgym;
   const { parentOf, moved, standing } = webgym.geometry;

@@ -4,7 +4,7 @@
   if (webgym.observe) return;
   const {
     nodeType, nodeName, parentNode, childNodes, firstChild, localName, nextElementSibling, firstElementChild, scrollHeight,
-    getBoundingClientRect, closest, body, title, documentElement, scrollingElement, isContentEditable,
+    getBoundingClientRect, closest, title, documentElement, scrollingElement, isContentEditable,
   } = webgym.dom;
   const { fold, rootOf, frameIn, isFrame, shorten } = webgym;
   const { roleOf, valueOf, writtenOn } = webgym.roles;

@@ -29,6 +29,7 @@ from webgym.core.action import (
     Scroll,
     Target,
     Type,
+    Upload,
     Wait,
 )
 
@@ -128,6 +129,22 @@ def sleep(seconds: float) -> Do:
     return thinking
 
 
+async def at_rest(tab: Tab) -> None:
+    """What the last picture shows stays where it is."""
+    shown = tab.text
+    await tab.step(Wait(1.5))
+    assert tab.text == shown
+
+
+async def all_green(tab: Tab) -> None:
+    """The pictures of the page are painted, or the agent is told that they are not there yet."""
+    assert tab.last is not None
+    shown = Image.open(BytesIO(tab.last.image)).convert("RGB")
+    counted = {color: number for number, color in shown.getcolors(1 << 20) or ()}
+    assert counted.get((0, 128, 0), 0) > 3000
+    assert counted.get((136, 136, 136), 0) < 3000 or any(kind == "still_loading" for kind, _ in tab.notices)
+
+
 def place(x: float, y: float) -> Target:
     return Target(coordinate=(x, y))
 
@@ -180,6 +197,11 @@ CASES: dict[str, Case] = {
     "12-shift": Case((sleep(4.2), click("Keep")), ("KEPT",)),
     "14-slow-search": Case((click("Search"),), ("RESULT-4711",), ("still_loading",), either=True),
     "15-count-up": Case(text=("1,284",), notice=("still_loading",), either=True),
+    "16-basic-auth": Case(
+        (click("Members"), lambda tab: tab.goto(tab.base.replace("//", "//u:p@") + "/basic")),
+        ("SECRET 4711",),
+        ("password",),
+    ),
     "17-clipboard": Case((click("Copy code"),), ("copied",), absent=("failed",)),
     "18-geolocation": Case((click("Use my location"),), ("error 1",)),
     "19-history-trap": Case(
@@ -196,6 +218,9 @@ CASES: dict[str, Case] = {
         (do(Wait(1.5)), lambda tab: tab.step(LeftClick(tab.at_role("button"))), do(Wait(1))), ("playing",)
     ),
     "23-frameset": Case((click("News"),), ("NEWS 4711",)),
+    "24-focus-thief": Case(
+        (sleep(4.2), write("Search", "shoes")), ("ECHO q=shoes",), ("action_failed",), either=True
+    ),
     "25-font-late": Case(text=("PRICE 4711",)),
     "26-iframe-modal": Case((click("Accept"),), marked=("Behind",)),
     "27-contenteditable": Case(
@@ -211,6 +236,7 @@ CASES: dict[str, Case] = {
         (do(Scroll("down")), do(Scroll("down"))), ("Item 11",), ("still_loading",), either=True
     ),
     "34-scroll-snap": Case((do(Scroll("down")),) * 4, ("S5",)),
+    "35-smooth-lib": Case((do(Scroll("down")), at_rest), ("Line 7",), absent=("Line 1 ",)),
     "36-modal-scroll": Case((do(Scroll("down")),) * 6 + (click("Accept"),), ("ACCEPTED",)),
     "37-spa": Case((click("Item 7"), do(GoBack())), ("Item 7",)),
     "38-websocket": Case((click("Buy"),), ("bought",)),
@@ -240,9 +266,15 @@ CASES: dict[str, Case] = {
         (do(LeftClick(place(30, 30))), do(LeftClick(place(30, 30)))), ("ORDERED",), mode="coordinates"
     ),
     "55-media-perm": Case((click("Camera"), do(Wait(2))), ("cam Not", "note denied")),
+    "56-file-picker": Case(
+        (lambda tab: tab.step(Upload(tab.at("Choose file"), ("notes.txt",))),), notice=("action_failed",)
+    ),
     "58-scrollbars": Case(notice=("more",)),
     "59-service-worker": Case(text=("worker ready",)),
     "60-notify-late": Case((click("Pay"),), ("PAID 4711",), ("still_loading",), either=True),
+    "62-hold-drag": Case(
+        (do(Drag(place(54, 52), place(300, 52), time=0.4)),), ("dropped at",), mode="coordinates"
+    ),
     "64-sight-layer": Case(text=("Subscribe",), absent=("4711",), unmarked=("Order",)),
     "65-count-up-2s": Case(text=("12,847", "963"), notice=("still_loading",), either=True),
     "68-table-load": Case(text=("Row 10",), notice=("still_loading",), either=True),
@@ -251,6 +283,9 @@ CASES: dict[str, Case] = {
     "85-wrapped-link": Case((click("then a link here"),), ("ECHO hit",)),
     "87-tab-char": Case((write("many", "one\ttwo\nthree", enter=False),), ("three",)),
     "88-open-late": Case((lambda tab: tab.step(Hover(place(40, 40))), click("Log out")), ("logged out",)),
+    "89-lazy-images": Case((do(Scroll("down")), do(Scroll("down")), all_green), ("top",), either=True),
+    "90-lease-timer": Case((sleep(5),), ("held for",), absent=("EXPIRED",)),
+    "91-shadow-form": Case((write("type a city", "Paris", enter=False), click("Go")), ("ECHO q=Paris",)),
     "92-react-like": Case((write("code", "abc", enter=False),), ("ABC",)),
     "93-otp": Case((write("Digit 1", "471100", enter=False),), ("471100",)),
     "94-rtl": Case((click("زر 1"),), ("زر 1",)),

@@ -52,7 +52,7 @@ async def test_what_a_page_copies_can_be_pasted(site: Site, tab: Tab) -> None:
 
 
 async def test_a_session_can_have_a_place(site: Site, open_tab: Open) -> None:
-    tab = await open_tab(place=(52.5, 13.4))
+    tab = await open_tab(identity={"place": (52.5, 13.4)})
     look = await tab.goto(
         site.page(
             "<script>navigator.geolocation.getCurrentPosition(({ coords: { latitude, longitude } }) =>"

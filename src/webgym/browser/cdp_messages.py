@@ -268,6 +268,28 @@ class RequestPaused(CdpMessage, frozen=True):
         return bool(self.response_status_code or self.response_error_reason)
 
 
+class AuthChallenge(CdpMessage, frozen=True):
+    """Who asks for a user name and a password."""
+
+    origin: str
+    source: str = ""
+
+
+class AuthRequired(CdpMessage, frozen=True):
+    """``Fetch.authRequired``."""
+
+    request_id: str
+    auth_challenge: AuthChallenge
+
+
+class CertificateError(CdpMessage, frozen=True):
+    """``Security.certificateError``."""
+
+    event_id: int
+    error_type: str
+    request_url: str = msgspec.field(name="requestURL")
+
+
 class World(CdpMessage, frozen=True):
     """``Page.createIsolatedWorld``."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ipaddress
 import re
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 from urllib.parse import quote
 
 import msgspec
@@ -13,6 +13,7 @@ from pydantic import Field
 
 from webgym.browser.egress.config import EgressConfig
 from webgym.core.action import Mode
+from webgym.core.identity import Identity, check_fields, origin_of
 from webgym.core.settings import Settings
 from webgym.core.task import Attachment, check_attachments
 
@@ -68,12 +69,6 @@ class Cookie(msgspec.Struct, frozen=True, omit_defaults=True):
             ipaddress.ip_address(host)
 
 
-Place: TypeAlias = tuple[
-    Annotated[float, msgspec.Meta(ge=-90, le=90)], Annotated[float, msgspec.Meta(ge=-180, le=180)]
-]
-"""Latitude and longitude, degrees."""
-
-
 class PageOptions(msgspec.Struct, frozen=True, omit_defaults=True):
     """Options of an episode's page.
 
@@ -89,7 +84,9 @@ class PageOptions(msgspec.Struct, frozen=True, omit_defaults=True):
             an agent that can answer it; otherwise it is accepted at once.
         jpeg_quality: 1 to 100 for screenshots as JPEG, a third of the bytes and a quarter less CPU; ``None``
             for PNG, which is lossless, so that equal names of screenshots mean equal pixels.
-        place: where pages that ask are told to be; ``None`` refuses to tell them.
+        identity: fields of :class:`~webgym.core.identity.Identity` that differ from ``browser.identity``.
+            A browser has one identity, so a slot starts another one for them, which takes a second.
+        credentials: HTTP credentials, ``NAME:PASSWORD`` by origin.
     """
 
     mode: Mode = "coordinates"
@@ -101,10 +98,16 @@ class PageOptions(msgspec.Struct, frozen=True, omit_defaults=True):
     files: tuple[Attachment, ...] = ()
     keep_dialogs: bool = False
     jpeg_quality: int | None = None
-    place: Place | None = None
+    identity: dict[str, Any] = {}
+    credentials: dict[str, str] = {}
 
     def __post_init__(self) -> None:
         check_attachments(self.files)
+        check_fields(self.identity)
+        if "credentials" in self.identity:
+            raise ValueError("a session's credentials are its option `credentials`")
+        for origin in self.credentials:
+            origin_of(origin)
 
 
 class BrowserConfig(Settings):
@@ -115,6 +118,9 @@ class BrowserConfig(Settings):
 
     egress: EgressConfig = Field(default_factory=EgressConfig)
     """What pages may connect to."""
+
+    identity: Identity = Field(default_factory=Identity)
+    """Who the browser says that it is. Sessions and tasks can differ from it."""
 
     sandbox: SandboxSetting = "auto"
     """Chromium's sandbox. ``auto``: on where the machine allows it, else off with a warning (always off as

@@ -92,6 +92,14 @@ def find_browser(explicit: Path | None = None) -> FoundBrowser:
     raise BrowserNotFound("; ".join(["no Chromium on this machine", *unusable]), hint=INSTALL_HINT)
 
 
+def version_of(executable: Path) -> str:
+    """The version of an executable, such as ``156.0.8078.108``, asked once; ``0`` if it does not say."""
+    try:
+        return _examine(executable, "setting").version
+    except BrowserNotFound:  # starting it will say what is wrong
+        return "0"
+
+
 def playwright_browsers_folder() -> Path | None:
     """The folder of Playwright's browsers, whether or not it exists.
 

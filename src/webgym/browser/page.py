@@ -15,6 +15,7 @@ from urllib.parse import urldefrag
 import msgspec
 
 from webgym.browser import desktop
+from webgym.browser.access import Access
 from webgym.browser.cdp import CommandFailed, Session, TargetGone
 from webgym.browser.cdp_messages import (
     DialogOpening,
@@ -34,6 +35,7 @@ from webgym.browser.cdp_messages import (
     Window,
 )
 from webgym.browser.config import BrowserConfig, PageOptions
+from webgym.browser.desktop import Told
 from webgym.browser.dialogs import Dialogs
 from webgym.browser.egress.proxy import ProxyListener
 from webgym.browser.isolated_worlds import ADDRESS_CHARACTERS, Worlds
@@ -42,6 +44,7 @@ from webgym.browser.pdf import Pdfs
 from webgym.browser.timers import Timers
 from webgym.browser.traffic import AUTO_ATTACH, Traffic, Workers
 from webgym.core.errors import BrowserTimeout, EgressRefused, NavigationFailed
+from webgym.core.identity import credentials_of
 from webgym.core.observation import Fault, FaultKind, NoticeKind
 
 log = logging.getLogger(__name__)
@@ -138,6 +141,7 @@ class Page:
         config: the slot's limits.
         listener: the proxy of its connections, which knows why one failed.
         timers: the pending timers of the browser's pages.
+        told: who the browser says that it is.
         opener: the page in front of which it was opened; ``None`` for an episode's first page.
     """
 
@@ -148,6 +152,7 @@ class Page:
         config: BrowserConfig,
         listener: ProxyListener,
         timers: Timers,
+        told: Told,
         opener: Page | None = None,
     ) -> None:
         self.session = session
@@ -215,6 +220,8 @@ class Page:
         """Loader of a failed navigation that was reported by an exception."""
         self._is_navigating = False
         """Whether :meth:`navigate` waits for its reply."""
+        self._untrusted: NavigationFailed | None = None
+        """Why :meth:`navigate` is about to fail, if its address has a certificate that was refused."""
         self._reported_unopened = ""
         """URL of another scheme that the page tried to open in this action, and that a notice names."""
         self._leaving_for = ""
@@ -245,7 +252,10 @@ class Page:
         """File choosers that were opened, while an action waits for one; else ``None``."""
         self.worlds = Worlds(session, target_id, config)
         self.pdfs = Pdfs(session, lambda text: self.note("download_refused", text))
-        self.workers = Workers(session, self.traffic, config)
+        self.who = told
+        credentials = opener.access.credentials if opener else credentials_of(told.identity)
+        self.access: Access = Access(session, told.identity, credentials, self._on_untrusted)
+        self.workers = Workers(session, self.traffic, config, told)
         session.on("Page.frameStartedNavigating", NavigationStarted, self._on_leaving)
         session.on("Page.frameScheduledNavigation", ScheduledNavigation, self._on_navigation_requested)
         session.on("Page.frameRequestedNavigation", RequestedNavigation, self._on_navigation_requested)
@@ -284,13 +294,14 @@ class Page:
             ("Emulation.setFocusEmulationEnabled", {"enabled": True}),
             ("Page.setInterceptFileChooserDialog", {"enabled": True}),
             ("Page.addScriptToEvaluateOnNewDocument", self.worlds.script_in_page),
-            self.pdfs.watching,
+            *self.who.commands,
+            *self.access.commands,
             ("Runtime.runIfWaitingForDebugger", {}),
         ]
 
     def beside(self, session: Session, target: TargetInfo) -> Page:
         """The page of a window of the same episode, which waits for the debugger, and then runs."""
-        page = Page(session, target.target_id, self.config, self._listener, self.timers, self)
+        page = Page(session, target.target_id, self.config, self._listener, self.timers, self.who, self)
         page.traffic.begin(target.target_id, self.config.minor_seconds)
         for method, params in page._preparation():
             session.send(method, params)  # its errors are ignored: it may be closed already
@@ -304,8 +315,9 @@ class Page:
         if has_own_size:
             commands.append(("Emulation.setDeviceMetricsOverride", desktop.metrics(self.options.viewport)))
             await self._fit_window()
-        if options.place:
-            commands.append(("Emulation.setGeolocationOverride", desktop.location(options.place)))
+        if options.credentials:
+            self.access.credentials = credentials_of(self.who.identity) | options.credentials
+            commands.append(self.access.watching)
         if options.cookies:
             cookies = [msgspec.to_builtins(cookie) for cookie in options.cookies]
             commands.append(("Network.setCookies", {"cookies": cookies}))
@@ -392,7 +404,7 @@ class Page:
         if self._release is not None:
             self._release()
             self._release = None
-            self.session.send(*self.pdfs.watching)
+            self.session.send(*self.access.watching)
         self.returned = self.expected = None
         self._reported_unopened = self.ineffective_if_same = self.ineffective_if_unscrolled = ""
         self.acted = time.monotonic()
@@ -584,11 +596,24 @@ class Page:
         finally:
             unload.cancel()
             self._is_navigating = False
+        if untrusted := self._untrusted:
+            self._untrusted = None
+            raise untrusted
         if navigated.is_download or navigated.error_text == "net::ERR_ABORTED":
             return  # a download has its own notice; an aborted navigation leaves the page as it is
         if navigated.error_text:
             self._reported_failure = navigated.loader_id  # its error page needs no further notice
             raise self._failure(url, navigated)
+
+    def _on_untrusted(self, url: str, error: str) -> None:
+        """Handle a certificate that was refused: Chromium only says that what asked for it was given up."""
+        if url != urldefrag(self.traffic.document_url(self._leaving_for)).url:
+            return
+        failure = NavigationFailed(f"{url[:_QUOTED_LENGTH]}: net::{error}", url=url)
+        if self._is_navigating:
+            self._untrusted = failure
+        else:
+            self.fail(failure)
 
     async def _end_unload(self) -> None:
         """End a script of the page that blocks leaving it: until it returns, nothing is requested."""

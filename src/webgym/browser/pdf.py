@@ -14,7 +14,6 @@ import sys
 from collections.abc import Callable
 from http import HTTPStatus
 from pathlib import Path, PurePosixPath
-from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from webgym.browser.cdp import CommandFailed, Session
@@ -45,6 +44,10 @@ _HEADERS = {
 }
 
 
+DOCUMENTS = {"resourceType": "Document", "requestStage": "Response"}
+"""The pattern of what has to be paused: the responses of documents."""
+
+
 class _Stream(CdpMessage, frozen=True):
     stream: str
 
@@ -66,12 +69,6 @@ class Pdfs:
         session: the tab's session.
         on_unshown: called with a message for the agent about a PDF that cannot be shown.
     """
-
-    watching: tuple[str, dict[str, Any]] = (
-        "Fetch.enable",
-        {"patterns": [{"resourceType": "Document", "requestStage": "Response"}]},
-    )
-    """The command that has the responses of documents paused, and no other request."""
 
     def __init__(self, session: Session, on_unshown: Callable[[str], None]) -> None:
         self._session = session

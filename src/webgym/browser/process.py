@@ -14,11 +14,12 @@ import socket
 from collections.abc import Iterator
 from pathlib import Path
 
-from webgym.browser import desktop
 from webgym.browser.cdp import CommandFailed, Connection
 from webgym.browser.cdp_messages import Version
 from webgym.browser.config import BrowserConfig
+from webgym.browser.desktop import Told
 from webgym.browser.egress.proxy import ProxyListener
+from webgym.browser.find import version_of
 from webgym.browser.memory import Cgroup, bound, new_cgroup
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.sandbox import SandboxState, examine_sandbox, is_sandbox_failure, planned_sandbox, remedy
@@ -53,7 +54,6 @@ _FLAGS = (
     "--no-default-browser-check",
     "--no-startup-window",
     *PICTURE_FLAGS,
-    *desktop.FLAGS,
     # No background activity, no requests to the vendor.
     "--disable-background-networking",
     "--disable-breakpad",
@@ -132,12 +132,14 @@ class BrowserProcess:
         connection: Connection,
         profile: Path,
         root: ProfileRoot,
+        told: Told,
         cgroup: Cgroup | None = None,
     ) -> None:
         self.pid = pid
         self.connection = connection
         self.profile = profile
         self.version = ""
+        self.told = told
         self.started = asyncio.get_running_loop().time()
         self.is_frozen = False
         self._stopped = -_FORK_SECONDS
@@ -329,9 +331,11 @@ def _flags(executable: Path) -> list[str]:
     return [*(flag.replace("BackForwardCache,", "") for flag in _FLAGS), "--renderer-process-limit=1"]
 
 
-def _arguments(executable: Path, profile: Path, sandbox: SandboxState, listener: ProxyListener) -> list[str]:
+def _arguments(
+    executable: Path, profile: Path, sandbox: SandboxState, listener: ProxyListener, told: Told
+) -> list[str]:
     folder = f"--user-data-dir={profile}{os.sep}profile"
-    arguments = [str(executable), *_flags(executable), *listener.browser_flags, folder]
+    arguments = [str(executable), *_flags(executable), *told.flags, *listener.browser_flags, folder]
     if not sandbox.on:
         arguments.append("--no-sandbox")
     return arguments
@@ -403,6 +407,7 @@ async def _start(
     config: BrowserConfig, executable: Path, root: ProfileRoot, sandbox: SandboxState, listener: ProxyListener
 ) -> tuple[BrowserProcess, socket.socket]:
     """Start a browser. Returns it with our end of its pipe; leaves nothing behind if it fails."""
+    told = Told(config.identity, await asyncio.to_thread(version_of, executable))
     profile = await _new_profile(root)
     pid = cgroup = None
     with contextlib.ExitStack() as undo:
@@ -412,9 +417,9 @@ async def _start(
             undo.callback(own_end.close)
             own_end.setblocking(False)
             with child_end:
-                arguments = _arguments(executable, profile, sandbox, listener)
+                arguments = _arguments(executable, profile, sandbox, listener, told)
                 pid = _spawn(cgroup.command(arguments) if cgroup else arguments, child_end, profile)
-            process = BrowserProcess(pid, Connection(), profile, root, cgroup)
+            process = BrowserProcess(pid, Connection(), profile, root, told, cgroup)
         except OSError as error:
             if pid is not None:
                 await _end_group(pid, KILL_SECONDS, cgroup)

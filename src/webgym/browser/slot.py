@@ -45,6 +45,7 @@ from webgym.browser.profiles import ProfileRoot
 from webgym.browser.sandbox import SandboxState
 from webgym.browser.settle import settle_timed
 from webgym.browser.timers import Timers
+from webgym.browser.traffic import introduce
 from webgym.browser.upload import write_files
 from webgym.browser.windows import Windows
 from webgym.core.action import AnswerDialog, GoBack, Navigate
@@ -56,6 +57,7 @@ T = TypeVar("T")
 _ATTACHED = [
     {"type": "page", "exclude": False},
     {"type": "shared_worker", "exclude": False},
+    {"type": "service_worker", "exclude": False},
     {"exclude": True},
 ]
 
@@ -94,9 +96,10 @@ class Slot:
         self.config = config
         self.sandbox = sandbox
         self.launches = 0
-        self._executable = executable
+        self.executable = executable
         self._profiles = profiles
         self._egress = egress
+        self._identity = config.identity
         self._listener: ProxyListener | None = None
         self._process: BrowserProcess | None = None
         self._context = ""
@@ -211,8 +214,9 @@ class Slot:
         await self.stop()
         self._listener = await self._egress.open_listener()
         try:
+            config = self.config.model_copy(update={"identity": self._identity})
             self._process, self.sandbox = await launch_sandboxed(
-                self.config, self._executable, self._profiles, self.sandbox, self._listener
+                config, self.executable, self._profiles, self.sandbox, self._listener
             )
         except BaseException:
             await self.stop()
@@ -251,6 +255,9 @@ class Slot:
         if target.type == "shared_worker":
             if windows is not None:
                 windows.front.workers.adopt(attached)
+        elif target.type == "service_worker":
+            if self._process is not None:
+                introduce(Session(self._process.connection, attached.session_id), self._process.told)
         elif expected is not None and not expected.done() and not target.opener_id:
             expected.set_result(attached)
         elif windows is not None and target.browser_context_id == self._context:
@@ -295,6 +302,10 @@ class Slot:
         """
         if self._is_open:
             await self.close()
+        identity = self.config.identity.over(options.identity)
+        if identity != self._identity:  # flags make it, so a browser has one identity
+            await self.stop()
+            self._identity = identity
         if not self.is_up or (self._windows is not None and self._windows.front.is_crashed):
             await self.stop()
         if self.needs_replacement:
@@ -304,7 +315,7 @@ class Slot:
         assert self._process is not None
         assert self._listener is not None
         self._listener.renew()
-        for params in desktop.permissions(self._context, options.place):
+        for params in desktop.permissions(self._context, self._identity):
             self._process.connection.send("Browser.setPermission", params)
         page = self._windows.front
         try:
@@ -333,6 +344,9 @@ class Slot:
             BrowserError: no episode is open.
             BrowserCrashed, BrowserTimeout: the browser is gone, or no longer answers.
         """
+        if self.config.identity.over(options.identity) != self._identity:
+            await self.open(options)
+            return
         try:
             await self._living_windows().close_others().begin_again(options)
         except (CommandFailed, TargetGone) as error:
@@ -356,7 +370,9 @@ class Slot:
         session = Session(connection, attached.session_id)
         assert self._timers is not None
         assert self._listener is not None
-        page = Page(session, attached.target_info.target_id, self.config, self._listener, self._timers)
+        page = Page(
+            session, attached.target_info.target_id, self.config, self._listener, self._timers, process.told
+        )
         await page.prepare()
         page.timers.start()
         return page

@@ -33,6 +33,7 @@ from webgym.browser.cdp_messages import (
     SocketCreated,
 )
 from webgym.browser.config import BrowserConfig
+from webgym.browser.desktop import Told
 from webgym.browser.isolated_worlds import ADDRESS_CHARACTERS, NAME_CHARACTERS
 from webgym.browser.notices import NOTICES_PER_OBSERVATION
 from webgym.core.errors import BrowserError
@@ -485,6 +486,13 @@ _PROBE_SECONDS = 3600.0
 """Until a worker that does not answer is asked again. One that blocks its thread for ever is awaited once."""
 
 
+def introduce(worker: Session, told: Told) -> None:
+    """Tell a worker that does not run yet who the browser is, and let it run."""
+    for method, params in told.of_workers:
+        worker.send(method, params)
+    worker.send("Runtime.runIfWaitingForDebugger")
+
+
 class Workers:
     """The workers of one page. Attaches to each before it runs.
 
@@ -492,12 +500,14 @@ class Workers:
         session: the page's session.
         traffic: records what the workers load.
         config: deadlines.
+        told: who the browser says that it is.
     """
 
-    def __init__(self, session: Session, traffic: Traffic, config: BrowserConfig) -> None:
+    def __init__(self, session: Session, traffic: Traffic, config: BrowserConfig, told: Told) -> None:
         self._session = session
         self._traffic = traffic
         self._config = config
+        self._told = told
         self._sessions: dict[str, Session] = {}
         self._probes: dict[str, asyncio.Task[None]] = {}
         session.on("Target.attachedToTarget", AttachedToTarget, self.adopt)
@@ -535,7 +545,7 @@ class Workers:
         self._sessions[session.id] = session
         self._traffic.follow(session)
         session.send("Network.enable", {"maxTotalBufferSize": 0, "maxResourceBufferSize": 0})
-        session.send("Runtime.runIfWaitingForDebugger")
+        introduce(session, self._told)
 
     def forget(self, detached: DetachedFromTarget) -> None:
         """Handle that a worker is gone."""

@@ -153,7 +153,7 @@ async def test_certificates_of_some_hosts_are_not_checked(site: Site, open_tab: 
         ({"languages": ("english!",)}, "language tag"),
         ({"headers": {"User-Agent": "x"}}, "cannot be set here"),
         ({"contact": "a\nb"}, "printable"),
-        ({"credentials": {"https://a.example": "ann:pass"}}, "environment variable"),
+        ({"credentials": {"https://a.example": "$LAB"}}, "a setting of a run"),
         ({"nonsense": 1}, "identity.nonsense"),
     ],
 )
@@ -168,5 +168,5 @@ async def test_credentials_come_from_the_environment(monkeypatch: pytest.MonkeyP
         credentials_of(identity)
     monkeypatch.setenv("LAB", "ann:pass")
     assert credentials_of(identity) == {"https://a.example": "ann:pass"}
-    with pytest.raises(ValueError, match="option `credentials`"):
-        PageOptions(identity={"credentials": {"https://a.example": "$LAB"}})
+    with pytest.raises(ValueError, match="environment variable"):
+        Identity(credentials={"https://a.example": "ann:pass"})

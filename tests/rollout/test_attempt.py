@@ -19,6 +19,7 @@ from webgym.agent.policy import BasePolicy, PolicyInput
 from webgym.browser.config import Cookie
 from webgym.core.action import BrowserAction
 from webgym.core.errors import JudgeError, NavigationFailed, PolicyTimeout
+from webgym.core.identity import Identity
 from webgym.core.observation import Fault, Notice, Observation, Probed
 from webgym.core.outcome import Ending, outcome_of
 from webgym.core.trajectory import Episode, Reply
@@ -266,6 +267,21 @@ async def test_an_attempt_that_is_made_again_is_another_visitor() -> None:
     for _ in range(2):
         EpisodeDriver(context, Planned(task("t", 1), 0), AgentTraits("p", "marks")).options()
     assert len(set(visitors)) == 2
+
+
+async def test_a_tasks_identity_goes_before_its_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LAB", "ann:pass")
+    identity = Identity(
+        time_zone="Asia/Tokyo", languages=("ja",), credentials={"https://lab.example": "$LAB"}
+    )
+    config = AttemptConfig(identity=identity)
+    context = EpisodeContext(store=Pages({}), config=config, site_state=None, seed=0)
+    planned = Planned(msgspec.structs.replace(task("t", 1), identity={"languages": ["de"]}), 0)
+    options = EpisodeDriver(context, planned, AgentTraits("p", "marks")).options()
+    assert options.identity == {"time_zone": "Asia/Tokyo", "languages": ["de"]}
+    assert options.credentials == {"https://lab.example": "ann:pass"}
+    with pytest.raises(ValueError, match=r"identity\.languages"):
+        msgspec.structs.replace(planned.task, identity={"languages": ["?"]})
 
 
 async def test_who_is_stopped_before_judges_have_the_state_to_look_at_is_not_theirs() -> None:

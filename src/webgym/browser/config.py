@@ -104,8 +104,6 @@ class PageOptions(msgspec.Struct, frozen=True, omit_defaults=True):
     def __post_init__(self) -> None:
         check_attachments(self.files)
         check_fields(self.identity)
-        if "credentials" in self.identity:
-            raise ValueError("a session's credentials are its option `credentials`")
         for origin in self.credentials:
             origin_of(origin)
 

@@ -144,8 +144,11 @@ def check_fields(fields: Mapping[str, Any]) -> None:
     """Check fields that a session or a task sets.
 
     Raises:
-        ValueError: one is not a field, or its value is not valid.
+        ValueError: one is not a field, or its value is not valid. ``credentials`` is none: whoever wrote a
+            task would get what any variable of this machine's environment holds.
     """
+    if "credentials" in fields:
+        raise ValueError("identity.credentials is a setting of a run or a server")
     try:
         Identity().over(fields)
     except ValidationError as error:

@@ -12,6 +12,7 @@ from typing import Any, Final, Literal, TypeAlias
 
 import msgspec
 
+from webgym.core.identity import check_fields
 from webgym.core.truth import Truth
 
 Level: TypeAlias = Literal["easy", "medium", "hard"]
@@ -189,9 +190,11 @@ class Task(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
         extra: unused columns of the published set, kept so that it can be written again without loss.
         truth: the ground truth, for the offline judge and the scripted policy; never shown to a model.
         files: files that the agent may upload, in the extended action space.
+        identity: fields of :class:`~webgym.core.identity.Identity` that this task needs, such as a place.
 
     Raises:
-        ValueError: two of its files have the same name, or they are too large.
+        ValueError: two of its files have the same name, or they are too large, or it asks for an identity
+            that there is not.
     """
 
     id: str
@@ -210,10 +213,13 @@ class Task(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
     extra: dict[str, Any] = {}
     truth: Truth | None = None
     files: tuple[Attachment, ...] = ()
+    identity: dict[str, Any] = {}
 
     def __post_init__(self) -> None:
         if self.files:
             check_attachments(self.files)
+        if self.identity:
+            check_fields(self.identity)
 
     @property
     def difficulty(self) -> int:

@@ -6,6 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from webgym.core.identity import Identity
 from webgym.core.settings import Settings
 from webgym.core.task import StepBudget
 from webgym.rollout.sharing import SharingConfig
@@ -30,6 +31,9 @@ class AttemptConfig(Settings):
     """Time limit of an attempt: replies, actions and observations, without waiting in queues. An attempt that
     exceeds it ends without a reward, as the environment's failure: the agent's own limit is its budget of
     steps."""
+
+    identity: Identity = Field(default_factory=Identity)
+    """What differs from the browser server's ``browser.identity``; a task's own fields go before it."""
 
     record_cuts: bool = False
     """Record the lines of each page that are never fully visible, for checks of websites."""

@@ -29,8 +29,10 @@ from webgym.agent.agent import AgentTraits
 from webgym.browser.config import Cookie
 from webgym.core.action import Answer, BrowserAction, Navigate
 from webgym.core.errors import AttemptOverdue, BrowserCrashed, EgressRefused, NavigationFailed, WebGymError
+from webgym.core.identity import credentials_of
 from webgym.core.observation import Fault, Observation, Probed
 from webgym.core.outcome import Ending, ending_of
+from webgym.core.settings import set_values
 from webgym.core.trajectory import Episode, Failure, Step
 from webgym.core.websites import host_or_text, site_or_text
 from webgym.rollout.config import AttemptConfig
@@ -201,7 +203,8 @@ class EpisodeDriver:
 
     def options(self) -> SessionOptions:
         """The browser session that this episode needs."""
-        context, traits = self._context, self._traits
+        context, traits, identity = self._context, self._traits, self._context.config.identity
+        own = {name: value for name, value in set_values(identity).items() if name != "credentials"}
         return SessionOptions(
             mode=traits.mode,
             viewport=context.config.viewport,
@@ -211,6 +214,8 @@ class EpisodeDriver:
             cookies=context.site_state.cookies(self.visitor) if context.site_state else (),
             files=self.planned.task.files if traits.space == "extended" else (),
             keep_dialogs=traits.space == "extended",
+            identity=own | self.planned.task.identity,
+            credentials=credentials_of(identity),
         )
 
     async def reach_site_state(self) -> None:

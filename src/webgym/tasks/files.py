@@ -311,7 +311,7 @@ _HINTS: Final = {
     "rubric": '; write {"groups": [{"id": 1, "description": "...", "facts": ["..."]}]}',
     "reference_answer": "; a text that was read as a number may have lost digits: pandas needs dtype=False",
 }
-_NESTED: Final = frozenset({"rubric", "flags", "extra", "truth", "files"})
+_NESTED: Final = frozenset({"rubric", "flags", "extra", "truth", "files", "identity"})
 """Fields that are not text."""
 _LONGEST_INSTRUCTION: Final = 100_000
 _LONGEST_ID: Final = 1_000

@@ -55,6 +55,7 @@ SCHEMA: Final = pa.schema(
         pa.field("extra", pa.string()),
         pa.field("truth", pa.string()),
         pa.field("files", pa.string()),
+        pa.field("identity", pa.string()),
     ],
     metadata={_VERSION_KEY: str(VERSION)},
 )
@@ -67,7 +68,12 @@ _REPEATING: Final = frozenset(
     {"website", "domain", "subdomain", "source", "parent_id", "split", "website_from"}
 )
 _ALLOWED: Final = {"split": {"train", "test"}, "website_from": {*get_args(WebsiteFrom)}}
-_JSON: Final[dict[str, Any]] = {"extra": dict[str, Any], "truth": Truth, "files": tuple[Attachment, ...]}
+_JSON: Final[dict[str, Any]] = {
+    "extra": dict[str, Any],
+    "truth": Truth,
+    "files": tuple[Attachment, ...],
+    "identity": dict[str, Any],
+}
 
 
 # --- writing ----------------------------------------------------------------------------------------

@@ -199,6 +199,14 @@ def calls(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -
     return Calls(capsys, monkeypatch)
 
 
+def command_of(process: psutil.Process) -> list[str]:
+    """A process's command line; empty if it has ended meanwhile."""
+    try:
+        return process.cmdline()
+    except psutil.NoSuchProcess:  # zombies are a kind of them
+        return []
+
+
 def wait_until(holds: Callable[[], object], seconds: float = 60.0) -> None:
     """Wait until something holds.
 

@@ -6,6 +6,7 @@ import asyncio
 
 import psutil
 import pytest
+from tests.conftest import command_of
 
 from webgym.browser import pointer
 from webgym.browser.gestures import HoverAndScroll
@@ -155,7 +156,7 @@ async def test_a_box_that_a_script_scrolls_moves_by_what_it_shows(site: Site, ta
 def hold_display_after(event: str, monkeypatch: pytest.MonkeyPatch, delay: float = 0) -> None:
     """Stop the process that draws for 0.3 s after this mouse event, or these seconds later."""
     children = psutil.Process().children(recursive=True)
-    displays = [child for child in children if "--type=gpu-process" in child.cmdline()]
+    displays = [child for child in children if "--type=gpu-process" in command_of(child)]
     assert displays
     send = pointer.mouse
 

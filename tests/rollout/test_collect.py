@@ -15,6 +15,7 @@ import psutil
 import pytest
 import pytest_asyncio
 from pydantic import SecretStr
+from tests.conftest import command_of
 
 from webgym.agent.config import AgentConfig
 from webgym.agent.policy import PolicyInput, PolicySession
@@ -219,7 +220,9 @@ async def test_a_browser_that_is_killed_costs_its_attempt_and_nothing_else(tmp_p
             while self.progress.steps < 3:
                 await asyncio.sleep(0.01)
             children = [child for child in psutil.Process().children() if child.pid not in others]
-            browsers = [child for child in children if any("--headless" in part for part in child.cmdline())]
+            browsers = [
+                child for child in children if any("--headless" in part for part in command_of(child))
+            ]
             browsers[0].kill()
 
         async def __aexit__(self, *_: object) -> None:

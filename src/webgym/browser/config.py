@@ -15,6 +15,7 @@ from webgym.browser.egress.config import EgressConfig
 from webgym.core.action import Mode
 from webgym.core.identity import Identity, check_fields, origin_of
 from webgym.core.settings import Settings
+from webgym.core.storage import StorageState
 from webgym.core.task import Attachment, check_attachments
 
 _TEXT = r"[^\x00-\x1f\x7f;\ud800-\udfff]"
@@ -87,6 +88,7 @@ class PageOptions(msgspec.Struct, frozen=True, omit_defaults=True):
         identity: fields of :class:`~webgym.core.identity.Identity` that differ from ``browser.identity``.
             A browser has one identity, so a slot starts another one for them, which takes a second.
         credentials: HTTP credentials, ``NAME:PASSWORD`` by origin.
+        storage: what websites keep in the browser from before, such as that someone is signed in.
     """
 
     mode: Mode = "coordinates"
@@ -100,6 +102,7 @@ class PageOptions(msgspec.Struct, frozen=True, omit_defaults=True):
     jpeg_quality: int | None = None
     identity: dict[str, Any] = {}
     credentials: dict[str, str] = {}
+    storage: StorageState = StorageState()
 
     def __post_init__(self) -> None:
         check_attachments(self.files)
@@ -119,6 +122,10 @@ class BrowserConfig(Settings):
 
     identity: Identity = Field(default_factory=Identity)
     """Who the browser says that it is. Sessions and tasks can differ from it."""
+
+    headed: bool = False
+    """Whether the browser shows its windows on the screen, for people: full browsers can, headless shells
+    cannot."""
 
     sandbox: SandboxSetting = "auto"
     """Chromium's sandbox. ``auto``: on where the machine allows it, else off with a warning (always off as

@@ -71,11 +71,12 @@ VERSION_SECONDS = 15.0
 """Time limit for one browser to print its version; a cold disk takes a few seconds."""
 
 
-def find_browser(explicit: Path | None = None) -> FoundBrowser:
+def find_browser(explicit: Path | None = None, *, headed: bool = False) -> FoundBrowser:
     """The browser to start.
 
     Args:
         explicit: path of an executable. If it cannot be used, that is an error: no other one is searched for.
+        headed: whether it has to show windows, which headless shells cannot.
 
     Raises:
         BrowserNotFound: there is no Chromium, or the explicit one cannot be used. The hint says what to do.
@@ -85,6 +86,8 @@ def find_browser(explicit: Path | None = None) -> FoundBrowser:
         return _examine(Path(setting).expanduser().absolute(), "setting")
     unusable: list[str] = []
     for path, origin in _candidates():
+        if headed and "headless" in path.name:
+            continue
         try:
             return _examine(path, origin)
         except BrowserNotFound as error:

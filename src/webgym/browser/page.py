@@ -44,7 +44,7 @@ from webgym.browser.pdf import Pdfs
 from webgym.browser.timers import Timers
 from webgym.browser.traffic import AUTO_ATTACH, Traffic, Workers
 from webgym.core.errors import BrowserTimeout, EgressRefused, NavigationFailed
-from webgym.core.identity import credentials_of
+from webgym.core.identity import credentials_of, origin_of
 from webgym.core.observation import Fault, FaultKind, NoticeKind
 
 log = logging.getLogger(__name__)
@@ -232,6 +232,8 @@ class Page:
         """Number of documents since the action began."""
         self._release: Callable[[], None] | None = None
         """Set while the tab is kept at its document: unsubscribes from paused requests."""
+        self.origins: set[str] = opener.origins if opener else set()
+        """Origins of the episode's documents, which may keep something in the browser."""
         self.files: dict[str, Path] = opener.files if opener else {}
         """Files that can be uploaded, by name."""
         self.requests = 0
@@ -710,6 +712,8 @@ class Page:
 
     def _on_navigated(self, event: FrameNavigated) -> None:
         frame = event.frame
+        if frame.url.startswith(_SCHEMES):
+            self.origins.add(origin_of(frame.url))
         if frame.id != self.target_id:
             return
         if not self.has_scripts:

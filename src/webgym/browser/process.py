@@ -97,6 +97,9 @@ _FLAGS = (
 _SECRET_NAME = re.compile(r"TOKEN|SECRET|PASS|KEY|CRED|AUTH|COOKIE|PROXY|URL|URI|DSN", re.IGNORECASE)
 """Names of environment variables that may contain a secret."""
 
+_SCREEN = ("XAUTHORITY", "XDG_RUNTIME_DIR", "XDG_SESSION_TYPE")
+"""Names of environment variables by which a program reaches the screen."""
+
 _FIRST_FREE_FD = 10
 """Lower descriptors are reserved for the child's numbering (3 and 4 are the pipe)."""
 
@@ -323,19 +326,22 @@ def _tail(profile: Path) -> str:
     return " | ".join(reasons[-_LOG_LINES:] or lines[-_LOG_LINES:])
 
 
-def _flags(executable: Path) -> list[str]:
+def _flags(executable: Path, headed: bool) -> list[str]:
     """The flags of an executable. Full browsers have a back-forward cache, which would use a new renderer for
     every website; in headless shells pages do not support it."""
     if "headless" in executable.name:
         return list(_FLAGS)
-    return [*(flag.replace("BackForwardCache,", "") for flag in _FLAGS), "--renderer-process-limit=1"]
+    flags = [
+        flag.replace("BackForwardCache,", "") for flag in _FLAGS if not (headed and flag == "--headless")
+    ]
+    return [*flags, "--renderer-process-limit=1"]
 
 
 def _arguments(
-    executable: Path, profile: Path, sandbox: SandboxState, listener: ProxyListener, told: Told
+    executable: Path, profile: Path, sandbox: SandboxState, listener: ProxyListener, told: Told, headed: bool
 ) -> list[str]:
     folder = f"--user-data-dir={profile}{os.sep}profile"
-    arguments = [str(executable), *_flags(executable), *told.flags, *listener.browser_flags, folder]
+    arguments = [str(executable), *_flags(executable, headed), *told.flags, *listener.browser_flags, folder]
     if not sandbox.on:
         arguments.append("--no-sandbox")
     return arguments
@@ -351,18 +357,22 @@ def _high_descriptor(descriptor: int) -> Iterator[int]:
         os.close(copy)
 
 
-def _environment(profile: Path) -> dict[str, str]:
-    """The environment of Chromium, without secrets, so that a page that escapes its renderer finds none."""
+def _environment(profile: Path, headed: bool) -> dict[str, str]:
+    """The environment of Chromium, without secrets, so that a page that escapes its renderer finds none; but
+    with what lets it open windows, if it is to."""
     harmless = {
         name: value
         for name, value in os.environ.items()
         if not (_SECRET_NAME.search(name) or name.startswith("XDG_"))
     }
     # Crash reports, caches and certificates are written below the home folder, whatever the profile is.
-    return {**harmless, "TMPDIR": str(profile), "HOME": str(profile)}
+    screen = {name: os.environ[name] for name in _SCREEN if name in os.environ} if headed else {}
+    if headed and (given := Path.home() / ".Xauthority").exists():
+        screen.setdefault("XAUTHORITY", str(given))
+    return {**harmless, **screen, "TMPDIR": str(profile), "HOME": str(profile)}
 
 
-def _spawn(arguments: list[str], child_end: socket.socket, profile: Path) -> int:
+def _spawn(arguments: list[str], child_end: socket.socket, profile: Path, headed: bool) -> int:
     """Start Chromium as the leader of a new process group, with a socket as its descriptors 3 and 4.
 
     Raises:
@@ -374,7 +384,7 @@ def _spawn(arguments: list[str], child_end: socket.socket, profile: Path) -> int
             return os.posix_spawn(
                 arguments[0],
                 arguments,
-                _environment(profile),
+                _environment(profile, headed),
                 file_actions=[
                     (os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0),
                     (os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0),
@@ -417,8 +427,10 @@ async def _start(
             undo.callback(own_end.close)
             own_end.setblocking(False)
             with child_end:
-                arguments = _arguments(executable, profile, sandbox, listener, told)
-                pid = _spawn(cgroup.command(arguments) if cgroup else arguments, child_end, profile)
+                arguments = _arguments(executable, profile, sandbox, listener, told, config.headed)
+                pid = _spawn(
+                    cgroup.command(arguments) if cgroup else arguments, child_end, profile, config.headed
+                )
             process = BrowserProcess(pid, Connection(), profile, root, told, cgroup)
         except OSError as error:
             if pid is not None:

@@ -10,15 +10,15 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
 import msgspec
 
-from webgym.browser import desktop
+from webgym.browser import desktop, storage
 from webgym.browser.actions import has_redirected
-from webgym.browser.cdp import CommandFailed, Session, TargetGone
+from webgym.browser.cdp import CommandFailed, Connection, Session, TargetGone
 from webgym.browser.cdp_messages import (
     AttachedToTarget,
     BrowserContext,
@@ -39,7 +39,7 @@ from webgym.browser.observe import (
     look,
     read_content,
 )
-from webgym.browser.page import Page
+from webgym.browser.page import BLANK, Page
 from webgym.browser.process import BrowserProcess, launch_sandboxed
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.sandbox import SandboxState
@@ -50,7 +50,9 @@ from webgym.browser.upload import write_files
 from webgym.browser.windows import Windows
 from webgym.core.action import AnswerDialog, GoBack, Navigate
 from webgym.core.errors import BrowserCrashed, BrowserError, BrowserOutOfMemory, BrowserTimeout
+from webgym.core.identity import origin_of
 from webgym.core.observation import Probed
+from webgym.core.storage import StorageState
 
 T = TypeVar("T")
 
@@ -320,6 +322,10 @@ class Slot:
         page = self._windows.front
         try:
             await page.begin(options)
+            if options.storage != StorageState():
+                async with self._tab_beside() as tab:
+                    await storage.put(tab, options.storage, self.config.open_seconds)
+                page.origins.update(origin_of(one.origin) for one in options.storage.origins)
             if options.files:
                 page.files = await write_files(options.files, self._process.profile / "files")
         except OSError as error:
@@ -361,12 +367,9 @@ class Slot:
         )
         self._context = context.browser_context_id
         refused = {"behavior": "deny", "browserContextId": self._context, "eventsEnabled": True}
-        self._attached = asyncio.get_running_loop().create_future()
-        width, height = PageOptions().viewport
-        target = {"url": "about:blank", "browserContextId": self._context, "width": width, "height": height}
         connection.send("Browser.setDownloadBehavior", refused)
-        await connection.call("Target.createTarget", target, reply=CreatedTarget, seconds=seconds)
-        attached = await self._attached
+        width, height = PageOptions().viewport
+        attached = await self._new_tab(connection, width=width, height=height)
         session = Session(connection, attached.session_id)
         assert self._timers is not None
         assert self._listener is not None
@@ -376,6 +379,42 @@ class Slot:
         await page.prepare()
         page.timers.start()
         return page
+
+    async def _new_tab(self, connection: Connection, **size: int) -> AttachedToTarget:
+        """A new tab of the episode's context, which waits for the debugger; the first has a size."""
+        self._attached = asyncio.get_running_loop().create_future()
+        target = {"url": BLANK, "browserContextId": self._context, **size}
+        await connection.call(
+            "Target.createTarget", target, reply=CreatedTarget, seconds=self.config.open_seconds
+        )
+        return await self._attached
+
+    @contextlib.asynccontextmanager
+    async def _tab_beside(self) -> AsyncIterator[Session]:
+        """Another tab of the episode's context during the block, of which the episode knows nothing."""
+        connection = self._living_process().connection
+        attached = await self._new_tab(connection)
+        session = Session(connection, attached.session_id)
+        try:
+            session.send("Runtime.runIfWaitingForDebugger")
+            yield session
+        finally:
+            closing = {"targetId": attached.target_info.target_id}
+            await connection.call(
+                "Target.closeTarget", closing, reply=EmptyReply, seconds=self.config.open_seconds
+            )
+            connection.drop_session(session.id, TargetGone("the tab was closed"))
+
+    async def storage(self) -> StorageState:
+        """What the websites of the episode keep in the browser now.
+
+        Raises:
+            BrowserError: no episode is open, or it cannot be read.
+            BrowserCrashed, BrowserTimeout: the browser is gone, or no longer answers.
+        """
+        origins = self._living_windows().front.origins
+        async with self._tab_beside() as tab:
+            return await storage.take(tab, self._context, origins, self.config.open_seconds)
 
     async def close(self) -> None:
         """End the episode: the context is disposed of with all its state. Safe to call twice.

@@ -76,6 +76,7 @@ VERBS: tuple[Verb, ...] = (
     Verb("pretrain", "Pretrain the initial weights of the tiny policy."),
     Verb("study", "Repeat the paper's training study with the tiny policy."),
     Verb("report", "Write the report of a run or of a training."),
+    Verb("login", "Sign in to a website by hand, and save that for runs."),
     Verb("view", "Browse a run or a task set in a web browser."),
     Verb("merge", "Merge the runs of collectors that shared one task list."),
     Verb("verify", "Check that a run is complete and intact; set aside records that are not."),

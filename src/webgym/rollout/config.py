@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Literal
 
 from pydantic import Field
@@ -34,6 +35,10 @@ class AttemptConfig(Settings):
 
     identity: Identity = Field(default_factory=Identity)
     """What differs from the browser server's ``browser.identity``; a task's own fields go before it."""
+
+    logins: dict[str, Path] = Field(default_factory=dict)
+    """Who is signed in where: a website's host, or a task's id, and the file with the log-in, of ``webgym
+    login`` or of Playwright's storage state. A task's id goes before its website."""
 
     record_cuts: bool = False
     """Record the lines of each page that are never fully visible, for checks of websites."""

@@ -29,6 +29,7 @@ from webgym.core.action import Navigate
 from webgym.core.calls import CallQueue, call_queues
 from webgym.core.errors import LeaseLost, ProtocolError, ServerUnreachable, WebGymError
 from webgym.core.observation import Probed
+from webgym.core.storage import StorageState
 from webgym.server.config import ClientLimits
 from webgym.server.listening import connections
 from webgym.server.messages import (
@@ -67,6 +68,7 @@ from webgym.server.operations import (
     RELEASE,
     SCREENSHOT,
     STEP,
+    STORAGE,
     Operation,
     QueueName,
 )
@@ -483,6 +485,10 @@ class Session:
     async def read(self, request: ReadRequest) -> Document:
         """Read the whole document, not only the part in the viewport."""
         return await self._call(READ, Document, request)
+
+    async def storage(self) -> StorageState:
+        """What websites keep in the session's browser: whoever has it is signed in as the session is."""
+        return await self._call(STORAGE, StorageState)
 
     async def probe(self, url: str) -> Probed:
         """Ask for a page from outside the session, to see whether its website is there."""

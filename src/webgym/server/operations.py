@@ -8,6 +8,7 @@ import msgspec
 
 from webgym.browser.document import Document, ReadRequest
 from webgym.core.observation import Probed
+from webgym.core.storage import StorageState
 from webgym.server.messages import (
     CLIENT_HEADER,
     GENERATION_HEADER,
@@ -87,6 +88,9 @@ SCREENSHOT = Operation("screenshot", "POST", "/v1/sessions/{id}/screenshot",
     "A screenshot without marks and without waiting", queue="screenshot", media=PNG, is_repeatable=True)
 METADATA = Operation("metadata", "POST", "/v1/sessions/{id}/metadata",
     "URL, title, status and scroll position", reply=PageMetadata, queue="metadata", is_repeatable=True)
+STORAGE = Operation("storage", "POST", "/v1/sessions/{id}/storage",
+    "Cookies, local storage and IndexedDB of the session: whoever has them is signed in",
+    reply=StorageState, queue="metadata", is_repeatable=True)
 READ = Operation("read", "POST", "/v1/sessions/{id}/read",
     "Read the whole document: text, elements, metadata",
     request=ReadRequest, reply=Document, queue="metadata", is_repeatable=True)
@@ -106,8 +110,8 @@ WATCH = Operation("watch", "GET", "/v1/watch",
 OPENAPI = Operation("openapi", "GET", "/openapi.json", "This document")
 
 OPERATIONS: tuple[Operation, ...] = (
-    ALLOCATE, STEP, NAVIGATE, EXECUTE, SCREENSHOT, METADATA, READ, PROBE, HEARTBEAT, RELEASE, HEALTH, INFO,
-    PRESSURE, METRICS, WATCH, OPENAPI,
+    ALLOCATE, STEP, NAVIGATE, EXECUTE, SCREENSHOT, METADATA, READ, STORAGE, PROBE, HEARTBEAT, RELEASE, HEALTH,
+    INFO, PRESSURE, METRICS, WATCH, OPENAPI,
 )
 # fmt: on
 

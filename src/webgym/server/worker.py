@@ -26,6 +26,7 @@ from webgym.browser.slot import Slot
 from webgym.core.action import Navigate
 from webgym.core.errors import BrowserError, ProtocolError, Unauthorized
 from webgym.core.observation import Probed
+from webgym.core.storage import StorageState
 from webgym.server.admission import AdmissionController, Permit
 from webgym.server.callers import SERVER_CALLER, Quota, Tokens, client_of
 from webgym.server.config import ServerConfig
@@ -228,6 +229,16 @@ class Service:
         async def work() -> Document:
             async with self._serving(lease, "metadata"):
                 return await slot.read(request)
+
+        return await self._run(lease, work)
+
+    async def storage(self, lease: Lease) -> StorageState:
+        """What websites keep in the session's browser."""
+        slot = lease.slot
+
+        async def work() -> StorageState:
+            async with self._serving(lease, "metadata"):
+                return await slot.storage()
 
         return await self._run(lease, work)
 

@@ -13,7 +13,7 @@ from tests.documented import documented
 from tests.tasks.sources import native
 
 from webgym.core.errors import ConfigError
-from webgym.taskset.sources import read_source
+from webgym.tasks.sources import read_source
 
 TODAY = date(2026, 1, 15)
 

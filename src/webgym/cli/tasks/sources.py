@@ -16,7 +16,7 @@ from webgym.core.errors import UsageError
 from webgym.core.tables import Table, put
 
 if TYPE_CHECKING:
-    from webgym.taskset.sources import Read
+    from webgym.tasks.sources import Read
 
 
 def sources(
@@ -46,7 +46,7 @@ def sources(
 
 
 def _name_and_location(option: str) -> tuple[str, str]:
-    from webgym.taskset.sources import HUB
+    from webgym.tasks.sources import HUB
 
     name, separator, location = option.partition("=")
     if not (separator and name and location):
@@ -55,7 +55,7 @@ def _name_and_location(option: str) -> tuple[str, str]:
 
 
 def _list(console: Console) -> None:
-    from webgym.taskset.sources import SOURCES
+    from webgym.tasks.sources import SOURCES
 
     rows = [
         (source.name, source.licence, str(source.paper_tasks), str(source.paper_websites))
@@ -66,7 +66,7 @@ def _list(console: Console) -> None:
 
 def _print_source(console: Console, name: str, location: str, lines: int) -> bool:
     """Read a source and print its counts; whether it contains any task."""
-    from webgym.taskset.sources import SOURCES, read_source
+    from webgym.tasks.sources import SOURCES, read_source
 
     records = read_source(name, location)
     source = SOURCES[name]

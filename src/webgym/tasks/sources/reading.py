@@ -23,8 +23,8 @@ from typing import IO, Any, Final, NamedTuple, TypeAlias
 
 from webgym.core.errors import ConfigError, TaskFileError
 from webgym.tasks.files import refuse_device
-from webgym.taskset.sources.base import Skipped
-from webgym.taskset.sources.fields import Fields, kind
+from webgym.tasks.sources.base import Skipped
+from webgym.tasks.sources.fields import Fields, kind
 
 SUFFIXES = (".jsonl", ".ndjson", ".json", ".csv", ".tsv", ".parquet")
 COMPRESSIONS = (".gz", ".bz2", ".xz", ".zst")

@@ -16,7 +16,7 @@ from webgym.core.errors import TaskFileError, UsageError
 from webgym.core.task import WebsiteFrom, reference_of
 from webgym.core.text import fold
 from webgym.tasks.formats import split_of
-from webgym.taskset.sources.base import (
+from webgym.tasks.sources.base import (
     BAD_WEBSITE,
     CHATS,
     DATED,
@@ -27,10 +27,10 @@ from webgym.taskset.sources.base import (
     Source,
     SourceTask,
 )
-from webgym.taskset.sources.benchmarks import SOURCES
-from webgym.taskset.sources.dates import contains_past_date
-from webgym.taskset.sources.fields import Companions, Fields, PassedOver, Unusable, website_url
-from webgym.taskset.sources.reading import (
+from webgym.tasks.sources.benchmarks import SOURCES
+from webgym.tasks.sources.dates import contains_past_date
+from webgym.tasks.sources.fields import Companions, Fields, PassedOver, Unusable, website_url
+from webgym.tasks.sources.reading import (
     COMPRESSIONS,
     HUB,
     REFUSED,
@@ -257,6 +257,7 @@ def _task(source: Source, draft: Draft, today: date) -> SourceTask:
         split=draft.split,
         flags=tuple(dict.fromkeys(flags)),
         extra=draft.extra,
+        level=draft.level,
     )
     try:
         msgspec.json.encode(task)

@@ -87,7 +87,7 @@ def run_options(*, split: str, limit: str, **more: str) -> Options:
             "--marks/--coordinates": Option("agent.mode", parse=mode_of),
             "--judge": "judge.name",
             "--judge-base-url": Option(
-                "judge.rubric.chat.base_url", help=f"OpenAI-compatible endpoint of the rubric judge; {key}."
+                "judge.rubric.chat.base_url", help=f"OpenAI-compatible endpoint of the judge's model; {key}."
             ),
             "--judge-model": "judge.rubric.chat.model",
             "--server": "server.url",

@@ -14,7 +14,7 @@ from typer.core import TyperGroup
 from webgym.cli._agreement import agreement_command
 from webgym.cli._fields import Given, Option, Options, takes
 from webgym.cli._options import Price, PriceFile, prices_of
-from webgym.judge.config import JudgeChoice
+from webgym.judge.config import MODEL_JUDGES, JudgeChoice
 from webgym.rollout.rejudge import RejudgeConfig
 
 if TYPE_CHECKING:
@@ -58,8 +58,8 @@ JUDGE = Options(
         "--judge": Option("name", default="rubric with --base-url, else the run's own"),
         "--base-url": Option(
             "rubric.chat.base_url",
-            help="OpenAI-compatible endpoint of the rubric judge; its key is read from WEBGYM_JUDGE_API_KEY, "
-            "else WEBGYM_API_KEY.",
+            help="OpenAI-compatible endpoint of the judge's model; its key is read from "
+            "WEBGYM_JUDGE_API_KEY, else WEBGYM_API_KEY.",
         ),
         "--model": "rubric.chat.model",
         "--samples": "panel.samples",
@@ -159,7 +159,7 @@ async def _judge(
                 open_judge(choice, cache=cache, ledger=ledger) as judge,
             ):
                 state = await judge_run(run, judge, settings, show=show)
-        if choice.name == "rubric":
+        if choice.name in MODEL_JUDGES:
             _print_costs(ledger, console)
         return state, _spent_since(before, ledger.totals.all)
 

@@ -189,6 +189,7 @@ class Task(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
         extra: unused columns of the published set, kept so that it can be written again without loss.
         truth: the ground truth, for the offline judge and the scripted policy; never shown to a model.
         files: files that the agent may upload, in the extended action space.
+        stated_level: the level that a benchmark states itself; by default the rubric's.
 
     Raises:
         ValueError: two of its files have the same name, or they are too large.
@@ -210,6 +211,7 @@ class Task(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
     extra: dict[str, Any] = {}
     truth: Truth | None = None
     files: tuple[Attachment, ...] = ()
+    stated_level: Level | None = None
 
     def __post_init__(self) -> None:
         if self.files:
@@ -223,7 +225,7 @@ class Task(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
     @property
     def level(self) -> Level:
         """Easy, medium or hard."""
-        return level_of(self.rubric.difficulty)
+        return self.stated_level or level_of(self.rubric.difficulty)
 
 
 class StepBudget(msgspec.Struct, frozen=True):

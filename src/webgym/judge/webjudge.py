@@ -26,6 +26,10 @@ from webgym.judge.labels import BrokenLabel, HumanLabel, Humans, Label, settled
 from webgym.judge.verdicts import plain, runs_on, stands_alone, trimmed
 
 _STATUS: Final = re.compile(r"(?:final )?status\s?[:=–—-]\s?(?P<said>[a-z -]+)")
+SUCCESS: Final = re.compile(
+    r"(?:(?:(?:final|overall|my) )?(?:verdict|evaluation|result)\s?[:=–—-]\s?)?(?P<said>(?:not )?success)"
+)
+"""A verdict in the form of WebVoyager's judge, whose label may be missing."""
 _LAST_SENTENCE: Final = re.compile(r"(?P<before>.*[.!?][\"'”’)\]]*)\s+(?P<last>\S.*)", re.DOTALL)
 _TAIL: Final = 400
 """Characters at a reply's end in which its last sentence is looked for."""
@@ -78,23 +82,30 @@ class _Record(msgspec.Struct):
     task_id: str | int = ""
 
 
-def read_status(reply: str) -> bool | None:
+def read_status(reply: str, form: re.Pattern[str] = _STATUS) -> bool | None:
     """The verdict of a WebJudge reply; ``None`` if it has none, or two. Never raises.
 
     A status on a line of its own counts; if there is none, the last sentence does. It must stand alone: a
     question, a quotation, a condition or a part of a longer sentence ("neither here nor status: success") is
     no status, nor is one inside of the model's thinking.
+
+    Args:
+        reply: the text.
+        form: of a status, folded; ``said`` is the word that states it.
     """
     lines = [line for line in map(trimmed, THOUGHT_END.split(reply)[-1].splitlines()) if plain(line)]
+    places = zip(["", *lines], lines, [*lines[1:], ""], strict=False)
+    said = [(match, *place) for place in places if (match := form.fullmatch(plain(place[1])))]
+    if len({match["said"] for match, *_ in said if match.start("said") == 0}) > 1:
+        return None  # words without a label contradict each other wherever they stand
     statuses = {
         _STATUSES.get(match["said"].strip())
-        for before, line, after in zip(["", *lines], lines, [*lines[1:], ""], strict=False)
-        if (match := _STATUS.fullmatch(plain(line)))
-        and not runs_on(line, before)
+        for match, before, line, after in said
+        if (stands_alone(line, before) if match.start("said") == 0 else not runs_on(line, before))
         and not after[:1].islower()  # the sentence goes on: "would be wrong"
     }
     if not statuses and lines and (end := _LAST_SENTENCE.fullmatch(lines[-1][-_TAIL:])):
-        match = _STATUS.fullmatch(plain(end["last"]))
+        match = form.fullmatch(plain(end["last"]))
         return (
             _STATUSES.get(match["said"].strip())
             if match and stands_alone(end["last"], end["before"])

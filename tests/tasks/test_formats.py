@@ -113,6 +113,7 @@ def test_parquet_has_a_typed_column_per_field(tmp_path: Path) -> None:
             "extra": '{"attempt_level":2}',
             "truth": None,
             "files": None,
+            "stated_level": None,
         }
     ]
     meta = pq.ParquetFile(path).metadata.row_group(0).column(0)

@@ -29,6 +29,7 @@ from webgym.server.config import ClientLimits, Queues
 from webgym.store.files import CONFIG
 from webgym.store.runs import RunReader
 from webgym.tasks.benchmarks import BENCHMARKS, BenchmarkName
+from webgym.tasks.hub import address_of, pinned
 from webgym.tasks.selection import Selection
 
 SITES_TOKEN: Final = "WEBGYM_SITES_TOKEN"  # noqa: S105 - a variable's name
@@ -44,8 +45,8 @@ class TaskChoice(Selection):
     """Which tasks; by default training tasks."""
 
     file: Path | None = None
-    """Task file of any format, a folder of them, or the name of tasks, such as ``offline-small-v2``; without
-    one, the offline web's tasks."""
+    """Task file of any format, a folder of them, the name of tasks, such as ``offline-small-v2``, or a data
+    set on the hub: ``hub:OWNER/NAME[@REVISION][:SPLIT]``; without one, the offline web's tasks."""
 
     benchmark: BenchmarkName | None = None
     """Benchmark whose public file ``file`` is, read as it is; its own judge decides unless another is
@@ -274,6 +275,19 @@ def resolved(config: RunConfig, policy: Policy | None, tell: Tell | None) -> Run
         chat = chat.model_copy(update={"sampling": profile.sampling_of(chat.sampling)})
         update["policy"] = config.policy.model_copy(update={"chat": chat})
     return config.model_copy(update=update)
+
+
+def with_pinned_tasks(config: RunConfig) -> RunConfig:
+    """The config with the commit in the address of a data set on the hub, so that a run always has the same
+    tasks.
+
+    Raises:
+        ConfigError, TaskFileError: as for :func:`webgym.tasks.hub.pinned`.
+    """
+    if config.tasks.file is None or address_of(config.tasks.file) is None:
+        return config
+    update = {"file": Path(pinned(config.tasks.file))}
+    return config.model_copy(update={"tasks": config.tasks.model_copy(update=update)})
 
 
 def profile_for(config: RunConfig, policy: Policy | None) -> Profile:

@@ -24,7 +24,8 @@ def sources(
         [],
         "--read",
         metavar="NAME=WHERE",
-        help="Count the tasks of a file, a folder or hub:<datasets id>[:<split>] of a source. Repeatable.",
+        help="Count the tasks of a file, a folder or hub:OWNER/NAME[@REVISION][:SPLIT] of a source. "
+        "Repeatable.",
     ),
     lines: int = typer.Option(
         20,
@@ -46,12 +47,12 @@ def sources(
 
 
 def _name_and_location(option: str) -> tuple[str, str]:
-    from webgym.tasks.sources import HUB
+    from webgym.tasks.hub import address_of
 
     name, separator, location = option.partition("=")
     if not (separator and name and location):
         raise UsageError(f"--read {option!r} is not NAME=WHERE", hint="such as --read deepshop=PATH")
-    return name.strip(), location if location.startswith(HUB) else str(Path(location).expanduser())
+    return name.strip(), location if address_of(location) else str(Path(location).expanduser())
 
 
 def _list(console: Console) -> None:

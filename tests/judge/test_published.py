@@ -138,7 +138,8 @@ async def test_deepshops_judge_asks_of_every_requirement() -> None:
     verdict, asked = await judged("deepshop", answers, episode(), TASK)
     assert sorted(each.quotes["task"] for each in asked) == sorted(text for *_, text in TASK.rubric.facts())
     assert [fact.judgement.passed for fact in verdict.facts] == [True, False, True]
-    assert (verdict.reward, verdict.score) == (0, pytest.approx(2 / 3))
+    assert verdict.reward == 0
+    assert verdict.score == pytest.approx(2 / 3)
     verdict, _ = await judged("deepshop", lambda asked: "SUCCESS", episode(), TASK)
     assert verdict.reward == 1
     verdict, (asked_once,) = await judged("deepshop", lambda asked: "SUCCESS", episode(), SHOP)
@@ -187,8 +188,13 @@ def test_verdicts_of_webvoyagers_judge(reply: str, passed: bool | None) -> None:
 
 @pytest.mark.parametrize("ending", [{"finish_reason": "length"}, {"refusal": "I will not."}])
 def test_replies_that_the_model_did_not_end(ending: dict[str, str]) -> None:
-    replies = {read_success: "SUCCESS", read_outcome: "Status: success", read_score: "Score: 4"}
-    for read, reply in [*replies.items(), (read_points, "1. a mug")]:
+    replies: dict[Callable[..., object], str] = {
+        read_success: "SUCCESS",
+        read_outcome: "Status: success",
+        read_score: "Score: 4",
+        read_points: "1. a mug",
+    }
+    for read, reply in replies.items():
         assert not isinstance(read(reply), NoVerdict)
         assert isinstance(read(reply, **ending), NoVerdict)
 

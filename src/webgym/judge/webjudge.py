@@ -3,8 +3,9 @@
 Records of the AgentRewardBench study, judged by WebJudge (SOURCES.md, "Judge labels"): a JSON object per line
 with ``judge_response`` (ends in ``Status: success`` or ``failure``), ``judge_status`` (the status that the
 study parsed from it) and ``human`` (annotators' labels; their ``success`` is Successful, Unsuccessful or
-Unsure). Result files of WebJudge itself are read, too: ``evaluation_details`` has the reply as ``response``,
-and ``predicted_label`` is 1 or 0. They have no labels; those are joined by ``task_id``.
+Unsure). Online-Mind2Web's own result files of WebJudge and of WebVoyager's judge, whose names begin with the
+judge's, are read, too: ``evaluation_details`` has the reply as ``response``, and ``predicted_label`` is 1 or
+0. They have no labels; those are joined by ``task_id``.
 """
 
 from __future__ import annotations
@@ -137,7 +138,7 @@ def read_labelled(
                 if not line.strip():
                     continue
                 try:
-                    found = _labelled(line)
+                    found = _labelled(line, path.name.casefold().startswith("webvoyager"))
                     yield found if found.humans else replace(found, humans=tuple(by_task[found.key[3]]))
                 except ValueError as error:
                     if broken is None:
@@ -147,15 +148,17 @@ def read_labelled(
         raise UsageError(f"cannot read {path}: {error.strerror}") from error
 
 
-def _labelled(line: bytes) -> Labelled:
+def _labelled(line: bytes, is_webvoyager: bool) -> Labelled:
     record = msgspec.json.decode(line.removeprefix(BOM_UTF8), type=_Record)
     labels = [str(label.get("success", "")).strip().casefold() for label in record.human]
     humans = tuple({"successful": True, "unsuccessful": False}.get(label) for label in labels)
     key = (record.judge, record.benchmark, record.agent, str(record.task_id))
     if record.evaluation_details is not None:
         recorded = {1: True, 0: False}.get(-1 if record.predicted_label is None else record.predicted_label)
-        verdict = read_status(record.evaluation_details.response or "")
-        return Labelled((record.judge or "WebJudge", *key[1:]), verdict, recorded, humans)
+        reply = record.evaluation_details.response or ""
+        verdict = read_status(reply, SUCCESS if is_webvoyager else _STATUS)
+        judge = record.judge or ("WebVoyager" if is_webvoyager else "WebJudge")
+        return Labelled((judge, *key[1:]), verdict, recorded, humans)
     if record.judge_response is msgspec.UNSET:
         raise ValueError("it has neither judge_response nor evaluation_details")
     status = (record.judge_status or "").strip().casefold()

@@ -25,7 +25,7 @@ from webgym.core.errors import WebGymError
 from webgym.judge.reference import Match, compare
 from webgym.offline.web import OfflineWeb
 from webgym.tasks.sampling import draw
-from webgym.taskset.sources import read_source
+from webgym.tasks.sources import read_source
 
 FOLDERS: Final = {
     "pae-webvoyager": "webvoyager",

@@ -34,6 +34,7 @@ from tests.llm.endpoint import serve
 from tests.report.conftest import build_run
 from tests.report.training import build_training
 from tests.serving import beside
+from tests.tasks.hub_server import Hub, serve_hub, use
 from tests.test_docs import wrong
 
 import webgym
@@ -79,6 +80,11 @@ NOT_RUN = {
     "mkdir": "as chown",
     "tee": "as chown",
     "vllm": "it needs a GPU",
+    "webgym eval --benchmark": "it needs websites of others; tests/cli/test_benchmarks.py has one",
+    "webgym eval --of runs/om2w": "as webgym eval --benchmark",
+    "webgym judge agreement --webjudge WebJudge_results.json": "tests/judge/test_agreement.py has such files",
+    "webgym judge agreement runs/om2w": "as webgym eval --benchmark",
+    "webgym judge runs/om2w": "as webgym eval --benchmark",
     "webgym rollout --config live.yaml": "it needs websites of others",
     "webgym serve --cgroup": "as chown; tests/browser/test_cgroups.py starts a browser in a cgroup",
 }
@@ -116,7 +122,6 @@ def succeeds(*command: str) -> bool:
 
 CHECKS: dict[str, Callable[[list[str]], bool]] = {
     "docker": docker_takes,
-    "hf": lambda words: succeeds(str(Path(sys.executable).with_name("hf")), words[0], "--help"),
     "make": lambda words: succeeds("make", "--dry-run", *words),
     "openssl": lambda words: succeeds("openssl", *words),
     "pip": pip_takes,
@@ -180,7 +185,6 @@ def held(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "configs").symlink_to(ROOT / "configs")
     for split in ("train", "test"):
         webgym.write_tasks(folder / "set" / f"{split}.jsonl", [each for each in tasks if each.split == split])
-    (folder / "webgym_tasks").symlink_to(folder / "set")
     asyncio.run(build_run(folder / "runs" / "first", 6))
     quick = RolloutPlan(trajectories=12, sessions=6, cpus=(1,), mean_steps=5.0, rounds=1)
     for plan, name, parts in ((PLAN, "bench-rollout", PARTS), (quick, "quick", ["calibration"])):
@@ -189,6 +193,15 @@ def held(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for cell in plan.cells(parts):
             file_of(bench, cell).write_bytes(msgspec.json.encode(measured(cell, 30.0)))
     return folder
+
+
+@pytest.fixture(scope="module")
+def hub(held: Path) -> Iterator[Hub]:
+    """A hub with the published set."""
+    files = {path.name: path.read_bytes() for path in (held / "set").iterdir()}
+    with beside(serve_hub()) as served:
+        served.commit("microsoft/webgym_tasks", files)
+        yield served
 
 
 def label(run: Path) -> None:
@@ -290,12 +303,15 @@ def test_commands_run(
     held: Path,
     judge: str,
     policy: str,
+    hub: Hub,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     folder = shutil.copytree(held, tmp_path / "page", symlinks=True)
     monkeypatch.chdir(folder)
+    use(hub, tmp_path / "cache", monkeypatch)
+    monkeypatch.setenv("HF_TOKEN", hub.token)
     for words in runs_here(page):
         prepare(words)
         model = judge if words[0] == "judge" or "--judge-base-url" in words else policy
@@ -311,19 +327,20 @@ def test_commands_run(
 
 
 @pytest.mark.parametrize("name", IN_A_SHELL)
-def test_lines_run_in_a_shell(name: str, held: Path) -> None:
+def test_lines_run_in_a_shell(name: str, held: Path, hub: Hub, tmp_path: Path) -> None:
     blocks = [code.replace("\\\n", " ") for page in PAGES for _, code in blocks_of(page, *SHELL)]
     lines = [
         line for code in blocks for line in code.splitlines() if name in (call[0] for call in calls(line))
     ]
     assert lines
+    of_hub = {"HF_ENDPOINT": hub.url, "HF_HOME": str(tmp_path), "HF_HUB_OFFLINE": "0"}
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     for line in lines:
         script = f"set -euo pipefail\n{line}\n{IN_A_SHELL[name]}"
         ran = subprocess.run(
             ["bash", "-c", script],
             cwd=held,
-            env=os.environ | {"PATH": path},
+            env=os.environ | of_hub | {"PATH": path},
             capture_output=True,
             check=False,
         )

@@ -17,8 +17,8 @@ import webgym
 from webgym.cli._run import settings
 from webgym.judge.factory import refuse_unjudgeable
 from webgym.offline.web import OfflineWeb
+from webgym.tasks.sources import SOURCES
 from webgym.taskset.construction.config import read_config
-from webgym.taskset.sources import SOURCES
 
 ROOT = Path(__file__).parent.parent
 

@@ -188,7 +188,7 @@ def test_merging_changes_neither_side() -> None:
         ({"polcy": {"name": "random"}}, "polcy: there is no such setting; did you mean policy?"),
         ({"tasks": {"budget_easy": 10}}, "did you mean attempt.budget_easy?"),
         ({"sesions": 2}, "did you mean collector.sessions?"),
-        ({"tasks": {"zzz": 1}}, "tasks.zzz: there is no such setting; tasks has count, domains, file, "),
+        ({"tasks": {"zzz": 1}}, "tasks.zzz: there is no such setting; tasks has benchmark, count, domains, "),
         ({"policy": {"chat": {"base_url": "http://127.0.0.1:1", "modle": "m"}}}, "mean policy.chat.model?"),
         ({"samples": 0}, "samples: Input should be greater than or equal to 1"),
         ({"split": "test"}, "did you mean tasks.split?"),

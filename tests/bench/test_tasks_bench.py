@@ -14,7 +14,7 @@ from tests.bench.conftest import Benchmark
 from tests.documented import documented
 
 from webgym.core.websites import site_of
-from webgym.taskset.sources import SOURCES
+from webgym.tasks.sources import SOURCES
 from webgym.taskset.statistics import describe
 
 SMALL = Shape(tasks=6_000, websites=2_500)

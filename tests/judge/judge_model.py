@@ -78,7 +78,7 @@ def read_request(body: dict[str, Any]) -> Asked:
     for label, picture in zip(parts[1::2], parts[2::2], strict=True):
         data = base64.b64decode(picture["image_url"]["url"].split(",")[1])
         shots.append((label["text"].rstrip(":"), hashlib.sha256(data).hexdigest()))
-    stage = next(stage for label, stage in _STAGES.items() if label in quotes)
+    stage = next((stage for label, stage in _STAGES.items() if label in quotes), "keypoint")
     (code,) = codes
     return Asked(stage, code, quotes, shots, body)
 

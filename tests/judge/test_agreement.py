@@ -304,6 +304,15 @@ def test_webjudges_own_results_are_joined_with_labels_of_tasks(tmp_path: Path, c
     confusion = json.loads(said)["judges"]["WebJudge"]["overall"]["confusion"]
     assert confusion == {"both": 0, "judge_only": 1, "human_only": 0, "neither": 0}
 
+    # The other judge's results of the same attempts are told by the file's name, and have its form.
+    seen = {"task_id": "t1", "evaluation_details": {"response": "It is there.\nNOT SUCCESS"}}
+    other = replies(tmp_path / "WebVoyager_eval_o4-mini.json", seen | {"predicted_label": 0})
+    files = ("--webjudge", file, "--webjudge", other, "--labels", labels, "--agent", "Newt")
+    code, said = command(*files, "--json")
+    told = json.loads(said)["judges"]
+    assert told["WebJudge"]["overall"]["confusion"]["judge_only"] == 1
+    assert told["WebVoyager"]["overall"]["confusion"]["neither"] == 1
+
     code, said = command("--webjudge", replies(tmp_path / "other.jsonl", {"foo": 1}))
     assert code == 2
     assert "neither judge_response nor evaluation_details" in said

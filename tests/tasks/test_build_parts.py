@@ -23,11 +23,11 @@ from webgym.core.errors import (
     NotCached,
 )
 from webgym.llm.client import EndpointRefused
+from webgym.tasks.sources import SourceTask
 from webgym.taskset.construction.accounting import CountMismatch, TaskAccounting
 from webgym.taskset.construction.config import PURPOSES, BuildConfig, read_config
 from webgym.taskset.construction.pipeline import Done, Failed, Pending, ask_all, draw
 from webgym.taskset.construction.progress import StageProgress
-from webgym.taskset.sources import SourceTask
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = {"deepshop": "a.jsonl"}

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from tests.tasks.making import task
 
 from webgym.core.task import Task
+from webgym.tasks.sources.base import SourceTask
 from webgym.taskset.duplicates import DuplicateLimits, drop_duplicates, fold, names, number
-from webgym.taskset.sources.base import SourceTask
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 

@@ -114,6 +114,7 @@ def test_parquet_has_a_typed_column_per_field(tmp_path: Path) -> None:
             "truth": None,
             "files": None,
             "identity": None,
+            "stated_level": None,
         }
     ]
     meta = pq.ParquetFile(path).metadata.row_group(0).column(0)

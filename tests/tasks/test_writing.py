@@ -21,9 +21,9 @@ from webgym.llm.client import ChatClient
 from webgym.llm.completion import Completion
 from webgym.llm.config import ChatConfig, Retry, Sampling
 from webgym.offline.web import OfflineWeb
+from webgym.tasks.sources import SourceTask
 from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
 from webgym.taskset import prompts
-from webgym.taskset.sources import SourceTask
 from webgym.taskset.writing import infer_website, rewrite, rubric_problem, text_problem, write_rubric
 
 TENT = SourceTask(

@@ -91,12 +91,13 @@ def check_model(path: Path) -> None:
 
 
 def check_tasks(name: str) -> None:
-    """Refuse tasks that are neither a file, a folder nor a known name.
+    """Refuse tasks that are neither a file, a folder, a known name nor an address on the hub.
 
     Raises:
         TaskFileError: that is so.
     """
     from webgym.offline.config import collection_of
+    from webgym.tasks.hub import address_of
 
-    if collection_of(name) is None and not Path(name).exists():
+    if collection_of(name) is None and address_of(name) is None and not Path(name).exists():
         raise TaskFileError(f"cannot read {name}: there is no such file", hint="check its path")

@@ -16,8 +16,12 @@ def tables(results: Sequence[Evaluation]) -> Iterator[Table]:
     """Tables for a paper: success of one run by difficulty, or of several runs; samples without a reward."""
     if len(results) == 1:
         (result,) = results
-        columns, rows = _by_difficulty(result)
+        is_repeated = result.samples > 1
+        columns, rows = _rows({group: result.rows[group] for group in GROUPS}, is_repeated=is_repeated)
         yield Table(f"Success of {_policy(result)} by difficulty, judged by {result.judge}", columns, rows)
+        if result.websites:
+            columns, rows = _rows(result.websites, is_repeated=is_repeated)
+            yield Table("Success by website", columns, rows)
     else:
         yield from _side_by_side(results)
     lost = _outcomes(results)
@@ -96,15 +100,13 @@ def notes(result: Evaluation, *, alone: bool = True) -> Iterator[str]:
         yield f"{missing} missing: the run is not finished (webgym eval --resume), or not judged"
 
 
-def _by_difficulty(result: Evaluation) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Columns, and a row per difficulty; the column ``ever`` only if tasks have several samples."""
-    is_repeated = result.samples > 1
+def _rows(results: Mapping[Any, Row], *, is_repeated: bool) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Columns, and a row per group; the column ``ever`` only if tasks have several samples."""
     solved = ("ever, %",) if is_repeated else ()
     rates = ("success, %", "95 % interval", "of planned, %", "95 % interval")
     columns = ("", "tasks", "judged", *rates, *solved, "mean steps", "no reward")
     rows = []
-    for group in GROUPS:
-        row = result.rows[group]
+    for group, row in results.items():
         won, tasks = row.solved
         ever = (f"{100 * won / tasks:.1f}" if tasks else DASH,) if is_repeated else ()
         steps = DASH if row.steps is None else f"{row.steps:.1f}"

@@ -10,7 +10,7 @@ from typing import Any
 
 from webgym.core.errors import ConfigError
 from webgym.core.settings import merged, read_yaml, validated
-from webgym.judge.config import STAGES, JudgeChoice
+from webgym.judge.config import MODEL_JUDGES, STAGES, JudgeChoice
 
 JUDGE_KEY = "WEBGYM_JUDGE_API_KEY"
 """Environment variable of the judge's API key; if it is not set, the policy's variable is used."""
@@ -23,7 +23,8 @@ def judge_choice(
 ) -> JudgeChoice:
     """A judge's settings, from a file and from options that override it.
 
-    An endpoint without a judge's name selects the rubric judge.
+    An endpoint without a judge's name selects the rubric judge, unless the settings name another that asks a
+    model.
 
     Args:
         given: values of options, nested like :class:`webgym.judge.config.JudgeChoice`. A stage for which
@@ -41,13 +42,15 @@ def judge_choice(
     )
     rubric = given.get("rubric") or {}
     has_endpoint = "base_url" in rubric.get("chat", {})
-    name = given.get("name") or ("rubric" if has_endpoint else settings.get("name"))
-    if name == "rubric":
+    name = given.get("name") or settings.get("name")
+    if has_endpoint and not given.get("name") and name not in MODEL_JUDGES:
+        name = "rubric"
+    if name in MODEL_JUDGES:
         settings["rubric"] = deepcopy(merged(settings.get("rubric") or {}, rubric))
         chat = settings["rubric"].setdefault("chat", {})
         if not {"base_url", "model"} <= chat.keys():
             raise ConfigError(
-                "the rubric judge needs an endpoint and a model", hint="set its base URL and its model"
+                f"the {name} judge needs an endpoint and a model", hint="set its base URL and its model"
             )
         for stage in STAGES:
             if stage in rubric:

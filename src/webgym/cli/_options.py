@@ -62,13 +62,13 @@ WriteReport: TypeAlias = Annotated[
 ]
 
 
-def run_options(*, split: str, limit: str, **more: str) -> Options:
+def run_options(*, split: str, limit: str, **more: str | Option) -> Options:
     """The options that set fields of :class:`webgym.run.config.RunConfig`.
 
     Args:
         split: the default that the help shows for ``--split``.
         limit: the default that the help shows for ``--limit``.
-        more: further options: name and field.
+        more: further options, by name.
     """
     key = "its key is read from WEBGYM_JUDGE_API_KEY, else WEBGYM_API_KEY"
     return Options(
@@ -87,7 +87,7 @@ def run_options(*, split: str, limit: str, **more: str) -> Options:
             "--marks/--coordinates": Option("agent.mode", parse=mode_of),
             "--judge": "judge.name",
             "--judge-base-url": Option(
-                "judge.rubric.chat.base_url", help=f"OpenAI-compatible endpoint of the rubric judge; {key}."
+                "judge.rubric.chat.base_url", help=f"OpenAI-compatible endpoint of the judge's model; {key}."
             ),
             "--judge-model": "judge.rubric.chat.model",
             "--server": "server.url",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from webgym.cli import _options as options
-from webgym.cli._fields import Given, takes
+from webgym.cli._fields import Given, Option, takes
 from webgym.cli._print import AsJson, AsLatex, AsMarkdown, print_json, print_tables, refuse_several, say
 from webgym.core.errors import ConfigError, UsageError
 from webgym.core.outcome import Outcome
@@ -26,7 +26,18 @@ if TYPE_CHECKING:
 
 
 RUN = options.run_options(
-    split="test; all tasks if none has a split", limit="all tasks of a file, 20 of the offline web"
+    split="test; all tasks if none has a split",
+    limit="all tasks of a file, 20 of the offline web",
+    benchmark=Option(
+        "tasks.benchmark",
+        help="Benchmark to evaluate on: its public file is read as it is, and its own judge decides unless "
+        "--judge names another.",
+    ),
+    file=Option(
+        "tasks.file",
+        help="The benchmark's public file, or hub:OWNER/NAME[@REVISION][:SPLIT].",
+        default="none; as --tasks",
+    ),
 )
 
 
@@ -42,7 +53,8 @@ def command(
         [],
         "--of",
         help="Print the results of this run instead of collecting one. May be repeated, for one table. "
-        "--judge then selects one of their judges, by its name or the beginning of it.",
+        "--judge then selects one of their judges, by its name or the beginning of it; with --judge-base-url "
+        "and --judge-model the judge first judges what it has not judged yet.",
         show_default=False,
     ),
     config: options.Config = None,
@@ -64,7 +76,8 @@ def command(
     """Evaluate a policy on a test set with the paper's test budgets, and print success rates with intervals.
 
     An evaluation is a run like any other: it survives kill -9, is resumed with --resume, and can be judged
-    again and browsed. Without network and model: webgym eval --policy scripted --limit 50.
+    again and browsed. Without network and model: webgym eval --policy scripted --limit 50. A benchmark:
+    webgym eval --benchmark online-mind2web --file FILE, with endpoints of the policy and of the judge.
     """
     from webgym.cli import _run
     from webgym.cli._summary import print_losses, print_unjudged
@@ -75,16 +88,19 @@ def command(
     if sum(1 for option in (out, resume, of) if option) > 1:
         raise UsageError("--out, --resume and --of exclude each other", hint="see webgym eval --help")
     refuse_several(json=as_json, markdown=as_markdown, latex=as_latex)
+    refuse_several(**{name: bool(context.params.get(name)) for name in ("tasks", "file")})
     console = _run.lasting_console(stderr=as_json or as_markdown or as_latex)
     if of:
-        formats = ("as_json", "as_markdown", "as_latex")
-        _run.refuse_unused(context, ("of", "judge", *formats), "--of prints a run's results")
-        judge = settings.get("judge", {}).get("name", RECORDED)
+        used = ("of", "judge", "judge_base_url", "judge_model", "as_json", "as_markdown", "as_latex")
+        _run.refuse_unused(context, used, "--of prints a run's results")
+        given = settings.get("judge", {})
+        judge = _judge_stored(of, given, console) if "rubric" in given else given.get("name", RECORDED)
         results = [evaluate(run, judge) for run in of]
         _print_results(results, console, as_json, as_markdown, as_latex)
         for run, result in zip(of, results, strict=True):
             unjudged = result.rows["overall"].no_reward.get(Outcome.JUDGE_ERROR, 0)
-            print_unjudged(unjudged, f"webgym eval --resume {shlex.quote(str(run))}", console)
+            resume_it = f"webgym eval --resume {shlex.quote(str(run))}"
+            print_unjudged(unjudged, resume_it if judge == RECORDED else "this command again", console)
         return
     if resume is not None:
         folder = resume
@@ -101,6 +117,20 @@ def command(
     _print_results([evaluate(folder)], console, as_json, as_markdown, as_latex)
     print_losses(summary, console)
     _run.end(summary, resumed_by, console, report=path, finishing=finishing)
+
+
+def _judge_stored(runs: Sequence[Path], given: Given, console: Console) -> str:
+    """Judge stored runs with a judge that asks a model; its name."""
+    from webgym.cli._judge_options import judge_choice
+    from webgym.cli.judge import judge_stored
+    from webgym.judge.factory import name_of
+    from webgym.llm.prices import Prices
+    from webgym.rollout.rejudge import RejudgeConfig
+
+    choice = judge_choice(given)
+    for run in runs:
+        judge_stored(run, choice, RejudgeConfig(), Prices(), console)
+    return name_of(choice)
 
 
 def _collection(

@@ -12,14 +12,17 @@ import typer
 
 from webgym.cli._checks import check_folder
 from webgym.cli._print import bars
+from webgym.cli._push import Public, PushTo, push_folder, steps_card, target, tasks_card
 from webgym.cli.tasks._files import has_tasks, read_all
 from webgym.core.errors import UsageError
 from webgym.core.outcome import Outcome
+from webgym.core.task import Task
 from webgym.offline.config import collection_of
 from webgym.results.export import export
 from webgym.results.summary import oracle_notes
 from webgym.store.files import make_folder, refuse_used
 from webgym.tasks.formats import write_tasks
+from webgym.tasks.hub import address_of
 from webgym.tasks.split import leaking
 
 Format: TypeAlias = Literal["jsonl", "parquet", "sharegpt"]
@@ -50,6 +53,8 @@ def command(
             help="Only attempts with this outcome. May be repeated.", show_default="all; success for sharegpt"
         ),
     ] = None,
+    push: PushTo = None,
+    public: Public = False,
 ) -> None:
     """Write a row for every step: request, pictures, reply, tokens, outcome, reward (null if there is none).
 
@@ -57,13 +62,16 @@ def command(
     does. Tasks are written as a row each, to tasks.parquet or tasks.jsonl.
     """
     check_folder(out)
-    if collection_of(str(source)) or (source.exists() and has_tasks(source)):
+    to = None if push is None else target(push)
+    if collection_of(str(source)) or address_of(source) or (source.exists() and has_tasks(source)):
         if kind == "sharegpt" or outcome:
             raise UsageError(
                 "tasks have no replies and no outcomes",
                 hint="export a run, or leave out sharegpt and --outcome",
             )
-        _export_tasks(source, out, kind, split)
+        tasks = _export_tasks(source, out, kind, split)
+        if to is not None:
+            push_folder(out, to, tasks_card(tasks, {}), is_public=public)
         return
     with bars() as advance:
         result = export(
@@ -85,13 +93,16 @@ def command(
         }
     )
 
+    if to is not None:
+        push_folder(out, to, steps_card(source, result, kind), is_public=public)
+
 
 def _print_left_out(counts: Mapping[str, int]) -> None:
     if any(counts.values()):
         print("left out: " + ", ".join(f"{count:,} {what}" for what, count in counts.items() if count))
 
 
-def _export_tasks(source: Path, out: Path, kind: Format, split: Split) -> None:
+def _export_tasks(source: Path, out: Path, kind: Format, split: Split) -> list[Task]:
     records = read_all([source])
     leaks = leaking(records.tasks) if split == "train" else {}
     chosen = [task for task in records.tasks if split == "all" or task.split == split]
@@ -119,3 +130,4 @@ def _export_tasks(source: Path, out: Path, kind: Format, split: Split) -> None:
         }
     )
     records.print_left_out()
+    return tasks

@@ -14,7 +14,7 @@ from typer.core import TyperGroup
 from webgym.cli._agreement import agreement_command
 from webgym.cli._fields import Given, Option, Options, takes
 from webgym.cli._options import Price, PriceFile, prices_of
-from webgym.judge.config import JudgeChoice
+from webgym.judge.config import MODEL_JUDGES, JudgeChoice
 from webgym.rollout.rejudge import RejudgeConfig
 
 if TYPE_CHECKING:
@@ -58,8 +58,8 @@ JUDGE = Options(
         "--judge": Option("name", default="rubric with --base-url, else the run's own"),
         "--base-url": Option(
             "rubric.chat.base_url",
-            help="OpenAI-compatible endpoint of the rubric judge; its key is read from WEBGYM_JUDGE_API_KEY, "
-            "else WEBGYM_API_KEY.",
+            help="OpenAI-compatible endpoint of the judge's model; its key is read from "
+            "WEBGYM_JUDGE_API_KEY, else WEBGYM_API_KEY.",
         ),
         "--model": "rubric.chat.model",
         "--samples": "panel.samples",
@@ -100,10 +100,8 @@ def judge_a_run(
     from rich.console import Console
 
     from webgym.cli._judge_options import judge_choice, own_choice
-    from webgym.cli._run import run as run_job
     from webgym.core.consent import confirm
     from webgym.core.settings import validated
-    from webgym.judge.factory import refuse_unjudgeable
     from webgym.store.files import CONFIG
     from webgym.store.runs import RunReader
 
@@ -112,13 +110,8 @@ def judge_a_run(
     if config is None:
         confirm(reader.config, run / CONFIG)
     choice = judge_choice(judge, file=config, default=own_choice(reader.config))
-    refuse_unjudgeable(choice, list(RunReader(run, skip_corrupt=True).tasks.values()))
-    table = prices_of(price, prices)
     settings = validated(RejudgeConfig, rejudge | {"again": again})
-    state, spent = run_job(
-        lambda: _judge(run, choice, settings, table, console), kept="the verdicts so far are stored"
-    )
-    _print_result(state, spent, console)
+    state = judge_stored(run, choice, settings, prices_of(price, prices), console)
     if compare is not None:
         _print_comparison(run, state.judge, compare, console)
     if 0 < sum(state.failures.values()) == state.done - state.earlier:
@@ -126,6 +119,22 @@ def judge_a_run(
 
 
 app.command("agreement")(agreement_command)
+
+
+def judge_stored(
+    run: Path, choice: JudgeChoice, settings: RejudgeConfig, prices: Prices, console: Console
+) -> Judging:
+    """Judge a stored run, and print outcomes and cost; its state afterwards."""
+    from webgym.cli._run import run as run_job
+    from webgym.judge.factory import refuse_unjudgeable
+    from webgym.store.runs import RunReader
+
+    refuse_unjudgeable(choice, list(RunReader(run, skip_corrupt=True).tasks.values()))
+    state, spent = run_job(
+        lambda: _judge(run, choice, settings, prices, console), kept="the verdicts so far are stored"
+    )
+    _print_result(state, spent, console)
+    return state
 
 
 async def _judge(
@@ -159,7 +168,7 @@ async def _judge(
                 open_judge(choice, cache=cache, ledger=ledger) as judge,
             ):
                 state = await judge_run(run, judge, settings, show=show)
-        if choice.name == "rubric":
+        if choice.name in MODEL_JUDGES:
             _print_costs(ledger, console)
         return state, _spent_since(before, ledger.totals.all)
 

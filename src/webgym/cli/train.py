@@ -58,6 +58,7 @@ def command(
     if not (resume or explain):
         check_training(merged(read_files(files, hint="see configs/train/ for examples"), settings), out)
     from webgym.cli._training_output import run_training
+    from webgym.run.config import with_pinned_tasks
     from webgym.train.start import follow, is_follower, load_train_config, read_config
 
     console = _run.lasting_console()
@@ -71,6 +72,8 @@ def command(
     if is_follower():
         follow(chosen, folder)
         return
+    if resume is None:
+        chosen = chosen.model_copy(update={"rollout": with_pinned_tasks(chosen.rollout)})
     run_training(chosen, folder, resume=resume is not None, secrets=_run.secrets(token_file), console=console)
 
 

@@ -191,6 +191,7 @@ class Task(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
         truth: the ground truth, for the offline judge and the scripted policy; never shown to a model.
         files: files that the agent may upload, in the extended action space.
         identity: fields of :class:`~webgym.core.identity.Identity` that this task needs, such as a place.
+        stated_level: the level that a benchmark states itself; by default the rubric's.
 
     Raises:
         ValueError: two of its files have the same name, or they are too large, or it asks for an identity
@@ -214,6 +215,7 @@ class Task(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
     truth: Truth | None = None
     files: tuple[Attachment, ...] = ()
     identity: dict[str, Any] = {}
+    stated_level: Level | None = None
 
     def __post_init__(self) -> None:
         if self.files:
@@ -229,7 +231,7 @@ class Task(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
     @property
     def level(self) -> Level:
         """Easy, medium or hard."""
-        return level_of(self.rubric.difficulty)
+        return self.stated_level or level_of(self.rubric.difficulty)
 
 
 class StepBudget(msgspec.Struct, frozen=True):

@@ -85,6 +85,7 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
             one.
         keypoints: indices of the observations whose screenshots the judge saw; ``None`` for all.
         cost: cost of the model calls; ``None`` from a judge that calls no model.
+        prompts: SHA-256 of the prompts' fixed texts; empty from a judge that calls no model.
 
     Raises:
         ValueError: the reward is not the integer 0 or 1, or ``None``.
@@ -101,6 +102,7 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
     confidence: float | None = None
     keypoints: tuple[int, ...] | None = None
     cost: Cost | None = None
+    prompts: str = ""
 
     def __post_init__(self) -> None:
         # What is neither, such as NaN from a judge of a user's own, would count as a reward of 0.

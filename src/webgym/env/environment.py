@@ -59,6 +59,7 @@ from webgym.run.choice import choose_tasks
 from webgym.run.config import RunConfig, Secrets, resolved
 from webgym.run.services import open_services
 from webgym.server.messages import View
+from webgym.tasks.hub import address_of
 from webgym.tasks.selection import SplitName
 
 log = logging.getLogger(__name__)
@@ -615,7 +616,7 @@ def config_of(name: str, split: SplitName, config: RunConfig | None = None) -> R
         sites = SitesConfig(collection=collection, **delays)
         tasks = tasks.model_copy(update={"file": None})
         config = config.model_copy(update={"sites": sites})
-    elif Path(name).is_file():
+    elif address_of(name) or Path(name).is_file():
         tasks = tasks.model_copy(update={"file": Path(name)})
     else:
         near = get_close_matches(name, TASK_SETS, 1)

@@ -206,6 +206,9 @@ class _SiteObservation:
     addresses: frozenset[_Address]
 
 
+NOT_BLOCKED: Final = Judgement(False, "the attempt succeeded")
+
+
 def find_block(task: Task, episode: Episode, *, suspect_last: bool = False) -> Judgement:
     """Whether the task's own website blocked the agent, by the rules of this module.
 

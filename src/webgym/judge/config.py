@@ -1,17 +1,22 @@
-"""Settings of the rubric judge: its models, and how many screenshots and characters they receive."""
+"""Settings of the judges that ask a model: which ones, and how many screenshots and characters they get."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated, Final, Literal, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
 from webgym.core.settings import Section, Settings
+from webgym.judge.untrusted import code_of
 from webgym.llm.config import ChatConfig, Sampling
 
 Stage: TypeAlias = Literal["keypoint", "fact", "response", "blocking", "reference"]
 STAGES: Final[tuple[Stage, ...]] = ("keypoint", "fact", "response", "blocking", "reference")
+
+MODEL_JUDGES: Final = ("rubric", "webjudge", "webvoyager", "deepshop")
+"""Names of the judges that ask a model."""
 
 PROMPT_CHARS: Final = 6_000
 """Upper estimate of the characters of a prompt's fixed text and a rubric's facts, for checking the
@@ -65,7 +70,12 @@ class TextConfig(Section):
 
 
 class JudgeConfig(Section):
-    """The rubric judge's settings, with defaults filled in. Contains no API key."""
+    """Models and limits of the judges that ask a model, with defaults filled in. Contains no API key.
+
+    The stages are the rubric judge's. WebJudge asks for key points and scores as ``keypoint`` and for its
+    verdict as ``response``, WebVoyager's and DeepShop's judges ask as ``response``; how many screenshots they
+    show is theirs.
+    """
 
     chat: ChatConfig
     """Endpoint and model of every stage that has none of its own."""
@@ -138,6 +148,18 @@ class JudgeConfig(Section):
         """Endpoint and model of one stage: its own, else the judge's."""
         return self.stage(name).chat or self.chat
 
+    def digest(self) -> str:
+        """Digest of every setting that can change a verdict, which endpoints, concurrency and retries
+        cannot."""
+        stages = {}
+        for name in STAGES:
+            stage, chat = self.stage(name), self.chat_of(name)
+            sampling = stage.sampling.over(chat.sampling)  # as it is sent
+            sent = {"sampling": dict(sampling), "model": chat.model}
+            stages[name] = stage.model_dump(mode="json", exclude={"chat", "sampling"}) | sent
+        rules = self.model_dump(mode="json", exclude={"chat", "concurrency", "tries", *STAGES})
+        return code_of(json.dumps([stages, rules], sort_keys=True))[:6]
+
 
 class PanelConfig(Section):
     """Several samples of one judge."""
@@ -153,17 +175,18 @@ class JudgeChoice(Settings):
     """Which judge is used, and its settings."""
 
     name: str = "offline"
-    """``offline`` (for the offline web's tasks), ``rubric`` (a model; the default if an endpoint is given) or
-    ``module:function`` (your own)."""
+    """``offline`` (for the offline web's tasks), ``rubric`` (a model; the default if an endpoint is given),
+    ``webjudge``, ``webvoyager`` or ``deepshop`` (a model, as those benchmarks judge) or ``module:function``
+    (your own)."""
 
     rubric: JudgeConfig | None = None
-    """Models and rules of the rubric judge."""
+    """Models and rules of the judge that asks a model."""
 
     cache: Path | None = None
-    """File that caches the replies of the rubric judge's models, so that no question is paid for twice."""
+    """File that caches the replies of the judge's models, so that no question is paid for twice."""
 
     panel: PanelConfig = Field(default_factory=PanelConfig)
-    """Several samples of the rubric judge, decided by majority."""
+    """Several samples of the judge that asks a model, decided by majority."""
 
     without_rubric: bool = False
     """Judge the task as a whole instead of by its rubric, for comparison; not possible with the offline

@@ -25,17 +25,32 @@ from webgym.core.task import WHOLE_TASK, Task
 from webgym.core.trajectory import Episode
 from webgym.core.verdict import Judgement, Verdict
 from webgym.judge.base import Judge, Pictures
-from webgym.judge.blocking import find_block
-from webgym.judge.config import STAGES, JudgeChoice, JudgeConfig, PanelConfig, Stage, StageConfig
+from webgym.judge.blocking import NOT_BLOCKED, find_block
+from webgym.judge.config import (
+    MODEL_JUDGES,
+    STAGES,
+    JudgeChoice,
+    JudgeConfig,
+    PanelConfig,
+    Stage,
+    StageConfig,
+)
 from webgym.judge.offline import OfflineJudge, why_unjudgeable
 from webgym.judge.panel import PREFIX, Panel, WithoutRubric
+from webgym.judge.published import DeepShopJudge, PublishedJudge, WebJudge, WebVoyagerJudge
 from webgym.judge.rubric import RubricJudge
 from webgym.llm.cache import ReplyCache
 from webgym.llm.client import ChatClient
 from webgym.llm.completion import Completes
 from webgym.llm.ledger import Ledger
 
-JUDGE_NAMES: Final = ("offline", "rubric", "module:function")
+JUDGE_NAMES: Final = ("offline", *MODEL_JUDGES, "module:function")
+_MODEL_JUDGES: Final[dict[str, type[RubricJudge] | type[PublishedJudge]]] = {
+    "rubric": RubricJudge,
+    "webjudge": WebJudge,
+    "webvoyager": WebVoyagerJudge,
+    "deepshop": DeepShopJudge,
+}
 
 
 def refuse_unjudgeable(choice: JudgeChoice, tasks: Sequence[Task]) -> None:
@@ -74,9 +89,9 @@ def _check(choice: JudgeChoice) -> None:
     if choice.name == "offline":
         if choice.without_rubric:
             raise ConfigError("the offline judge cannot judge without rubric", hint="choose another judge")
-    elif choice.name == "rubric":
+    elif choice.name in MODEL_JUDGES:
         if choice.rubric is None:
-            raise ConfigError("the rubric judge has no endpoint", hint="give its base URL and model")
+            raise ConfigError(f"the {choice.name} judge has no endpoint", hint="give its base URL and model")
     elif ":" in choice.name:
         load_judge(choice.name)
     else:
@@ -92,8 +107,8 @@ def name_of(choice: JudgeChoice) -> str:
         ConfigError: there is no such judge, or a setting that it needs is missing.
     """
     _check(choice)
-    if choice.name == "rubric" and choice.rubric is not None:
-        name = _panel_name(choice.panel, RubricJudge(choice.rubric, {}).name)
+    if choice.name in MODEL_JUDGES and choice.rubric is not None:
+        name = _panel_name(choice.panel, _MODEL_JUDGES[choice.name](choice.rubric, {}).name)
     else:
         name = OfflineJudge.name if choice.name == "offline" else load_judge(choice.name).name
     return f"{PREFIX}{name}" if choice.without_rubric else name
@@ -104,12 +119,12 @@ def _panel_name(panel: PanelConfig, judge: str) -> str:
 
 
 async def check_judge(choice: JudgeChoice) -> None:
-    """Send every model of a rubric judge a short request, to check the endpoints before a run starts.
+    """Send every model of a judge that asks one a short request, to check the endpoints before a run starts.
 
     Raises:
         JudgeError: an endpoint does not answer, or refuses the key or the model.
     """
-    if choice.name != "rubric" or choice.rubric is None:
+    if choice.name not in MODEL_JUDGES or choice.rubric is None:
         return
     chats = {chat.model_dump_json(): chat for chat in map(choice.rubric.chat_of, STAGES)}
     for chat in chats.values():
@@ -150,18 +165,19 @@ async def _open_unwrapped(
 ) -> AsyncIterator[Judge]:
     if choice.name == "offline":
         yield OfflineJudge()
-    elif choice.rubric is not None and choice.name == "rubric":
+    elif choice.rubric is not None and choice.name in MODEL_JUDGES:
         async with AsyncExitStack() as stack:
             if cache is None and choice.cache is not None:
                 cache = await stack.enter_async_context(ReplyCache(choice.cache))
-            yield await _rubric_judge(choice.rubric, choice.panel, stack, cache, ledger or Ledger(cache))
+            yield await _model_judge(choice, choice.rubric, stack, cache, ledger or Ledger(cache))
     else:
         yield load_judge(choice.name)
 
 
-async def _rubric_judge(
-    config: JudgeConfig, panel: PanelConfig, stack: AsyncExitStack, cache: ReplyCache | None, ledger: Ledger
+async def _model_judge(
+    choice: JudgeChoice, config: JudgeConfig, stack: AsyncExitStack, cache: ReplyCache | None, ledger: Ledger
 ) -> Judge:
+    kind, panel = _MODEL_JUDGES[choice.name], choice.panel
     clients: dict[str, ChatClient] = {}
     models: dict[Stage, Completes] = {}
     for stage in STAGES:  # stages with the same endpoint and model share one client and its limits
@@ -170,11 +186,11 @@ async def _rubric_judge(
         if key not in clients:
             clients[key] = await stack.enter_async_context(ChatClient(chat, cache=cache, ledger=ledger))
         models[stage] = clients[key].labelled(stage)
-    judge = RubricJudge(config, models, ledger.prices)
+    judge = kind(config, models, ledger.prices)
     if panel.samples == 1:
         return judge
     samples = [member_config(config, panel, seed) for seed in range(panel.samples)]
-    members = [RubricJudge(sample, models, ledger.prices) for sample in samples]
+    members = [kind(sample, models, ledger.prices) for sample in samples]
     return Panel(members, _panel_name(panel, judge.name))
 
 
@@ -242,7 +258,7 @@ class FunctionJudge:
                 hint="return a Verdict, a bool, or (bool, reason); raise JudgeError when in doubt",
             )
         passed = bool(result) and episode.answer is not None
-        blocked = Judgement(False, "the attempt succeeded") if passed else find_block(task, episode)
+        blocked = NOT_BLOCKED if passed else find_block(task, episode)
         response = Judgement(bool(result), reason or f"{self._name} says so")
         return Verdict(self._name, None if blocked.passed else int(passed), (), blocked, response)
 

@@ -94,7 +94,7 @@ class JudgeModelClient:
         Raises:
             JudgeError: the model cannot be asked, or none of its replies had a clear verdict.
         """
-        return await self._until_clear(question, partial(read_verdict, words=question.words))
+        return await self.ask_until_clear(question, partial(read_verdict, words=question.words))
 
     async def ask_per_image(self, question: Question) -> tuple[bool, ...]:
         """One finding for each of the question's screenshots.
@@ -102,7 +102,7 @@ class JudgeModelClient:
         Raises:
             JudgeError: as for :meth:`ask`.
         """
-        return await self._until_clear(question, partial(read_per_image, count=len(question.shots)))
+        return await self.ask_until_clear(question, partial(read_per_image, count=len(question.shots)))
 
     def _signature(self, question: Question) -> tuple[str, bool]:
         """The request's code, and whether a verdict without it counts."""
@@ -112,7 +112,17 @@ class JudgeModelClient:
         bare = not self._config.signed_verdicts and not may_be_echoed(question.untrusted, question.words)
         return code, bare
 
-    async def _until_clear(self, question: Question, read: Callable[..., T | NoVerdict]) -> T:
+    async def ask_until_clear(self, question: Question, read: Callable[..., T | NoVerdict]) -> T:
+        """What ``read`` finds in the model's reply, whose problem it is told until there is none.
+
+        Args:
+            question: the request.
+            read: takes the reply's text, ``code``, ``bare``, ``finish_reason`` and ``refusal``, as
+                :func:`webgym.judge.verdicts.read_verdict` does.
+
+        Raises:
+            JudgeError: as for :meth:`ask`.
+        """
         code, bare = self._signature(question)
         system, text = question.write(code)
         async with self._slots:

@@ -72,6 +72,7 @@ class Panel:
             confidence=votes / len(self._members),
             keypoints=agreeing[0].keypoints,
             cost=sum(costs, Cost()) if costs else None,
+            prompts=agreeing[0].prompts,
         )
 
 

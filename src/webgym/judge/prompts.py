@@ -6,7 +6,9 @@ how the reply must end. Each function returns the texts of the system message an
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
+from typing import Final
 
 from webgym.core.action import Target
 from webgym.core.observation import Observation
@@ -110,10 +112,26 @@ task asks for one.
 - Do not judge from your own knowledge: the reference answer is right."""
 
 
+def framed(code: str, *rules: str) -> str:
+    """A system message: the judge's role, what quotations are, and these rules."""
+    return "\n\n".join((_ROLE, _QUOTED.format(code=code), *rules))
+
+
+def digest(*texts: str) -> str:
+    """The SHA-256 of a judge's prompts, given their fixed texts, with which :func:`framed` begins."""
+    return hashlib.sha256("\0".join((_ROLE, _QUOTED, *texts)).encode()).hexdigest()
+
+
+DIGEST: Final = digest(
+    *(_CLOSING, _KEYPOINT, _KEYPOINT_CLOSING, _FACT, _RESPONSE, _PART, _NOTES, _BLOCKING, _REFERENCE)
+)
+"""SHA-256 of the rubric judge's prompts."""
+
+
 def _system(rules: str, words: Words, code: str, *more: str) -> str:
     positive, negative = (word.upper() for word in WORDS[words])
     closing = _CLOSING.format(code=code, positive=positive, negative=negative)
-    return "\n\n".join((_ROLE, _QUOTED.format(code=code), rules, *more, closing))
+    return framed(code, rules, *more, closing)
 
 
 def _criterion(rules: str, code: str, part: str, notes: str) -> str:
@@ -125,7 +143,7 @@ def keypoint(code: str, *, instruction: str, facts: Sequence[str], labels: Seque
     """Ask which of the screenshots matter."""
     lines = "\n".join(f"SCREENSHOT {number} {code}: YES or NO" for number in range(1, len(labels) + 1))
     closing = _KEYPOINT_CLOSING.format(lines=lines)
-    system = "\n\n".join((_ROLE, _QUOTED.format(code=code), _KEYPOINT, closing))
+    system = framed(code, _KEYPOINT, closing)
     listed = "\n".join(f"- {fact}" for fact in facts)
     user = [
         "The task:",

@@ -12,7 +12,6 @@ leaves the episode unjudged if the reward depends on it; else it is recorded as 
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -24,13 +23,13 @@ from webgym.core.trajectory import Episode
 from webgym.core.verdict import FactJudgement, Judgement, Verdict, all_hold
 from webgym.judge import prompts
 from webgym.judge.base import Pictures, score_of
-from webgym.judge.blocking import find_block
-from webgym.judge.config import STAGES, JudgeConfig, Stage
+from webgym.judge.blocking import NOT_BLOCKED, find_block
+from webgym.judge.config import JudgeConfig, Stage
 from webgym.judge.keypoints import fit_in_request, page_texts, select, split_into_requests
 from webgym.judge.model_client import REASON_CHARS, JudgeModelClient, Question, gather, result_or_error
 from webgym.judge.prompts import action_history
 from webgym.judge.reference import Match, compare
-from webgym.judge.untrusted import code_of, in_parts, shorten
+from webgym.judge.untrusted import in_parts, shorten
 from webgym.judge.verdicts import Finding
 from webgym.llm.completion import Completes
 from webgym.llm.prices import Prices
@@ -44,7 +43,6 @@ _STEPS = re.compile(
 )
 Write: TypeAlias = Callable[..., tuple[str, str]]
 Quoted: TypeAlias = tuple[str, ...]
-_NOT_BLOCKED = Judgement(False, "the attempt succeeded")
 
 ACTION_CHARS = 300
 """Longest line of the action history (one action)."""
@@ -65,7 +63,7 @@ class RubricJudge:
         self._config = config
         self._models = models
         self._prices = prices or Prices()
-        self._name = f"{VERSION} {config.chat_of('fact').model}@{_digest(config)}"
+        self._name = f"{VERSION} {config.chat_of('fact').model}@{config.digest()}"
 
     @property
     def name(self) -> str:
@@ -76,18 +74,6 @@ class RubricJudge:
         """Judge one episode; see :meth:`webgym.judge.base.Judge.judge`."""
         client = JudgeModelClient(self._models, self._config, pictures, self._prices)
         return await _EpisodeJudging(self._name, task, episode, client, self._config).verdict()
-
-
-def _digest(config: JudgeConfig) -> str:
-    """Digest of every setting that can change a verdict, which endpoints, concurrency and retries cannot."""
-    stages = {}
-    for name in STAGES:
-        stage, chat = config.stage(name), config.chat_of(name)
-        sampling = stage.sampling.over(chat.sampling)  # as it is sent
-        sent = {"sampling": dict(sampling), "model": chat.model}
-        stages[name] = stage.model_dump(mode="json", exclude={"chat", "sampling"}) | sent
-    rules = config.model_dump(mode="json", exclude={"chat", "concurrency", "tries", *STAGES})
-    return code_of(json.dumps([stages, rules], sort_keys=True))[:6]
 
 
 class _EpisodeJudging:
@@ -119,7 +105,7 @@ class _EpisodeJudging:
         passed = self._is_success()
         if passed is None:
             raise self._unread[0]
-        blocked = _NOT_BLOCKED if passed else await self._find_block()
+        blocked = NOT_BLOCKED if passed else await self._find_block()
         return Verdict(
             judge=self._judge,
             reward=None if blocked.passed else int(passed),
@@ -130,6 +116,7 @@ class _EpisodeJudging:
             score=score_of(self._task.rubric, self._facts),
             keypoints=self._keypoints,
             cost=self._client.cost,
+            prompts=prompts.DIGEST,
         )
 
     async def _judge_criteria(self) -> None:

@@ -162,7 +162,7 @@ def read_verdict(
         finish_reason: of the reply, from the endpoint. Only a reply that the model itself ended has one.
         refusal: of the model, from the endpoint. A reply with one has no verdict.
     """
-    lines = _lines(text, finish_reason, refusal)
+    lines = lines_of(text, finish_reason, refusal)
     if isinstance(lines, NoVerdict):
         return lines
     line_verdicts = [_verdict_of(line, WORDS[words], code) for line in lines]
@@ -200,7 +200,7 @@ def read_per_image(
 
     Every screenshot must have exactly one verdict, and there must be none for other numbers.
     """
-    lines = _lines(text, finish_reason, refusal)
+    lines = lines_of(text, finish_reason, refusal)
     if isinstance(lines, NoVerdict):
         return lines
     verdicts: dict[int, set[bool]] = {}
@@ -242,7 +242,7 @@ def may_be_echoed(texts: Iterable[str | None], words: Words) -> bool:
     return False
 
 
-def _lines(text: str, finish_reason: str, refusal: str) -> list[str] | NoVerdict:
+def lines_of(text: str, finish_reason: str, refusal: str) -> list[str] | NoVerdict:
     """The non-empty lines of a reply after the model's thinking, or why it has no verdict."""
     ended = ended_by(finish_reason)
     if refusal.strip() or ended == "filter":

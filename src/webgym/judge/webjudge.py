@@ -3,8 +3,9 @@
 Records of the AgentRewardBench study, judged by WebJudge (SOURCES.md, "Judge labels"): a JSON object per line
 with ``judge_response`` (ends in ``Status: success`` or ``failure``), ``judge_status`` (the status that the
 study parsed from it) and ``human`` (annotators' labels; their ``success`` is Successful, Unsuccessful or
-Unsure). Result files of WebJudge itself are read, too: ``evaluation_details`` has the reply as ``response``,
-and ``predicted_label`` is 1 or 0. They have no labels; those are joined by ``task_id``.
+Unsure). Online-Mind2Web's own result files of WebJudge and of WebVoyager's judge, whose names begin with the
+judge's, are read, too: ``evaluation_details`` has the reply as ``response``, and ``predicted_label`` is 1 or
+0. They have no labels; those are joined by ``task_id``.
 """
 
 from __future__ import annotations
@@ -26,6 +27,10 @@ from webgym.judge.labels import BrokenLabel, HumanLabel, Humans, Label, settled
 from webgym.judge.verdicts import plain, runs_on, stands_alone, trimmed
 
 _STATUS: Final = re.compile(r"(?:final )?status\s?[:=–—-]\s?(?P<said>[a-z -]+)")
+SUCCESS: Final = re.compile(
+    r"(?:(?:(?:final|overall|my) )?(?:verdict|evaluation|result)\s?[:=–—-]\s?)?(?P<said>(?:not )?success)"
+)
+"""A verdict in the form of WebVoyager's judge, whose label may be missing."""
 _LAST_SENTENCE: Final = re.compile(r"(?P<before>.*[.!?][\"'”’)\]]*)\s+(?P<last>\S.*)", re.DOTALL)
 _TAIL: Final = 400
 """Characters at a reply's end in which its last sentence is looked for."""
@@ -78,23 +83,30 @@ class _Record(msgspec.Struct):
     task_id: str | int = ""
 
 
-def read_status(reply: str) -> bool | None:
+def read_status(reply: str, form: re.Pattern[str] = _STATUS) -> bool | None:
     """The verdict of a WebJudge reply; ``None`` if it has none, or two. Never raises.
 
     A status on a line of its own counts; if there is none, the last sentence does. It must stand alone: a
     question, a quotation, a condition or a part of a longer sentence ("neither here nor status: success") is
     no status, nor is one inside of the model's thinking.
+
+    Args:
+        reply: the text.
+        form: of a status, folded; ``said`` is the word that states it.
     """
     lines = [line for line in map(trimmed, THOUGHT_END.split(reply)[-1].splitlines()) if plain(line)]
+    places = zip(["", *lines], lines, [*lines[1:], ""], strict=False)
+    said = [(match, *place) for place in places if (match := form.fullmatch(plain(place[1])))]
+    if len({match["said"] for match, *_ in said if match.start("said") == 0}) > 1:
+        return None  # words without a label contradict each other wherever they stand
     statuses = {
         _STATUSES.get(match["said"].strip())
-        for before, line, after in zip(["", *lines], lines, [*lines[1:], ""], strict=False)
-        if (match := _STATUS.fullmatch(plain(line)))
-        and not runs_on(line, before)
+        for match, before, line, after in said
+        if (stands_alone(line, before) if match.start("said") == 0 else not runs_on(line, before))
         and not after[:1].islower()  # the sentence goes on: "would be wrong"
     }
     if not statuses and lines and (end := _LAST_SENTENCE.fullmatch(lines[-1][-_TAIL:])):
-        match = _STATUS.fullmatch(plain(end["last"]))
+        match = form.fullmatch(plain(end["last"]))
         return (
             _STATUSES.get(match["said"].strip())
             if match and stands_alone(end["last"], end["before"])
@@ -126,7 +138,7 @@ def read_labelled(
                 if not line.strip():
                     continue
                 try:
-                    found = _labelled(line)
+                    found = _labelled(line, path.name.casefold().startswith("webvoyager"))
                     yield found if found.humans else replace(found, humans=tuple(by_task[found.key[3]]))
                 except ValueError as error:
                     if broken is None:
@@ -136,15 +148,17 @@ def read_labelled(
         raise UsageError(f"cannot read {path}: {error.strerror}") from error
 
 
-def _labelled(line: bytes) -> Labelled:
+def _labelled(line: bytes, is_webvoyager: bool) -> Labelled:
     record = msgspec.json.decode(line.removeprefix(BOM_UTF8), type=_Record)
     labels = [str(label.get("success", "")).strip().casefold() for label in record.human]
     humans = tuple({"successful": True, "unsuccessful": False}.get(label) for label in labels)
     key = (record.judge, record.benchmark, record.agent, str(record.task_id))
     if record.evaluation_details is not None:
         recorded = {1: True, 0: False}.get(-1 if record.predicted_label is None else record.predicted_label)
-        verdict = read_status(record.evaluation_details.response or "")
-        return Labelled((record.judge or "WebJudge", *key[1:]), verdict, recorded, humans)
+        reply = record.evaluation_details.response or ""
+        verdict = read_status(reply, SUCCESS if is_webvoyager else _STATUS)
+        judge = record.judge or ("WebVoyager" if is_webvoyager else "WebJudge")
+        return Labelled((judge, *key[1:]), verdict, recorded, humans)
     if record.judge_response is msgspec.UNSET:
         raise ValueError("it has neither judge_response nor evaluation_details")
     status = (record.judge_status or "").strip().casefold()

@@ -31,6 +31,8 @@ from webgym.core.settings import Settings
 from webgym.core.stats import percentiles
 from webgym.core.task import LEVELS, Level, StepBudget
 from webgym.core.trajectory import Failure, Trajectory
+from webgym.core.verdict import Verdict
+from webgym.core.websites import host_or_text
 from webgym.results.manifest import Manifest, Records, manifest_of
 from webgym.results.rates import RESAMPLES, Interval, Method, Successes, over_tasks
 from webgym.results.summary import oracle_notes
@@ -114,6 +116,7 @@ class Evaluation(msgspec.Struct, frozen=True):
         samples: planned samples per task.
         budget: steps by level; ``None`` if they are not recorded.
         rows: results by level, and overall.
+        websites: results by website, of a benchmark with few, as its papers list them; else empty.
         notes: caveats of the figures, as in the run's summary.
         manifest: the conditions of the evaluation.
     """
@@ -127,6 +130,7 @@ class Evaluation(msgspec.Struct, frozen=True):
     rows: dict[Group, Row]
     manifest: Manifest
     notes: tuple[str, ...] = ()
+    websites: dict[str, Row] = {}
 
 
 def evaluate(run: Path, judge: str = RECORDED, config: EvaluationConfig | None = None) -> Evaluation:
@@ -164,7 +168,29 @@ def evaluate(run: Path, judge: str = RECORDED, config: EvaluationConfig | None =
         rows=rows,
         manifest=manifest,
         notes=(*summary.get("notes", ()), *records.left_out),
+        websites=_by_website(reader, samples, summary.get("elsewhere"), config) if manifest.benchmark else {},
     )
+
+
+FEW_WEBSITES: Final = 20
+"""Most websites of a benchmark whose results are listed one by one; WebVoyager has 15."""
+
+
+def _by_website(
+    reader: RunReader,
+    samples: Sequence[Sample],
+    elsewhere: Mapping[str, int] | None,
+    config: EvaluationConfig | None,
+) -> dict[str, Row]:
+    hosts = {task.id: host_or_text(task.website) for task in reader.drawn}
+    if not 1 < len(names := dict.fromkeys(hosts.values())) <= FEW_WEBSITES:
+        return {}
+    rows = {}
+    for name in names:
+        of_website = [sample for sample in samples if hosts.get(sample.task_id) == name]
+        drawn = [(task.id, task.level) for task in reader.drawn if hosts[task.id] == name]
+        rows[name] = rows_of(of_website, drawn, reader.samples, config, elsewhere=elsewhere)["overall"]
+    return rows
 
 
 def rewards_by_task(
@@ -262,8 +288,8 @@ def _by_task(samples: Iterable[Sample]) -> dict[str, tuple[int, int]]:
     return counts
 
 
-_Ended: TypeAlias = tuple[Outcome, Failure | None]
-"""An attempt's outcome by a judge, and the error because of which it has no reward."""
+_Ended: TypeAlias = tuple[Outcome, Failure | None, Verdict | None]
+"""An attempt's outcome by a judge, the error because of which it has no reward, and the verdict."""
 
 
 def _judged_by(run: Path, judge: str) -> tuple[str, Callable[[Trajectory], _Ended | None]]:
@@ -271,7 +297,8 @@ def _judged_by(run: Path, judge: str) -> tuple[str, Callable[[Trajectory], _Ende
     judged."""
 
     def as_recorded(trajectory: Trajectory) -> _Ended:
-        return trajectory.outcome, trajectory.episode.failure or trajectory.judge_failure
+        failure = trajectory.episode.failure or trajectory.judge_failure
+        return trajectory.outcome, failure, trajectory.verdict
 
     if judge == RECORDED:
         return RECORDED, as_recorded
@@ -281,7 +308,7 @@ def _judged_by(run: Path, judge: str) -> tuple[str, Callable[[Trajectory], _Ende
         if trajectory.outcome.is_retried:  # it did not end regularly, so that no judge changes its outcome
             return as_recorded(trajectory)
         judged = judged_by_attempt.get(trajectory.episode.attempt_id)
-        return (judged.outcome, judged.failure) if judged else None
+        return (judged.outcome, judged.failure, judged.verdict) if judged else None
 
     return name, as_judged
 
@@ -299,8 +326,8 @@ def _samples(
         ended = ended_by(trajectory)
         if task is None or ended is None or ended[0] is Outcome.CANCELLED:
             continue
-        outcome, failure = ended
-        records.add(trajectory, outcome, failure, task.website)
+        outcome, failure, verdict = ended
+        records.add(trajectory, outcome, failure, verdict, task.website)
         yield Sample(episode.task_id, task.level, outcome, len(episode.steps))
     orphans = sum(entry.task_id not in reader.tasks for entry in reader.attempts.values())
     left_out = {

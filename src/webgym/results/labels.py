@@ -249,10 +249,11 @@ _WHY: Mapping[Label | None, str] = {
 
 
 def _attempts_of(reader: RunReader) -> Mapping[str, Sequence[str]]:
-    """The attempts at each task."""
+    """The attempts at each task, by its id, and by its id in its source, as a benchmark's labels have it."""
     attempts = defaultdict(list)
     for attempt_id, entry in reader.attempts.items():
-        attempts[entry.task_id].append(attempt_id)
+        for name in {entry.task_id, entry.task_id.partition("/")[2]}:
+            attempts[name].append(attempt_id)
     return attempts
 
 

@@ -17,9 +17,11 @@ import msgspec
 
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Failure, Step, TextPart, Trajectory
+from webgym.core.verdict import Verdict
 from webgym.core.websites import host_or_text
 from webgym.store.files import TASKS
 from webgym.store.runs import RunReader
+from webgym.tasks.hub import address_of
 from webgym.tasks.selection import splits_in
 
 VARIES: Final = "varies"
@@ -35,7 +37,8 @@ class Manifest(msgspec.Struct, frozen=True):
         webgym: version that collected it.
         began, ended: start of the first and end of the last attempt, ISO 8601, UTC.
         task_file: name of the task file; ``None`` also for tasks that the caller of :func:`webgym.collect`
-            drew, and for those of the offline web.
+            drew, and for those of the offline web. Of a data set of the hub, its address with the commit.
+        benchmark: whose public file it is.
         offline_web: collection, seed and size, if tasks are of the offline web.
         sources: number of tasks by the benchmark that they come from.
         split: of the tasks, as they record it.
@@ -51,6 +54,7 @@ class Manifest(msgspec.Struct, frozen=True):
         prompts: SHA-256 of the system messages that were sent.
         judges: names and versions of the judges; a rubric judge's version is that of its rules and prompts,
             with the model and a digest of its settings.
+        judge_prompts: SHA-256 of the prompts of the judges that ask a model, by name.
         browser: product and version at the start of the run.
         sandboxed: whether Chromium's sandbox was on.
         viewport: width and height, CSS pixels.
@@ -71,6 +75,7 @@ class Manifest(msgspec.Struct, frozen=True):
     began: str | None
     ended: str | None
     task_file: str | None
+    benchmark: str | None
     offline_web: dict[str, Any] | None
     sources: dict[str, int]
     split: str
@@ -85,6 +90,7 @@ class Manifest(msgspec.Struct, frozen=True):
     agent: dict[str, Any] | None
     prompts: list[str] | None
     judges: list[str]
+    judge_prompts: dict[str, str] | None
     browser: str | None
     sandboxed: bool | None
     viewport: tuple[int, int] | None
@@ -104,7 +110,8 @@ class Records:
     """Collects from a run's attempts what the manifest reports about them."""
 
     policies: dict[str, None] = field(default_factory=dict)
-    judges: dict[str, None] = field(default_factory=dict)
+    judges: dict[str, str] = field(default_factory=dict)
+    """Judges with the digests of their prompts."""
     weights: dict[str, None] = field(default_factory=dict)
     prompts: dict[str, None] = field(default_factory=dict)
     sampling: dict[str, list[Any]] = field(default_factory=dict)
@@ -115,19 +122,27 @@ class Records:
     left_out: list[str] = field(default_factory=list)
     """A line for each kind of records that are in no figure."""
 
-    def add(self, trajectory: Trajectory, outcome: Outcome, failure: Failure | None, website: str) -> None:
+    def add(
+        self,
+        trajectory: Trajectory,
+        outcome: Outcome,
+        failure: Failure | None,
+        verdict: Verdict | None,
+        website: str,
+    ) -> None:
         """Add the attempt that counts for a sample.
 
         Args:
             trajectory: its record.
             outcome: according to the judge whose verdicts count.
             failure: the error that prevented a reward, if any.
+            verdict: of that judge, if any.
             website: of its task.
         """
         episode = trajectory.episode
         self.policies.setdefault(episode.policy)
-        if trajectory.verdict is not None:
-            self.judges.setdefault(trajectory.verdict.judge)
+        if verdict is not None:
+            self.judges.setdefault(verdict.judge, verdict.prompts)
         ended = episode.started_at + episode.seconds
         self.began = episode.started_at if self.began is None else min(self.began, episode.started_at)
         self.ended = ended if self.ended is None else max(self.ended, ended)
@@ -180,7 +195,8 @@ def manifest_of(
         webgym=software.get("webgym"),
         began=_iso_time(records.began),
         ended=_iso_time(records.ended),
-        task_file=str(file).rpartition("/")[2] if file else None,
+        task_file=(str(file) if address_of(str(file)) else str(file).rpartition("/")[2]) if file else None,
+        benchmark=tasks.get("benchmark"),
         offline_web=_offline_web(reader, config),
         sources=dict(Counter(task.source for task in reader.drawn).most_common()),
         split=splits_in(reader.drawn),
@@ -197,6 +213,7 @@ def manifest_of(
         agent={name: agent.get(name) for name in _AGENT} if agent else None,
         prompts=list(records.prompts) or None,
         judges=[judge] if judge else list(records.judges),
+        judge_prompts={name: digest for name, digest in records.judges.items() if digest} or None,
         browser=software.get("browser"),
         sandboxed=software.get("sandboxed"),
         viewport=tuple(attempt["viewport"]) if attempt.get("viewport") else None,

@@ -23,6 +23,7 @@ from webgym.offline.website import Split
 from webgym.rollout.blocklist import Blocklist
 from webgym.run.config import RunConfig, Tell, say
 from webgym.store.files import write_whole
+from webgym.tasks.benchmarks import read_benchmark
 from webgym.tasks.brands import brand_or_text
 from webgym.tasks.files import BrokenRecord, TaskFile, unfit
 from webgym.tasks.formats import read_tasks
@@ -103,7 +104,8 @@ def tell_left_out(broken: list[BrokenRecord], set_aside: list[BrokenRecord], tel
 def _read(config: RunConfig, split: Split | None, tell: Tell | None) -> TaskFile:
     """All tasks of the file, or the offline web's tasks of a split."""
     if config.tasks.file is not None:
-        return read_tasks(config.tasks.file)
+        benchmark, file = config.tasks.benchmark, config.tasks.file
+        return read_tasks(file) if benchmark is None else read_benchmark(benchmark, file)
     sites = config.sites
     web = OfflineWeb(sites.seed, per_family=sites.per_family, collection=sites.collection)
     return TaskFile(cached_tasks(web, split, tell=tell), [])

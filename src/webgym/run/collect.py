@@ -71,6 +71,7 @@ from webgym.run.config import (
     read_config,
     resolved,
     say,
+    with_pinned_tasks,
 )
 from webgym.run.services import open_services
 from webgym.server.client import BrowserClient
@@ -130,6 +131,8 @@ async def collect(
         say(tell, f"no policy is named: {''.join(oracle_notes([config.policy.name]))}")
     config = resolved(config, policy, tell)
     requested = tasks
+    if requested is None:
+        config = await asyncio.to_thread(with_pinned_tasks, config)
     # A file of hundreds of thousands of tasks takes seconds, and the caller's loop has others to serve.
     chosen = await asyncio.to_thread(
         lambda: choose_tasks(config, tell) if requested is None else given_tasks(requested, config)

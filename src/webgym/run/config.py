@@ -28,6 +28,8 @@ from webgym.rollout.trackers import TrackerName
 from webgym.server.config import ClientLimits, Queues
 from webgym.store.files import CONFIG
 from webgym.store.runs import RunReader
+from webgym.tasks.benchmarks import BENCHMARKS, BenchmarkName
+from webgym.tasks.hub import address_of, pinned
 from webgym.tasks.selection import Selection
 
 SITES_TOKEN: Final = "WEBGYM_SITES_TOKEN"  # noqa: S105 - a variable's name
@@ -43,8 +45,12 @@ class TaskChoice(Selection):
     """Which tasks; by default training tasks."""
 
     file: Path | None = None
-    """Task file of any format, a folder of them, or the name of tasks, such as ``offline-small-v2``; without
-    one, the offline web's tasks."""
+    """Task file of any format, a folder of them, the name of tasks, such as ``offline-small-v2``, or a data
+    set on the hub: ``hub:OWNER/NAME[@REVISION][:SPLIT]``; without one, the offline web's tasks."""
+
+    benchmark: BenchmarkName | None = None
+    """Benchmark whose public file ``file`` is, read as it is; its own judge decides unless another is
+    named."""
 
     count: Annotated[int, Field(ge=1)] | Literal["all"] | None = None
     """Number of tasks to draw at random without replacement, or ``all``.
@@ -61,6 +67,8 @@ class TaskChoice(Selection):
     def _check_count(self) -> TaskChoice:
         if self.ratio is not None and (not isinstance(self.count, int) or self.spread):
             raise ValueError("a ratio needs a count, and excludes spread")
+        if self.benchmark is not None and self.file is None:
+            raise ValueError(f"the benchmark {self.benchmark} needs its public file")
         return self
 
     def drawn(self, available: int) -> int | None:
@@ -195,6 +203,18 @@ class RunConfig(Settings):
         named = {"tasks": {**tasks, "file": None}, "sites": {**sites, "collection": collection}}
         return {**given, **named}
 
+    @model_validator(mode="before")
+    @classmethod
+    def _benchmark_judge(cls, given: Any) -> Any:
+        """A benchmark's own judge, if no other is named."""
+        if not isinstance(given, Mapping):
+            return given
+        tasks, judge = set_values(given.get("tasks", {})), set_values(given.get("judge", {}))
+        if not (isinstance(tasks, Mapping) and isinstance(judge, Mapping)) or "name" in judge:
+            return given
+        own = BENCHMARKS.get(tasks.get("benchmark"))  # type: ignore[arg-type]  # checked by its field
+        return given if own is None else {**given, "judge": {**judge, "name": own.judge}}
+
 
 def _from_environment(variable: str) -> SecretStr | None:
     value = os.environ.get(variable)
@@ -255,6 +275,19 @@ def resolved(config: RunConfig, policy: Policy | None, tell: Tell | None) -> Run
         chat = chat.model_copy(update={"sampling": profile.sampling_of(chat.sampling)})
         update["policy"] = config.policy.model_copy(update={"chat": chat})
     return config.model_copy(update=update)
+
+
+def with_pinned_tasks(config: RunConfig) -> RunConfig:
+    """The config with the commit in the address of a data set on the hub, so that a run always has the same
+    tasks.
+
+    Raises:
+        ConfigError, TaskFileError: as for :func:`webgym.tasks.hub.pinned`.
+    """
+    if config.tasks.file is None or address_of(config.tasks.file) is None:
+        return config
+    update = {"file": Path(pinned(config.tasks.file))}
+    return config.model_copy(update={"tasks": config.tasks.model_copy(update=update)})
 
 
 def profile_for(config: RunConfig, policy: Policy | None) -> Profile:

@@ -41,12 +41,12 @@ class BrokenRecord:
 
     Attributes:
         file: path of the file.
-        line: line number, or row number of a Parquet file, from 1.
+        line: line number, or row number of a Parquet file, from 1; its place or id in a benchmark's file.
         reason: what is wrong with it.
     """
 
     file: Path
-    line: int
+    line: int | str
     reason: str
 
     def __str__(self) -> str:
@@ -88,9 +88,9 @@ class TaskCollector:
     set_aside: list[BrokenRecord] = field(default_factory=list)
     withheld: list[Task] = field(default_factory=list)
     split: Literal["train", "test"] | None = None
-    _places: dict[str, tuple[Path, int]] = field(default_factory=dict)
+    _places: dict[str, tuple[Path, int | str]] = field(default_factory=dict)
 
-    def add(self, file: Path, line: int, task: Task) -> bool:
+    def add(self, file: Path, line: int | str, task: Task) -> bool:
         """Add a task; whether it was added. It is not if it cannot be attempted or judged or its id is in
         use."""
         if task.split is None and self.split is not None:
@@ -100,7 +100,7 @@ class TaskCollector:
             self.withheld.append(task)
         return is_added
 
-    def _add(self, file: Path, line: int, task: Task) -> bool:
+    def _add(self, file: Path, line: int | str, task: Task) -> bool:
         if why := unfit(task):
             self.skip(file, line, why)
             return False
@@ -122,7 +122,7 @@ class TaskCollector:
         self.skip(*self._places[task.id], reason)
         del self.tasks[task.id]
 
-    def skip(self, file: Path, line: int, reason: object, record: object = None) -> None:
+    def skip(self, file: Path, line: int | str, reason: object, record: object = None) -> None:
         """Note a record that is not a valid task.
 
         Args:

@@ -33,6 +33,7 @@ from webgym.tasks.files import (
     whole_file,
     write_lines,
 )
+from webgym.tasks.hub import address_of, download
 from webgym.tasks.published import decoded, looks_published, read_published, write_published
 from webgym.tasks.split import Leak, leaking, leaks
 
@@ -60,12 +61,11 @@ def read_tasks(path: Path | str) -> TaskFile:
     broken unless it leaks another one as well, because nothing else would keep it out of training.
 
     Args:
-        path: of a file or a folder.
+        path: of a file or a folder, or an address on the hub (:mod:`webgym.tasks.hub`).
 
     Raises:
         TaskFileError: it cannot be read, or contains no task.
     """
-    path = Path(path)
     collector = TaskCollector()
     with gc_paused():
         for file in _files(path):
@@ -75,7 +75,8 @@ def read_tasks(path: Path | str) -> TaskFile:
     if not collector.tasks:
         raise TaskFileError(
             f"{path} contains no task{_why_none(collector)}",
-            hint="webgym tasks sources lists the benchmarks whose own files webgym tasks build reads"
+            hint="webgym tasks sources lists the benchmarks whose own files webgym tasks build reads; "
+            "webgym eval --benchmark evaluates on some as they are"
             if collector.broken
             else "",
         )
@@ -254,7 +255,10 @@ def split_of(path: Path) -> Literal["train", "test"] | None:
 
 def task_files(folder: Path) -> list[Path]:
     """The task files of a folder: ``tasks.*`` if there is one, else those of the splits; may be empty."""
-    files = _task_files_in_any_format(folder)
+    return _of_a_set(_task_files_in_any_format(folder))
+
+
+def _of_a_set(files: list[Path]) -> list[Path]:
     return _with_first_suffix([file for file in files if file.name.startswith("tasks.")])[:1] or [
         file
         for split in _SPLITS
@@ -272,7 +276,11 @@ def _task_files_in_any_format(folder: Path) -> list[Path]:
     )
 
 
-def _files(path: Path) -> list[Path]:
+def _files(path: Path | str) -> list[Path]:
+    if address := address_of(path):
+        found = [file for file in download(address) if file.name.endswith(_SUFFIXES)]
+        return _of_a_set(found) or found
+    path = Path(path)
     if not path.is_dir():
         return [path]
     if files := task_files(path):

@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from webgym.core.errors import TaskFileError
-from webgym.core.task import Attachment, FactGroup, Rubric, Task, WebsiteFrom
+from webgym.core.task import LEVELS, Attachment, FactGroup, Rubric, Task, WebsiteFrom
 from webgym.core.truth import Truth
 from webgym.tasks.files import TaskCollector, task_of_record
 from webgym.tasks.published import identity, looks_published, task_of
@@ -56,6 +56,7 @@ SCHEMA: Final = pa.schema(
         pa.field("truth", pa.string()),
         pa.field("files", pa.string()),
         pa.field("identity", pa.string()),
+        pa.field("stated_level", pa.string()),
     ],
     metadata={_VERSION_KEY: str(VERSION)},
 )
@@ -65,9 +66,13 @@ _RUBRIC_READ: Final = pa.list_(
 """The rubric as other programs may write it: with nulls, which are reported row by row."""
 _FIELDS: Final = {field.name: field for field in msgspec.structs.fields(Task)}
 _REPEATING: Final = frozenset(
-    {"website", "domain", "subdomain", "source", "parent_id", "split", "website_from"}
+    {"website", "domain", "subdomain", "source", "parent_id", "split", "website_from", "stated_level"}
 )
-_ALLOWED: Final = {"split": {"train", "test"}, "website_from": {*get_args(WebsiteFrom)}}
+_ALLOWED: Final = {
+    "split": {"train", "test"},
+    "website_from": {*get_args(WebsiteFrom)},
+    "stated_level": {*LEVELS},
+}
 _JSON: Final[dict[str, Any]] = {
     "extra": dict[str, Any],
     "truth": Truth,

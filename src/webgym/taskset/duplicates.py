@@ -31,9 +31,9 @@ from webgym.core.settings import Settings
 from webgym.core.task import Task
 from webgym.core.websites import site_or_text
 from webgym.tasks.files import gc_paused
+from webgym.tasks.sources.base import SourceTask
 from webgym.tasks.split import roots_of
 from webgym.taskset.decompose import SYNTHETIC
-from webgym.taskset.sources.base import SourceTask
 
 AnyTask = TypeVar("AnyTask", Task, SourceTask)
 Why: TypeAlias = Literal["same", "near", "parent", "template", "website"]

@@ -12,8 +12,8 @@ from typing import Annotated, Final, TypeAlias
 import msgspec
 
 from webgym.core.task import FactGroup, Task
+from webgym.tasks.sources.base import SourceTask
 from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
-from webgym.taskset.sources.base import SourceTask
 
 Messages: TypeAlias = list[dict[str, str]]
 

@@ -22,10 +22,10 @@ from webgym.core.websites import host_of, start_url_problem
 from webgym.llm.completion import Completes
 from webgym.llm.structured import ask_for, ask_for_text
 from webgym.tasks.missing_values import is_no_fact
+from webgym.tasks.sources.base import SourceTask
 from webgym.tasks.taxonomy import DOMAIN_OF
 from webgym.taskset import prompts
 from webgym.taskset.prompts import GroupReply, RubricReply, known_website
-from webgym.taskset.sources.base import SourceTask
 
 DEFAULT_TRIES: Final = 3
 """Most requests for one website, rubric or text, until the reply is usable."""

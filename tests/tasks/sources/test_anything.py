@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from tests.tasks.sources import native
 
 from webgym.core.errors import TaskFileError
-from webgym.taskset.sources import SOURCES, Read, read_source
-from webgym.taskset.sources.dates import contains_past_date
+from webgym.tasks.sources import SOURCES, Read, read_source
+from webgym.tasks.sources.dates import contains_past_date
 
 TODAY = date(2026, 1, 15)
 LENIENT = settings(

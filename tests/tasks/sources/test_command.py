@@ -9,7 +9,7 @@ import pytest
 from tests.tasks.sources import native
 
 from webgym import cli
-from webgym.taskset.sources import SOURCES
+from webgym.tasks.sources import SOURCES
 
 
 def run(*arguments: str) -> int:

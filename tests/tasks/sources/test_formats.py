@@ -18,7 +18,7 @@ import pytest
 from tests.tasks.sources import native
 
 from webgym.core.errors import TaskFileError
-from webgym.taskset.sources import Read, SourceTask, read_source
+from webgym.tasks.sources import Read, SourceTask, read_source
 
 TODAY = date(2026, 1, 15)
 Records = list[dict[str, Any]]

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from tests.tasks.sources import native
 
-from webgym.taskset.sources import SOURCES, Read, read_source
-from webgym.taskset.sources.base import BAD_WEBSITE, DATED, OUTDATED_ANSWER, PLACEHOLDER_WEBSITE
-from webgym.taskset.sources.dates import contains_past_date
+from webgym.tasks.sources import SOURCES, Read, read_source
+from webgym.tasks.sources.base import BAD_WEBSITE, DATED, OUTDATED_ANSWER, PLACEHOLDER_WEBSITE
+from webgym.tasks.sources.dates import contains_past_date
 
 TODAY = date(2026, 1, 15)
 

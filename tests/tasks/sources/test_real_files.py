@@ -11,8 +11,8 @@ from tests.tasks.sources import native
 from webgym.core.websites import host_of
 from webgym.tasks.files import NONE_FACT
 from webgym.tasks.published import DIFFICULTY_DIFFERS
-from webgym.taskset.sources import Read, read_source
-from webgym.taskset.sources.base import DATED, ENCRYPTED_SOURCE, GARBLED
+from webgym.tasks.sources import Read, read_source
+from webgym.tasks.sources.base import DATED, ENCRYPTED_SOURCE, GARBLED
 
 TODAY = date(2026, 1, 15)
 

@@ -12,8 +12,8 @@ from tests.tasks.sources import native
 
 from webgym.tasks.files import NO_FACTS, NONE_FACT
 from webgym.tasks.published import DIFFICULTY_DIFFERS, OLD_RUBRIC
-from webgym.taskset.sources import SOURCES, Read, SourceTask, read_source
-from webgym.taskset.sources.base import (
+from webgym.tasks.sources import SOURCES, Read, SourceTask, read_source
+from webgym.tasks.sources.base import (
     ENCRYPTED_SOURCE,
     GARBLED,
     NEEDS_FILE,
@@ -176,7 +176,7 @@ def test_browsecomp_is_decrypted_and_says_so(tmp_path: Path) -> None:
 
 
 def test_browsecomps_test_vector() -> None:
-    from webgym.taskset.sources.benchmarks import decrypt
+    from webgym.tasks.sources.benchmarks import decrypt
 
     cipher = (
         "hkZGQrfhIUXkfQlvcAtpqhjMNOTOrNrpSHdRXHqI9A6wDlda9uE8EbMuT3A8TGmsvhFi9Yau1a//thEO7HFNWqZBB1Tu/DcW"

@@ -11,7 +11,7 @@ from webgym.cli._fields import SettingsCommand
 from webgym.cli.tasks.check import check, stats, validate
 from webgym.cli.tasks.show import show
 from webgym.cli.tasks.sources import sources
-from webgym.cli.tasks.write import convert, offline, sample, split
+from webgym.cli.tasks.write import convert, offline, push, sample, split
 
 
 class _LazyBuild(TyperGroup):
@@ -35,5 +35,5 @@ def _build() -> None:
     """Build a task set: import, websites, rubrics, decomposition, duplicates, split, statistics."""
 
 
-for _command in (offline, check, show, convert, sources, split, validate, sample, stats):
+for _command in (offline, check, show, convert, sources, split, validate, sample, stats, push):
     app.command()(_command)

@@ -13,6 +13,7 @@ from webgym.core.task import Task
 from webgym.store.files import TRAJECTORIES
 from webgym.tasks.files import BrokenRecord
 from webgym.tasks.formats import leaks_of_withheld, read_tasks, task_files
+from webgym.tasks.hub import address_of
 
 _LIMIT = 5
 """Number of broken records that are printed."""
@@ -44,7 +45,10 @@ class TaskRecords:
 
 
 def has_tasks(path: Path) -> bool:
-    """Whether a path is a task set: a file, or a folder of task files that is no run (which has one, too)."""
+    """Whether a path is a task set: a file, a folder of task files that is no run (which has one, too), or an
+    address on the hub."""
+    if address_of(path):
+        return True
     if path.is_dir():
         return not (path / TRAJECTORIES).is_dir() and bool(task_files(path))
     return path.is_file() or bool(path.suffix)

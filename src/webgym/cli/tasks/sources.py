@@ -16,7 +16,7 @@ from webgym.core.errors import UsageError
 from webgym.core.tables import Table, put
 
 if TYPE_CHECKING:
-    from webgym.taskset.sources import Read
+    from webgym.tasks.sources import Read
 
 
 def sources(
@@ -24,7 +24,8 @@ def sources(
         [],
         "--read",
         metavar="NAME=WHERE",
-        help="Count the tasks of a file, a folder or hub:<datasets id>[:<split>] of a source. Repeatable.",
+        help="Count the tasks of a file, a folder or hub:OWNER/NAME[@REVISION][:SPLIT] of a source. "
+        "Repeatable.",
     ),
     lines: int = typer.Option(
         20,
@@ -46,16 +47,16 @@ def sources(
 
 
 def _name_and_location(option: str) -> tuple[str, str]:
-    from webgym.taskset.sources import HUB
+    from webgym.tasks.hub import address_of
 
     name, separator, location = option.partition("=")
     if not (separator and name and location):
         raise UsageError(f"--read {option!r} is not NAME=WHERE", hint="such as --read deepshop=PATH")
-    return name.strip(), location if location.startswith(HUB) else str(Path(location).expanduser())
+    return name.strip(), location if address_of(location) else str(Path(location).expanduser())
 
 
 def _list(console: Console) -> None:
-    from webgym.taskset.sources import SOURCES
+    from webgym.tasks.sources import SOURCES
 
     rows = [
         (source.name, source.licence, str(source.paper_tasks), str(source.paper_websites))
@@ -66,7 +67,7 @@ def _list(console: Console) -> None:
 
 def _print_source(console: Console, name: str, location: str, lines: int) -> bool:
     """Read a source and print its counts; whether it contains any task."""
-    from webgym.taskset.sources import SOURCES, read_source
+    from webgym.tasks.sources import SOURCES, read_source
 
     records = read_source(name, location)
     source = SOURCES[name]

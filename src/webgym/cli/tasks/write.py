@@ -15,6 +15,7 @@ from webgym.cli import EXIT_USAGE
 from webgym.cli._checks import check_writable
 from webgym.cli._fields import Given, Option, Options, takes
 from webgym.cli._options import web_options
+from webgym.cli._push import Public
 from webgym.cli.tasks._files import print_set_aside, read_unique
 from webgym.core.errors import ConfigError
 from webgym.core.settings import validated
@@ -101,6 +102,35 @@ def convert(
         for record in records.broken:
             print(f"left out {record}", file=sys.stderr)
         raise typer.Exit(EXIT_USAGE)
+
+
+def push(
+    files: list[Path] = typer.Argument(..., help="Task files, or folders of them."),
+    to: str = typer.Option(..., "--to", help="Data set to push to: hub:OWNER/NAME[@BRANCH]."),
+    public: Public = False,
+    licence: str | None = typer.Option(
+        None,
+        "--licence",
+        help="Identifier of the licence that you publish under, such as cc-by-4.0.",
+        show_default="none; the card lists those of the sources",
+    ),
+) -> None:
+    """Push a task set to the Hugging Face hub, in the published format and with a card.
+
+    Sets with splits become train.jsonl and test.jsonl, others tasks.jsonl. Needs `hf auth login` or HF_TOKEN.
+    """
+    import tempfile
+
+    from webgym.cli._push import push_folder, target, tasks_card
+
+    address, tasks = target(to), read_unique(files)
+    with tempfile.TemporaryDirectory(prefix="webgym-push-") as scratch:
+        folder = Path(scratch)
+        has_splits = all(task.split for task in tasks)
+        write_tasks(folder if has_splits else folder / "tasks.jsonl", tasks, format="published")
+        names = {file.stem: file.name for file in sorted(folder.iterdir())}
+        card = tasks_card(tasks, names if has_splits else {"train": "tasks.jsonl"}, licence)
+        push_folder(folder, address, card, is_public=public)
 
 
 @takes(settings=web_options("seed", "collection", "per_family"))

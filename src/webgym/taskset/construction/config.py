@@ -14,10 +14,10 @@ from webgym.core.settings import Section, Settings, first_problem, merged, read_
 from webgym.llm.config import ChatConfig, Sampling
 from webgym.llm.ledger import Budget
 from webgym.llm.prices import Price
+from webgym.tasks.sources import SOURCES
 from webgym.tasks.split import SplitConfig
 from webgym.taskset.decompose import DecompositionLimits
 from webgym.taskset.duplicates import DuplicateLimits
-from webgym.taskset.sources import SOURCES
 from webgym.taskset.writing import DEFAULT_TRIES
 
 Purpose: TypeAlias = Literal["website", "rubric", "rewriting", "critic"]
@@ -77,7 +77,7 @@ class BuildConfig(Settings):
     """A build of a task set."""
 
     sources: dict[str, SourceChoice] = Field(min_length=1)
-    """Sources, by the names in :data:`webgym.taskset.sources.SOURCES`. A string is short for ``path:``."""
+    """Sources, by the names in :data:`webgym.tasks.sources.SOURCES`. A string is short for ``path:``."""
 
     model: ChatConfig | None = None
     """Endpoint and model for all purposes. Not needed if no model request is needed."""

@@ -37,6 +37,9 @@ from webgym.core.websites import site_of
 from webgym.llm.client import EndpointRefused
 from webgym.llm.completion import Completes
 from webgym.tasks.published import DIFFICULTY_DIFFERS
+from webgym.tasks.sources import SOURCES, Skipped, SourceTask
+from webgym.tasks.sources.base import ENCRYPTED_SOURCE
+from webgym.tasks.sources.importing import read_source
 from webgym.tasks.split import split
 from webgym.tasks.taxonomy import DOMAIN_OF
 from webgym.taskset.construction.accounting import TaskAccounting
@@ -44,9 +47,6 @@ from webgym.taskset.construction.config import BuildConfig, Purpose, no_model
 from webgym.taskset.construction.progress import StageProgress
 from webgym.taskset.decompose import decompose
 from webgym.taskset.duplicates import drop_duplicates
-from webgym.taskset.sources import SOURCES, Skipped, SourceTask
-from webgym.taskset.sources.base import ENCRYPTED_SOURCE
-from webgym.taskset.sources.importing import read_source
 from webgym.taskset.writing import infer_website, rewrite, write_rubric
 
 WITHHELD = "plain text not asked for"

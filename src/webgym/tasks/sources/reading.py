@@ -1,4 +1,4 @@
-"""Reads records from files in any of their formats (JSON lines, JSON, CSV, TSV, Parquet), or from the hub.
+"""Reads records from files in any of their formats (JSON lines, JSON, CSV, TSV, Parquet).
 
 A broken record is not repaired: it is returned as :class:`Skipped`, with its line and what is wrong with it.
 Where a format does not say where the next record begins (JSON outside of lines, a quotation mark in a CSV
@@ -21,10 +21,10 @@ from itertools import chain
 from pathlib import Path
 from typing import IO, Any, Final, NamedTuple, TypeAlias
 
-from webgym.core.errors import ConfigError, TaskFileError
+from webgym.core.errors import TaskFileError
 from webgym.tasks.files import refuse_device
-from webgym.taskset.sources.base import Skipped
-from webgym.taskset.sources.fields import Fields, kind
+from webgym.tasks.sources.base import Skipped
+from webgym.tasks.sources.fields import Fields, kind
 
 SUFFIXES = (".jsonl", ".ndjson", ".json", ".csv", ".tsv", ".parquet")
 COMPRESSIONS = (".gz", ".bz2", ".xz", ".zst")
@@ -35,9 +35,6 @@ _ROWS_AT_ONCE: Final = 512
 _LONGEST_CSV_FIELD: Final = 2**31 - 1
 _DELIMITERS: Final = ",\t;|"
 _BETWEEN_ELEMENTS: Final = re.compile(r"\s*,?\s*")
-
-HUB = "hub:"
-"""Prefix of a data set on the hub: ``hub:<datasets id>[:[<configuration>/]<split>]``."""
 
 _DAMAGE = (OSError, EOFError, zlib.error, lzma.LZMAError)
 """Exceptions raised when reading a damaged compressed file."""
@@ -309,51 +306,3 @@ def _rows(batch: Any) -> Iterator[Any]:
             yield batch.slice(index, 1).to_pylist()[0]
         except ValueError as error:
             yield error
-
-
-# --- Hugging Face hub -----------------------------------------------------------------------------------
-
-
-def hub_records(where: str) -> Iterator[Found]:
-    """The rows of a data set's split, or of all its splits.
-
-    Raises:
-        ConfigError: the library is not installed, or cannot load the data set.
-    """
-    name, _, part = where.removeprefix(HUB).partition(":")
-    configuration, _, split = part.rpartition("/")
-    loaded = _load(name, configuration or None, split or None)
-    tables = {split: loaded} if split else dict(loaded)
-    for title, table in tables.items():
-        yield from _hub_rows(f"{HUB}{name}:{title}", table)
-
-
-def _load(name: str, configuration: str | None, split: str | None) -> Any:
-    try:
-        import datasets
-    except ImportError as error:
-        raise ConfigError(
-            "reading from the hub needs the library datasets", hint="pip install 'webgym-rl[hub]'"
-        ) from error
-    if not name:
-        raise ConfigError(
-            f"{HUB!r} needs the id of a data set", hint="give hub:<datasets id>[:[<configuration>/]<split>]"
-        )
-    try:
-        return datasets.load_dataset(name, configuration, split=split)
-    except Exception as error:  # of the network, the hub or the library
-        reason = str(error).strip().partition("\n")[0] or type(error).__name__
-        raise ConfigError(
-            f"the data set {name!r} cannot be loaded from the hub: {reason}",
-            hint="check name and network, for gated data `hf auth login`; or give a downloaded folder",
-        ) from error
-
-
-def _hub_rows(name: str, table: Any) -> Iterator[Found]:
-    row = 0
-    try:
-        for value in table:
-            row += 1
-            yield Record(name, f"row {row}", Fields(value))
-    except (OSError, ValueError) as error:  # pyarrow's errors are subclasses of these
-        yield Skipped(name, f"after row {row}", f"the rest cannot be read: {error}")

@@ -13,14 +13,13 @@ from functools import cache
 from typing import Final, NamedTuple, TypeAlias
 from urllib.parse import urlsplit
 
-from webgym.core.task import reference_of
+from webgym.core.task import LEVELS, Level, reference_of
 from webgym.core.text import fold
 from webgym.core.websites import site_of
 from webgym.tasks.files import NO_FACTS
 from webgym.tasks.missing_values import is_missing_value
 from webgym.tasks.published import task_of
-from webgym.tasks.taxonomy import DOMAIN_OF
-from webgym.taskset.sources.base import (
+from webgym.tasks.sources.base import (
     ENCRYPTED_SOURCE,
     GARBLED,
     NEEDS_FILE,
@@ -29,8 +28,9 @@ from webgym.taskset.sources.base import (
     Draft,
     Source,
 )
-from webgym.taskset.sources.dates import years
-from webgym.taskset.sources.fields import Companions, Fields, Unusable, as_text, texts, unpacked, website_url
+from webgym.tasks.sources.dates import years
+from webgym.tasks.sources.fields import Companions, Fields, Unusable, as_text, texts, unpacked, website_url
+from webgym.tasks.taxonomy import DOMAIN_OF
 
 Place: TypeAlias = tuple[str, str]
 """Domain and subdomain; empty if they have to be inferred."""
@@ -64,6 +64,11 @@ def _places() -> dict[str, Place]:
 
 def _folded(name: str) -> str:
     return "".join(letter for letter in name.casefold().replace("&", "and") if letter.isalnum())
+
+
+def _level(value: object) -> Level | None:
+    """A level that a record states; ``None`` if it is none of ours."""
+    return next((level for level in LEVELS if level == str(value).strip().casefold()), None)
 
 
 # InSTA: tasks that a model proposed for the hosts of a web crawl. v3 has steps and criteria, v1 does not.
@@ -273,6 +278,7 @@ def _draft_online_mind2web(fields: Fields, _: Companions) -> Draft:
         fields.instruction(*_ONLINE_MIND2WEB_INSTRUCTION), fields.native_id("task_id", "annotation_id", "id")
     )
     draft.website = fields.website("website", "url", "web")
+    draft.level = _level(fields.value("level"))
     draft.domain, draft.subdomain = named(fields.value("subdomain"), fields.value("domain"))
     return draft
 
@@ -299,6 +305,7 @@ _REPEATED_WORD = re.compile(r"\b(\w{2,})\s+\1\b", re.IGNORECASE)
 def _draft_deepshop(fields: Fields, _: Companions) -> Draft:
     draft = Draft(fields.instruction(*_DEEPSHOP_INSTRUCTION), fields.native_id("id", "task_id"))
     draft.website = fields.website("web", "website", "url")
+    draft.level = _level(fields.value("difficulty"))
     # Its own categories (Electronics, Fashion, Books, ...) are departments of one shop.
     draft.domain, draft.subdomain = subdomain("Shopping")
     hints: list[str] = []
@@ -392,7 +399,7 @@ AGENTSYNTH = Source(
 
 # BrowseComp: short answers that are hard to find. Published encrypted, to keep them out of crawls.
 #
-# Every task has the flag :data:`~webgym.taskset.sources.base.ENCRYPTED_SOURCE`: it is not written to a file
+# Every task has the flag :data:`~webgym.tasks.sources.base.ENCRYPTED_SOURCE`: it is not written to a file
 # unless the user requests the source by name. No message quotes the tasks.
 
 _BROWSECOMP_INSTRUCTION = ("problem", "question")

@@ -16,7 +16,8 @@ from webgym.core.errors import TaskFileError, UsageError
 from webgym.core.task import WebsiteFrom, reference_of
 from webgym.core.text import fold
 from webgym.tasks.formats import split_of
-from webgym.taskset.sources.base import (
+from webgym.tasks.hub import address_of, download
+from webgym.tasks.sources.base import (
     BAD_WEBSITE,
     CHATS,
     DATED,
@@ -27,16 +28,14 @@ from webgym.taskset.sources.base import (
     Source,
     SourceTask,
 )
-from webgym.taskset.sources.benchmarks import SOURCES
-from webgym.taskset.sources.dates import contains_past_date
-from webgym.taskset.sources.fields import Companions, Fields, PassedOver, Unusable, website_url
-from webgym.taskset.sources.reading import (
+from webgym.tasks.sources.benchmarks import SOURCES
+from webgym.tasks.sources.dates import contains_past_date
+from webgym.tasks.sources.fields import Companions, Fields, PassedOver, Unusable, website_url
+from webgym.tasks.sources.reading import (
     COMPRESSIONS,
-    HUB,
     REFUSED,
     SUFFIXES,
     Found,
-    hub_records,
     read_records,
 )
 
@@ -58,29 +57,28 @@ def read_source(name: str, where: str | Path, *, today: date | None = None) -> R
 
     Args:
         name: of the source, a key of :data:`SOURCES`.
-        where: a file (JSON lines, JSON, CSV, TSV, Parquet, compressed or not), a folder of them, or
-            ``"hub:<datasets id>[:[<configuration>/]<split>]"``, which needs the library ``datasets``.
+        where: a file (JSON lines, JSON, CSV, TSV, Parquet, compressed or not), a folder of them, or an
+            address on the hub (:mod:`webgym.tasks.hub`).
         today: what lies before it has passed; the day of the call if not given.
 
     Raises:
         UsageError: there is no such source.
         TaskFileError: nothing is there, it cannot be read, or no record is in it.
-        ConfigError: ``datasets`` is not installed, or gives no such dataset.
+        ConfigError: the hub's library is not installed.
     """
     source = SOURCES.get(name)
     if source is None:
         raise UsageError(f"unknown source {name!r}", hint=f"the sources are {', '.join(SOURCES)}")
     collected = _TaskCollector(source, date.today() if today is None else today)
-    if str(where).startswith(HUB):
-        collected.add(hub_records(str(where)), Companions(None))
+    path = Path(where)
+    if address := address_of(where):
+        collected.add_files(download(address))
+    elif path.is_dir():
+        collected.add_files(_files(path))
     else:
-        path = Path(where)
-        if path.is_dir():
-            collected.add_folder(path)
-        else:
-            companions = Companions(path.parent)
-            collected.add(read_records(path, collected.is_record), companions)
-            collected.passed_over += companions.broken
+        companions = Companions(path.parent)
+        collected.add(read_records(path, collected.is_record), companions)
+        collected.passed_over += companions.broken
     read = collected.read()
     if not read.records:
         passed = f"; {read.passed_over[0]}" if read.passed_over else ""
@@ -129,10 +127,9 @@ class _TaskCollector:
             for value in (fields.value(name),)
         )
 
-    def add_folder(self, folder: Path) -> None:
-        """Read all files of tasks in a folder and its subfolders. A file without tasks is listed as passed
-        over."""
-        for path in _files(folder):
+    def add_files(self, paths: Iterable[Path]) -> None:
+        """Read files of tasks. One without tasks is listed as passed over."""
+        for path in paths:
             if any(fnmatch(path.name, pattern) for pattern in self._source.beside):
                 self.passed_over.append(PassedOver(str(path), "is a companion file of the tasks"))
                 continue
@@ -166,7 +163,7 @@ class _TaskCollector:
                 self._refuse_anothers(record.fields)
                 draft = self._source.draft(record.fields, companions)
                 if self._source.is_split:
-                    draft.split = draft.split or split_of(Path(_file_name(record.file)))
+                    draft.split = draft.split or split_of(Path(record.file))
                 task = _task(self._source, draft, self._today)
                 self._known += 1
                 native, task = task.id, self._with_unique_id(task)
@@ -217,11 +214,6 @@ def _files(folder: Path) -> Iterator[Path]:
             yield path
 
 
-def _file_name(where: str) -> str:
-    """The name of a file; of a data set of the hub, that of its part."""
-    return where.split(":", 2)[-1] if where.startswith(HUB) else Path(where).name
-
-
 def _marked(source: Source, fields: Fields) -> int:
     """The number of fields that identify a record as of this source; 0 if they do not."""
     return max((len(names) for names in source.marks if all(name in fields for name in names)), default=0)
@@ -257,6 +249,7 @@ def _task(source: Source, draft: Draft, today: date) -> SourceTask:
         split=draft.split,
         flags=tuple(dict.fromkeys(flags)),
         extra=draft.extra,
+        level=draft.level,
     )
     try:
         msgspec.json.encode(task)

@@ -225,7 +225,7 @@ class Companions:
     """Reads the companion files in the folder of a file of tasks, each once.
 
     Args:
-        folder: of the tasks' file; ``None`` if there is none (a data set of the hub).
+        folder: of the tasks' file; ``None`` if there is none.
 
     Attributes:
         folder: as given.

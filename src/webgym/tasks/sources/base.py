@@ -9,9 +9,9 @@ from typing import Literal
 
 import msgspec
 
-from webgym.core.task import Rubric, WebsiteFrom
+from webgym.core.task import Level, Rubric, WebsiteFrom
 from webgym.core.websites import site_of
-from webgym.taskset.sources.fields import Companions, Fields, PassedOver
+from webgym.tasks.sources.fields import Companions, Fields, PassedOver
 
 DATED = "dated"
 """Flag: the instruction contains a day, a month or a year that has passed. The date is never changed."""
@@ -39,7 +39,7 @@ class SourceTask(msgspec.Struct, frozen=True, omit_defaults=True):
 
     Attributes:
         id: ``<source>/<native id>``; unique over all sources.
-        source: name of the benchmark, a key of :data:`webgym.taskset.sources.SOURCES`.
+        source: name of the benchmark, a key of :data:`webgym.tasks.sources.SOURCES`.
         instruction: what the agent reads, unchanged except for surrounding white space.
         website: URL where the attempt starts; ``None`` if it has to be inferred.
         website_from: origin of ``website``; ``"inferred"`` while there is none.
@@ -53,6 +53,7 @@ class SourceTask(msgspec.Struct, frozen=True, omit_defaults=True):
         split: of the published set.
         flags: such as :data:`DATED`; all are in this module.
         extra: unused columns of the published set.
+        level: that the source states.
     """
 
     id: str
@@ -70,6 +71,7 @@ class SourceTask(msgspec.Struct, frozen=True, omit_defaults=True):
     split: Literal["train", "test"] | None = None
     flags: tuple[str, ...] = ()
     extra: dict[str, object] = {}
+    level: Level | None = None
 
 
 class Skipped(msgspec.Struct, frozen=True):
@@ -120,6 +122,7 @@ class Draft:
     flags: list[str] = field(default_factory=list)
     dates: tuple[str, ...] = ()
     extra: dict[str, object] = field(default_factory=dict)
+    level: Level | None = None
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,13 @@
 
     .venv/bin/python benchmarks/settling.py --episodes 3 --seed 0 --out settling.jsonl
     .venv/bin/python benchmarks/settling.py --out settling.jsonl --minutes 0
+    .venv/bin/python benchmarks/settling.py --watched 0.3 --out again.jsonl
 
 An episode opens a page (from `npm_pages/`, or `npm_pages/remote/`, whose server takes 100 to 800 ms per
 response) and makes random actions on elements of the observation: clicks, typing, hovers, scrolls, keys.
 Two of three episodes have noise. After each step the page is left alone for five seconds; the screenshot
 was final if a second one is equal to it, except for what keeps changing after that, such as a carousel.
+Where a step used the last picture again, a new one is taken at once: they must be equal to the last pixel.
 Trials are stored as they are made, with the screenshots of those that were not final; stored trials are not
 repeated.
 """
@@ -42,7 +44,6 @@ from webgym.core.observation import Element, Observation
 ACTIONS = 7
 """Number of actions after the page was opened."""
 
-WATCHED_SECONDS = 5.0
 LATER_SECONDS = (0.35, 0.6, 0.95, 3.1)
 """Pauses between further screenshots if the first two differ: carets drawn by pages blink every second."""
 
@@ -77,6 +78,7 @@ class Trial(msgspec.Struct, frozen=True):
         settled: why the wait ended; with a ``!`` if a notice said that the page was still loading.
         seconds: duration of the wait.
         differing: number of different pixels.
+        is_same: if the last picture was used again, whether a new one has the same pixels.
     """
 
     key: str
@@ -85,6 +87,7 @@ class Trial(msgspec.Struct, frozen=True):
     settled: str
     seconds: float
     differing: int
+    is_same: bool | None = None
 
     @property
     def is_final(self) -> bool:
@@ -146,10 +149,10 @@ def without(mask: Mask, moving: Mask) -> Mask:
     return left
 
 
-async def differing(slot: Slot, look: bytes) -> tuple[int, bytes]:
+async def differing(slot: Slot, look: bytes, watched: float) -> tuple[int, bytes]:
     """The number of pixels that differ from a screenshot after a while, and the second screenshot."""
-    await asyncio.sleep(WATCHED_SECONDS)
-    later = await slot.screenshot()
+    await asyncio.sleep(watched)
+    later = (await slot.observe()).image
     mask = difference(look, later)
     moving = np.zeros_like(mask)
     for seconds in LATER_SECONDS if mask.sum() >= PIXELS else ():
@@ -161,10 +164,11 @@ async def differing(slot: Slot, look: bytes) -> tuple[int, bytes]:
 class Bench:
     """The remaining episodes, and the file of their trials."""
 
-    def __init__(self, plan: list[tuple[str, str]], out: Path, until: float) -> None:
+    def __init__(self, plan: list[tuple[str, str]], out: Path, until: float, watched: float) -> None:
         self.plan = plan
         self.out = out
         self.until = until
+        self.watched = watched
         self.lost = 0
 
     async def work(self, slot: Slot, address: str) -> None:
@@ -191,14 +195,17 @@ class Bench:
         trials: list[Trial] = []
         name: str = "open"
         action: BrowserAction = Navigate(url)
+        last = b""
         for number in range(ACTIONS + 1):
             look = await slot.step(action)
             seen = look.observation
-            pixels, later = await differing(slot, look.image)
+            is_same = look.image == (await slot.observe()).image if look.image is last else None
+            pixels, last = await differing(slot, look.image, self.watched)
             is_told = any(notice.kind == "still_loading" for notice in seen.notices)
-            trial = Trial(key, number, name, seen.settled + "!" * is_told, seen.seconds("settle"), pixels)
-            if not trial.is_final:
-                self._keep(trial, look.image, later)
+            settled, seconds = seen.settled + "!" * is_told, seen.seconds("settle")
+            trial = Trial(key, number, name, settled, seconds, pixels, is_same)
+            if not trial.is_final or is_same is False:
+                self._keep(trial, look.image, last)
             trials.append(trial)
             name, action = choose(seen, chance)
         return trials
@@ -231,6 +238,8 @@ def table(trials: Sequence[Trial]) -> Iterator[str]:
         told = sum(trial.is_final or trial.settled.endswith("!") for trial in own)
         shares = f"{final / len(own):.1%} | {told / len(own):.1%}"
         yield f"| {kind} | {len(own)} | {shares} | {cuts[9]:.2f} s | {cuts[18]:.2f} s |"
+    again = [trial.is_same for trial in trials if trial.is_same is not None]
+    yield f"{len(again)} pictures were used again, {sum(again)} of them equal to a new one"
     for trial in trials:
         if not trial.is_final:
             yield f"{trial.key} {trial.number}: {trial.deed}; {trial.settled}, {trial.differing} pixels"
@@ -241,7 +250,7 @@ async def run(given: argparse.Namespace) -> None:
     keys = [(page, f"{page} {given.seed} {n}") for n in range(given.episodes) for page in given.pages]
     plan = [(page, key) for page, key in keys if key not in done]
     random.Random(given.seed).shuffle(plan)
-    bench = Bench(plan, given.out, time.monotonic() + 60 * given.minutes)
+    bench = Bench(plan, given.out, time.monotonic() + 60 * given.minutes, given.watched)
     with serving(given.cache) as address:
         async with Egress(EgressConfig(allow=("127.0.0.1",))) as egress, asyncio.TaskGroup() as group:
             for _ in range(given.slots):
@@ -261,6 +270,9 @@ def main() -> None:
     parser.add_argument("--slots", type=int, default=6)
     parser.add_argument(
         "--minutes", type=float, default=60.0, help="time after which no more episodes are started"
+    )
+    parser.add_argument(
+        "--watched", type=float, default=5.0, help="time after which a second screenshot is taken, seconds"
     )
     parser.add_argument("--cache", type=Path, default=CACHE, help="folder of the npm packages")
     parser.add_argument("--out", type=Path, required=True, help="file of the trials, JSON lines")

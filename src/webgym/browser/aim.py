@@ -121,7 +121,7 @@ async def _look_for(page: Page, number: int) -> _Aimed:
 
 async def _compare(page: Page, point: tuple[float, float]) -> None:
     """Add a notice if the page looks other than in the last picture in a band around this point."""
-    if not page.image:
+    if not page.image or page.options.mode == "marks":
         return
     try:
         shot = await page.session.call(

@@ -39,6 +39,7 @@ from webgym.browser.egress.proxy import ProxyListener
 from webgym.browser.isolated_worlds import ADDRESS_CHARACTERS, Worlds
 from webgym.browser.notices import Notices
 from webgym.browser.pdf import Pdfs
+from webgym.browser.stillness import Stillness
 from webgym.browser.timers import Timers
 from webgym.browser.traffic import AUTO_ATTACH, Traffic, Workers
 from webgym.core.errors import BrowserTimeout, EgressRefused, NavigationFailed
@@ -234,7 +235,7 @@ class Page:
         one."""
         self.picture = ""
         self.image = b""
-        """The last picture, if what it shows tells where a click at a point of it lands."""
+        """The last picture, without marks."""
         self.ineffective_if_unscrolled = ""
         """The same, if the page is next observed at ``scrolled``, where it last was: a turn of the wheel may
         have an effect late."""
@@ -246,6 +247,7 @@ class Page:
         self.worlds = Worlds(session, target_id, config)
         self.pdfs = Pdfs(session, lambda text: self.note("download_refused", text))
         self.workers = Workers(session, self.traffic, config)
+        self.stillness = Stillness(session)
         session.on("Page.frameStartedNavigating", NavigationStarted, self._on_leaving)
         session.on("Page.frameScheduledNavigation", ScheduledNavigation, self._on_navigation_requested)
         session.on("Page.frameRequestedNavigation", RequestedNavigation, self._on_navigation_requested)

@@ -2,7 +2,7 @@
 
     .venv/bin/python benchmarks/settling.py --episodes 3 --seed 0 --out settling.jsonl
     .venv/bin/python benchmarks/settling.py --out settling.jsonl --minutes 0
-    .venv/bin/python benchmarks/settling.py --watched 0.3 --out again.jsonl
+    .venv/bin/python benchmarks/settling.py --watched 0.3 --idle 0.7 --out again.jsonl
 
 An episode opens a page (from `npm_pages/`, or `npm_pages/remote/`, whose server takes 100 to 800 ms per
 response) and makes random actions on elements of the observation: clicks, typing, hovers, scrolls, keys.
@@ -37,7 +37,7 @@ from webgym.browser.egress.proxy import Egress
 from webgym.browser.find import find_browser
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.slot import Slot
-from webgym.core.action import BrowserAction, Hover, LeftClick, Navigate, Press, Scroll, Target, Type
+from webgym.core.action import BrowserAction, Hover, LeftClick, Navigate, Press, Scroll, Target, Type, Wait
 from webgym.core.errors import WebGymError
 from webgym.core.observation import Element, Observation
 
@@ -103,8 +103,26 @@ def middle(element: Element, seen: Observation) -> Target:
     return Target(coordinate=(1000 * (x + width / 2) / across, 1000 * (y + height / 2) / down))
 
 
-def choose(seen: Observation, chance: random.Random) -> tuple[str, BrowserAction]:
-    """A random action, and its name."""
+IDLE: dict[str, BrowserAction] = {
+    "wait": Wait(0),
+    "press Shift": Press(("Shift",)),
+    "click corner": LeftClick(Target(coordinate=(998, 998))),
+    "hover corner": Hover(Target(coordinate=(998, 998))),
+    "scroll up": Scroll("up"),
+}
+"""Actions that often change nothing."""
+
+
+def choose(seen: Observation, chance: random.Random, idle: float) -> tuple[str, BrowserAction]:
+    """A random action, and its name.
+
+    Args:
+        seen: the page.
+        chance: where it comes from.
+        idle: share of those that often change nothing.
+    """
+    if idle and chance.random() < idle:
+        return chance.choice(list(IDLE.items()))
     elements = seen.elements or ()
     fields = [one for one in elements if one.role in TYPED_INTO]
     kinds = ["click"] * 8 + ["scroll"] * 2 + ["hover"] * 3 + ["press"] * 2 + ["type"] * (7 if fields else 0)
@@ -164,11 +182,14 @@ async def differing(slot: Slot, look: bytes, watched: float) -> tuple[int, bytes
 class Bench:
     """The remaining episodes, and the file of their trials."""
 
-    def __init__(self, plan: list[tuple[str, str]], out: Path, until: float, watched: float) -> None:
+    def __init__(
+        self, plan: list[tuple[str, str]], out: Path, until: float, watched: float, idle: float
+    ) -> None:
         self.plan = plan
         self.out = out
         self.until = until
         self.watched = watched
+        self.idle = idle
         self.lost = 0
 
     async def work(self, slot: Slot, address: str) -> None:
@@ -207,7 +228,7 @@ class Bench:
             if not trial.is_final or is_same is False:
                 self._keep(trial, look.image, last)
             trials.append(trial)
-            name, action = choose(seen, chance)
+            name, action = choose(seen, chance, self.idle)
         return trials
 
     def _keep(self, trial: Trial, look: bytes, later: bytes) -> None:
@@ -250,7 +271,7 @@ async def run(given: argparse.Namespace) -> None:
     keys = [(page, f"{page} {given.seed} {n}") for n in range(given.episodes) for page in given.pages]
     plan = [(page, key) for page, key in keys if key not in done]
     random.Random(given.seed).shuffle(plan)
-    bench = Bench(plan, given.out, time.monotonic() + 60 * given.minutes, given.watched)
+    bench = Bench(plan, given.out, time.monotonic() + 60 * given.minutes, given.watched, given.idle)
     with serving(given.cache) as address:
         async with Egress(EgressConfig(allow=("127.0.0.1",))) as egress, asyncio.TaskGroup() as group:
             for _ in range(given.slots):
@@ -274,6 +295,7 @@ def main() -> None:
     parser.add_argument(
         "--watched", type=float, default=5.0, help="time after which a second screenshot is taken, seconds"
     )
+    parser.add_argument("--idle", type=float, default=0.0, help="share of actions that often change nothing")
     parser.add_argument("--cache", type=Path, default=CACHE, help="folder of the npm packages")
     parser.add_argument("--out", type=Path, required=True, help="file of the trials, JSON lines")
     given = parser.parse_args()

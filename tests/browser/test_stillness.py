@@ -18,7 +18,9 @@ pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 HERE = Target(coordinate=(50, 50))
 AWAY = Target(coordinate=(900, 900))
-STYLE = "<style>#b { position: absolute; left: 0; top: 0; width: 200px; height: 80px; background: #eee }</style>"
+STYLE = (
+    "<style>#b { position: absolute; left: 0; top: 0; width: 200px; height: 80px; background: #eee }</style>"
+)
 
 
 @pytest.fixture
@@ -67,7 +69,8 @@ STILL = {
     "pictures": shown("PNG", 1) + shown("GIF", 1) + shown("JPEG", 1) + shown("WEBP", 1),
     "what changes and does not show": "<p id=p>Text</p><script>"
     "addEventListener('click', () => { p.lastChild.stamp = performance.now() })</script>",
-    "an animation that is over": "<style>@keyframes k { from { opacity: 0 } } p { animation: k .2s }</style><p>Text",
+    "an animation that is over": "<style>@keyframes k { from { opacity: 0 } } p { animation: k .2s "
+    "}</style><p>Text",
 }
 
 
@@ -87,7 +90,10 @@ async def test_what_is_still_keeps_its_picture(
 
 
 RULE = "document.querySelector('style#s').sheet.cssRules[0].style"
-LAYER = "<style id=s>.w { will-change: transform, opacity; width: 60px; height: 60px; background: red }</style><p class=w>"
+LAYER = (
+    "<style id=s>.w { will-change: transform, opacity; width: 60px; height: 60px; background: red }</style>"
+    "<p class=w>"
+)
 SCRIPTS = {
     "a rule": f"<style id=s>p {{ color: red }}</style><p>Text</p>|{RULE}.color = 'blue'",
     "a layer's place": f"{LAYER}|{RULE}.transform = 'translateX(90px)'",
@@ -104,10 +110,12 @@ SCRIPTS = {
     "customElements.define('x-a', class extends HTMLElement { i = this.attachInternals() })</script>"
     "|document.querySelector('x-a').i.states.add('on')",
     "a canvas": "<canvas id=c></canvas>|c.getContext('2d').fillRect(0, 0, 90, 90)",
-    "a box that is scrolled": "<div id=d style='height:90px;overflow:auto'><p>a<p>b<p>c<p>d<p>e</div>|d.scrollTop = 50",
+    "a box that is scrolled": "<div id=d "
+    "style='height:90px;overflow:auto'><p>a<p>b<p>c<p>d<p>e</div>|d.scrollTop = 50",
     "a closed shadow root": "<div id=d></div><script>window.r = d.attachShadow({ mode: 'closed' });"
     "r.innerHTML = '<p>Text'</script>|r.firstChild.firstChild.data = 'Other'",
-    "a message to itself": "<style id=s>p { color: red }</style><p>Text</p><script>addEventListener('message', () => "
+    "a message to itself": "<style id=s>p { color: red "
+    "}</style><p>Text</p><script>addEventListener('message', () => "
     f"{RULE}.color = 'blue')</script>|postMessage(1)",
 }
 
@@ -119,8 +127,10 @@ async def test_what_a_script_changes_without_a_change_of_the_document_is_picture
     for name in scripts:
         body, script = SCRIPTS[name].rsplit("|", 1)
         await tab.goto(
-            site.page(f"{STYLE}<button id=b>Do</button><div style=height:90px></div>{body}<script>"
-            f"let n = 0; b.addEventListener('mouseup', () => {{ if (n++ == 2) {{ {script} }} }})</script>")
+            site.page(
+                f"{STYLE}<button id=b>Do</button><div style=height:90px></div>{body}<script>"
+                f"let n = 0; b.addEventListener('mouseup', () => {{ if (n++ == 2) {{ {script} }} }})</script>"
+            )
         )
         before = ""
         for number in range(4):
@@ -135,7 +145,8 @@ async def test_what_a_script_changes_without_a_change_of_the_document_is_picture
 
 STATES = {
     "the mouse over it": "<style>#b:hover { background: red }</style>|hover",
-    "the mouse over a layer": "<style>#b { will-change: transform } #b:hover { transform: scale(.5) }</style>|hover",
+    "the mouse over a layer": "<style>#b { will-change: transform } #b:hover { transform: scale(.5) "
+    "}</style>|hover",
     "the focus": "<style>#b:focus { background: red }</style>|click",
     "a key": "<style>#b:focus-visible { background: red }</style>|key",
 }
@@ -158,15 +169,21 @@ MOVING = {
     "a PNG": shown("PNG", 3),
     "a WebP": shown("WEBP", 3),
     "an AVIF": shown("AVIF", 3),
-    "an SVG": "<img width=60 src=\"data:image/svg+xml,%3Csvg xmlns='http://www.w3.org/2000/svg' width='60' height='60'%3E"
-    "%3Crect width='60' height='60'%3E%3Canimate attributeName='fill' values='red;blue' calcMode='discrete' dur='.2s'"
+    "an SVG": "<img width=60 src=\"data:image/svg+xml,%3Csvg xmlns='http://www.w3.org/2000/svg' "
+    "width='60' height='60'%3E"
+    "%3Crect width='60' height='60'%3E%3Canimate attributeName='fill' values='red;blue' "
+    "calcMode='discrete' dur='.2s'"
     " repeatCount='indefinite'/%3E%3C/rect%3E%3C/svg%3E\">",
-    "an animation": "<style>@keyframes k { to { transform: translateX(90px) } } p { animation: k 1s infinite }</style><p>Text",
-    "an animation in a shadow root": "<div id=d></div><script>d.attachShadow({ mode: 'closed' }).innerHTML = '<style>"
-    "@keyframes k { to { transform: translateX(90px) } } p { animation: k 1s infinite }</style><p>Text'</script>",
+    "an animation": "<style>@keyframes k { to { transform: translateX(90px) } } p { animation: k 1s "
+    "infinite }</style><p>Text",
+    "an animation in a shadow root": "<div id=d></div><script>d.attachShadow({ mode: 'closed' "
+    "}).innerHTML = '<style>"
+    "@keyframes k { to { transform: translateX(90px) } } p { animation: k 1s infinite "
+    "}</style><p>Text'</script>",
     "a canvas": "<canvas></canvas>",
     "a canvas of a frame": "<iframe srcdoc='<canvas></canvas>'></iframe>",
-    "a canvas of a shadow root": "<div id=d></div><script>d.attachShadow({ mode: 'open' }).innerHTML = '<canvas>'</script>",
+    "a canvas of a shadow root": "<div id=d></div><script>d.attachShadow({ mode: 'open' }).innerHTML = "
+    "'<canvas>'</script>",
     "a film": "<video></video>",
     "a moving text": "<marquee>Text</marquee>",
     "a bar": "<progress></progress>",

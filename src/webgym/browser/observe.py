@@ -21,13 +21,13 @@ from webgym.browser.cdp import CommandFailed
 from webgym.browser.cdp_messages import Screenshot
 from webgym.browser.gestures import AnyAction
 from webgym.browser.isolated_worlds import DocumentGone
-from webgym.browser.page import Page, picture_format
+from webgym.browser.page import Page
 from webgym.browser.pictures import white
 from webgym.browser.pointer import Point
 from webgym.browser.settle import settle
 from webgym.core.action import DoubleClick, LeftClick, RightClick, Scroll, Wait
 from webgym.core.errors import ActionFailed, BrowserError, BrowserTimeout, NavigationFailed
-from webgym.core.observation import Element, Notice, Observation
+from webgym.core.observation import Element, Notice, Observation, scaled
 
 T = TypeVar("T")
 
@@ -63,8 +63,7 @@ class Look(msgspec.Struct, frozen=True):
 
     Attributes:
         observation: the observation.
-        image: PNG (or JPEG, if the page's options say so), the size of the viewport in pixels; its SHA-256 is
-            ``observation.screenshot``.
+        image: PNG (or JPEG, if the page's options say so); its SHA-256 is ``observation.screenshot``.
     """
 
     observation: Observation
@@ -157,7 +156,7 @@ async def look(page: Page, settled: str, milliseconds: dict[str, float], early: 
     page.image = image
     if page.options.mode == "marks":
         elements, quality = content.elements or (), page.options.jpeg_quality
-        image = await asyncio.to_thread(marks.draw, image, elements, quality)
+        image = await asyncio.to_thread(marks.draw, image, elements, quality, page.capture_scale)
     end = time.perf_counter()
     milliseconds["metadata"] = (between - start) * 1000
     milliseconds["screenshot"] = (end - between) * 1000
@@ -180,6 +179,7 @@ def _observation(
         status=page.status,
         scroll=content.scroll,
         mode=page.options.mode,
+        capture_scale=page.capture_scale,
         settled=settled,
         notices=notices,
         faults=page.take_faults(),
@@ -262,7 +262,17 @@ async def capture(page: Page, quality: int | None = None) -> bytes:
     Raises:
         BrowserTimeout: no screenshot within the deadline, retries included.
     """
-    return await with_retries(page, lambda: _capture(page, quality))
+
+    async def query() -> bytes:
+        params = await page.picture_params(quality)
+        for _ in range(_MAX_LOOKS):
+            image, before = await _capture(page, params, quality), params
+            params = await page.picture_params(quality)
+            if params == before:  # else it was scrolled, and the picture may show another part of it
+                break
+        return image
+
+    return await with_retries(page, query)
 
 
 async def _capture_bare(page: Page) -> bytes:
@@ -273,9 +283,8 @@ async def _capture_bare(page: Page) -> bytes:
     return image
 
 
-async def _capture(page: Page, quality: int | None) -> bytes:
+async def _capture(page: Page, params: dict[str, Any], quality: int | None) -> bytes:
     config = page.config
-    params = picture_format(quality)
     requests: set[asyncio.Task[Screenshot]] = set()
     if page.is_new_window and (undrawn := await _have_drawn(page, quality)):
         return undrawn
@@ -329,7 +338,7 @@ async def _have_drawn(page: Page, quality: int | None) -> bytes | None:
             if not page.is_new_window:
                 why = f"{page.address} has nothing to show yet"
                 page.fail(NavigationFailed(why, url=page.url), is_typed=page.is_typed)
-            return white(page.options.viewport, quality)
+            return white(scaled(page.options.viewport, page.capture_scale), quality)
     return None
 
 

@@ -22,6 +22,7 @@ from webgym.browser.cdp_messages import (
     EmptyReply,
     FileChooser,
     FrameNavigated,
+    LayoutMetrics,
     Navigated,
     NavigatedWithinDocument,
     NavigationStarted,
@@ -92,13 +93,6 @@ page's scripts are switched off until it answers, as long again at most."""
 
 def _not_opened_message(url: str) -> str:
     return f'"{url[:_QUOTED_LENGTH]}" was not opened: only http and https addresses are'
-
-
-def picture_format(quality: int | None) -> dict[str, Any]:
-    """Parameters of ``Page.captureScreenshot``: lossless, or as a JPEG of this quality, 1 to 100."""
-    if quality is None:
-        return {"format": "png", "optimizeForSpeed": True}
-    return {"format": "jpeg", "quality": quality}
 
 
 class ActionResult(msgspec.Struct, frozen=True):
@@ -336,6 +330,28 @@ class Page:
         await asyncio.gather(  # sent at once, handled in order
             *(self.session.do(method, params, seconds=seconds) for method, params in commands)
         )
+
+    @property
+    def capture_scale(self) -> float:
+        """Pixels of a screenshot for each CSS pixel."""
+        given = self.options.capture_scale
+        return self.config.capture_scale if given is None else given
+
+    async def picture_params(self, quality: int | None) -> dict[str, Any]:
+        """Parameters of ``Page.captureScreenshot`` for what is in view now.
+
+        Args:
+            quality: of a JPEG, 1 to 100; ``None`` for a PNG, which is lossless.
+        """
+        lossless = {"format": "png", "optimizeForSpeed": True}
+        params = lossless if quality is None else {"format": "jpeg", "quality": quality}
+        if self.capture_scale == 1:
+            return params
+        seconds, (width, height) = self.config.execute_seconds, self.options.viewport
+        metrics = await self.session.call("Page.getLayoutMetrics", reply=LayoutMetrics, seconds=seconds)
+        view = metrics.css_visual_viewport
+        clip = {"x": view.page_x, "y": view.page_y, "width": width, "height": height}
+        return params | {"clip": clip | {"scale": self.capture_scale}}
 
     @property
     def address(self) -> str:

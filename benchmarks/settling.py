@@ -2,11 +2,13 @@
 
     .venv/bin/python benchmarks/settling.py --episodes 3 --seed 0 --out settling.jsonl
     .venv/bin/python benchmarks/settling.py --out settling.jsonl --minutes 0
+    .venv/bin/python benchmarks/settling.py --watched 0.3 --idle 0.7 --out again.jsonl
 
 An episode opens a page (from `npm_pages/`, or `npm_pages/remote/`, whose server takes 100 to 800 ms per
 response) and makes random actions on elements of the observation: clicks, typing, hovers, scrolls, keys.
 Two of three episodes have noise. After each step the page is left alone for five seconds; the screenshot
 was final if a second one is equal to it, except for what keeps changing after that, such as a carousel.
+Where a step used the last picture again, a new one is taken at once: they must be equal to the last pixel.
 Trials are stored as they are made, with the screenshots of those that were not final; stored trials are not
 repeated.
 """
@@ -35,14 +37,13 @@ from webgym.browser.egress.proxy import Egress
 from webgym.browser.find import find_browser
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.slot import Slot
-from webgym.core.action import BrowserAction, Hover, LeftClick, Navigate, Press, Scroll, Target, Type
+from webgym.core.action import BrowserAction, Hover, LeftClick, Navigate, Press, Scroll, Target, Type, Wait
 from webgym.core.errors import WebGymError
 from webgym.core.observation import Element, Observation
 
 ACTIONS = 7
 """Number of actions after the page was opened."""
 
-WATCHED_SECONDS = 5.0
 LATER_SECONDS = (0.35, 0.6, 0.95, 3.1)
 """Pauses between further screenshots if the first two differ: carets drawn by pages blink every second."""
 
@@ -77,6 +78,7 @@ class Trial(msgspec.Struct, frozen=True):
         settled: why the wait ended; with a ``!`` if a notice said that the page was still loading.
         seconds: duration of the wait.
         differing: number of different pixels.
+        is_same: if the last picture was used again, whether a new one has the same pixels.
     """
 
     key: str
@@ -85,6 +87,7 @@ class Trial(msgspec.Struct, frozen=True):
     settled: str
     seconds: float
     differing: int
+    is_same: bool | None = None
 
     @property
     def is_final(self) -> bool:
@@ -100,8 +103,26 @@ def middle(element: Element, seen: Observation) -> Target:
     return Target(coordinate=(1000 * (x + width / 2) / across, 1000 * (y + height / 2) / down))
 
 
-def choose(seen: Observation, chance: random.Random) -> tuple[str, BrowserAction]:
-    """A random action, and its name."""
+IDLE: dict[str, BrowserAction] = {
+    "wait": Wait(0),
+    "press Shift": Press(("Shift",)),
+    "click corner": LeftClick(Target(coordinate=(998, 998))),
+    "hover corner": Hover(Target(coordinate=(998, 998))),
+    "scroll up": Scroll("up"),
+}
+"""Actions that often change nothing."""
+
+
+def choose(seen: Observation, chance: random.Random, idle: float) -> tuple[str, BrowserAction]:
+    """A random action, and its name.
+
+    Args:
+        seen: the page.
+        chance: where it comes from.
+        idle: share of those that often change nothing.
+    """
+    if idle and chance.random() < idle:
+        return chance.choice(list(IDLE.items()))
     elements = seen.elements or ()
     fields = [one for one in elements if one.role in TYPED_INTO]
     kinds = ["click"] * 8 + ["scroll"] * 2 + ["hover"] * 3 + ["press"] * 2 + ["type"] * (7 if fields else 0)
@@ -146,10 +167,10 @@ def without(mask: Mask, moving: Mask) -> Mask:
     return left
 
 
-async def differing(slot: Slot, look: bytes) -> tuple[int, bytes]:
+async def differing(slot: Slot, look: bytes, watched: float) -> tuple[int, bytes]:
     """The number of pixels that differ from a screenshot after a while, and the second screenshot."""
-    await asyncio.sleep(WATCHED_SECONDS)
-    later = await slot.screenshot()
+    await asyncio.sleep(watched)
+    later = (await slot.observe()).image
     mask = difference(look, later)
     moving = np.zeros_like(mask)
     for seconds in LATER_SECONDS if mask.sum() >= PIXELS else ():
@@ -161,10 +182,14 @@ async def differing(slot: Slot, look: bytes) -> tuple[int, bytes]:
 class Bench:
     """The remaining episodes, and the file of their trials."""
 
-    def __init__(self, plan: list[tuple[str, str]], out: Path, until: float) -> None:
+    def __init__(
+        self, plan: list[tuple[str, str]], out: Path, until: float, watched: float, idle: float
+    ) -> None:
         self.plan = plan
         self.out = out
         self.until = until
+        self.watched = watched
+        self.idle = idle
         self.lost = 0
 
     async def work(self, slot: Slot, address: str) -> None:
@@ -191,16 +216,19 @@ class Bench:
         trials: list[Trial] = []
         name: str = "open"
         action: BrowserAction = Navigate(url)
+        last = b""
         for number in range(ACTIONS + 1):
             look = await slot.step(action)
             seen = look.observation
-            pixels, later = await differing(slot, look.image)
+            is_same = look.image == (await slot.observe()).image if look.image is last else None
+            pixels, last = await differing(slot, look.image, self.watched)
             is_told = any(notice.kind == "still_loading" for notice in seen.notices)
-            trial = Trial(key, number, name, seen.settled + "!" * is_told, seen.seconds("settle"), pixels)
-            if not trial.is_final:
-                self._keep(trial, look.image, later)
+            settled, seconds = seen.settled + "!" * is_told, seen.seconds("settle")
+            trial = Trial(key, number, name, settled, seconds, pixels, is_same)
+            if not trial.is_final or is_same is False:
+                self._keep(trial, look.image, last)
             trials.append(trial)
-            name, action = choose(seen, chance)
+            name, action = choose(seen, chance, self.idle)
         return trials
 
     def _keep(self, trial: Trial, look: bytes, later: bytes) -> None:
@@ -231,6 +259,8 @@ def table(trials: Sequence[Trial]) -> Iterator[str]:
         told = sum(trial.is_final or trial.settled.endswith("!") for trial in own)
         shares = f"{final / len(own):.1%} | {told / len(own):.1%}"
         yield f"| {kind} | {len(own)} | {shares} | {cuts[9]:.2f} s | {cuts[18]:.2f} s |"
+    again = [trial.is_same for trial in trials if trial.is_same is not None]
+    yield f"{len(again)} pictures were used again, {sum(again)} of them equal to a new one"
     for trial in trials:
         if not trial.is_final:
             yield f"{trial.key} {trial.number}: {trial.deed}; {trial.settled}, {trial.differing} pixels"
@@ -241,7 +271,7 @@ async def run(given: argparse.Namespace) -> None:
     keys = [(page, f"{page} {given.seed} {n}") for n in range(given.episodes) for page in given.pages]
     plan = [(page, key) for page, key in keys if key not in done]
     random.Random(given.seed).shuffle(plan)
-    bench = Bench(plan, given.out, time.monotonic() + 60 * given.minutes)
+    bench = Bench(plan, given.out, time.monotonic() + 60 * given.minutes, given.watched, given.idle)
     with serving(given.cache) as address:
         async with Egress(EgressConfig(allow=("127.0.0.1",))) as egress, asyncio.TaskGroup() as group:
             for _ in range(given.slots):
@@ -262,6 +292,10 @@ def main() -> None:
     parser.add_argument(
         "--minutes", type=float, default=60.0, help="time after which no more episodes are started"
     )
+    parser.add_argument(
+        "--watched", type=float, default=5.0, help="time after which a second screenshot is taken, seconds"
+    )
+    parser.add_argument("--idle", type=float, default=0.0, help="share of actions that often change nothing")
     parser.add_argument("--cache", type=Path, default=CACHE, help="folder of the npm packages")
     parser.add_argument("--out", type=Path, required=True, help="file of the trials, JSON lines")
     given = parser.parse_args()

@@ -31,6 +31,7 @@ from webgym.agent.prompts import render_reply
 from webgym.browser.aim import point_of
 from webgym.browser.config import BrowserConfig
 from webgym.core.action import LeftClick, Navigate, Target
+from webgym.core.observation import scaled
 from webgym.llm.config import ChatConfig
 from webgym.server.client import BrowserClient, Session
 from webgym.server.config import ServerConfig
@@ -123,6 +124,7 @@ async def hit_all(
     model: str,
     max_side: int | None,
     shares: tuple[float, ...],
+    scale: float = 1.0,
 ) -> None:
     targets = places(viewport, shares)
     where: Any = [list(place) for place in targets]
@@ -134,10 +136,10 @@ async def hit_all(
     url = site.on("/targets", answer)
     chat = ChatConfig(base_url=endpoint.url("sharp"), model=model)
     config = AgentConfig(rounds=0, image_max_side=max_side, mode="coordinates")
-    session = await client.open(SessionOptions(viewport=viewport))
+    session = await client.open(SessionOptions(viewport=viewport, capture_scale=scale))
     async with Agent(OpenAIPolicy(chat), config) as agent:
         assert await shoot(session, agent, url, len(targets)) == f"{len(targets)} 0"
-        assert endpoint.sizes == {agent.profile.picture_size(viewport, max_side)}
+        assert endpoint.sizes == {agent.profile.picture_size(scaled(viewport, scale), max_side)}
     await session.close()
 
 
@@ -147,7 +149,12 @@ FAMILIES = [("qwen3-vl", None), ("qwen3-vl", 640), ("qwen2.5-vl", None), ("qwen2
 
 @pytest.mark.browser
 @pytest.mark.parametrize(
-    ("viewport", "model", "max_side"), [(VIEWPORTS[0], "qwen3-vl", None), (VIEWPORTS[1], "qwen2.5-vl", 900)]
+    ("viewport", "model", "max_side", "scale"),
+    [
+        (VIEWPORTS[0], "qwen3-vl", None, 1.0),
+        (VIEWPORTS[1], "qwen2.5-vl", 900, 1.0),
+        (VIEWPORTS[0], "gpt-5", None, 0.5),
+    ],
 )
 async def test_corners_and_middle_are_hit(
     client: BrowserClient,
@@ -156,8 +163,9 @@ async def test_corners_and_middle_are_hit(
     viewport: tuple[int, int],
     model: str,
     max_side: int | None,
+    scale: float,
 ) -> None:
-    await hit_all(client, site, endpoint, viewport, model, max_side, (0, 0.493, 1))
+    await hit_all(client, site, endpoint, viewport, model, max_side, (0, 0.493, 1), scale)
 
 
 @pytest.mark.browser

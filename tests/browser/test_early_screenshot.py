@@ -28,8 +28,8 @@ def ended(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     found: list[bool] = []
     end = EarlyScreenshot.end
 
-    def noted(self: EarlyScreenshot, settled: str) -> None:
-        end(self, settled)
+    async def noted(self: EarlyScreenshot, settled: str) -> None:
+        await end(self, settled)
         found.append(self.result is not None)
 
     monkeypatch.setattr(EarlyScreenshot, "end", noted)

@@ -106,10 +106,16 @@ async def test_pictures_are_jpeg_where_that_is_asked_for(
     await session.close()
 
 
-@pytest.mark.parametrize("quality", [0, 101, -1])
-async def test_an_impossible_quality(client: BrowserClient, quality: int) -> None:
+@pytest.mark.parametrize(
+    "options",
+    [
+        *(SessionOptions(jpeg_quality=quality) for quality in (0, 101, -1)),
+        *(SessionOptions(capture_scale=scale) for scale in (0.2, 1.1)),
+    ],
+)
+async def test_an_impossible_picture(client: BrowserClient, options: SessionOptions) -> None:
     with pytest.raises(ProtocolError):
-        await client.open(SessionOptions(jpeg_quality=quality))
+        await client.open(options)
 
 
 async def test_sessions_share_no_state_and_calls_do_not_overlap(site: Site, client: BrowserClient) -> None:

@@ -139,8 +139,8 @@ class Dialogue:
         revision = self.revisions.get(index - 1, Revision())
         now = AttemptPosition(observation, index, self._budget, self.memory, revision, self.progress)
         request = build_request(self._task, past, now, config, profile)
-        sent = profile.picture_size(observation.viewport, config.image_max_side)
-        if observation.screenshot not in self._images and sent != observation.viewport:
+        sent = profile.picture_size(observation.picture_size, config.image_max_side)
+        if observation.screenshot not in self._images and sent != observation.picture_size:
             image = await asyncio.to_thread(fit, image, sent)
         available = {observation.screenshot: image} | self._images
         turn = PolicyInput(

@@ -268,7 +268,7 @@ def _render(
     rounds = min(config.rounds, len(past)) - cut.rounds
     older, window = past[: len(past) - rounds], past[len(past) - rounds :]
     seen = now.observation
-    screen = profile.screen(profile.picture_size(seen.viewport, config.image_max_side))
+    screen = profile.screen(profile.picture_size(seen.picture_size, config.image_max_side))
     messages = [Message("system", (TextPart(system_prompt(config, profile.mode, screen)),))]
     opening = _opening(task, older, now, config, screen, cut)
     before = older[-1] if older else None
@@ -289,7 +289,7 @@ def _render_compact(
 ) -> tuple[Message, ...]:
     """The request in a compact format: the picture comes first, and the task is in the last message."""
     rounds = min(config.rounds, len(past)) - cut.rounds
-    screen = profile.screen(profile.picture_size(now.observation.viewport, config.image_max_side))
+    screen = profile.screen(profile.picture_size(now.observation.picture_size, config.image_max_side))
     blind = cut.pictures - cut.rounds
     messages = [Message("system", (TextPart(system_prompt(config, profile.mode, screen)),))]
     for number, shown in enumerate(past[len(past) - rounds :]):
@@ -342,7 +342,7 @@ def picture_names(messages: Sequence[Message]) -> set[str]:
 
 
 def _picture(observation: Observation, config: AgentConfig, profile: Profile) -> ImageRef:
-    width, height = profile.picture_size(observation.viewport, config.image_max_side)
+    width, height = profile.picture_size(observation.picture_size, config.image_max_side)
     return ImageRef(observation.screenshot, width, height, profile.detail)
 
 

@@ -58,14 +58,14 @@ class Profile(msgspec.Struct, frozen=True, kw_only=True):
         """Whether a model of this name belongs to the family."""
         return any(re.search(pattern, model, re.IGNORECASE) for pattern in self.models)
 
-    def picture_size(self, viewport: Size, max_side: int | None = None) -> Size:
-        """The size, in pixels, at which a picture of this viewport is sent.
+    def picture_size(self, size: Size, max_side: int | None = None) -> Size:
+        """The size, in pixels, at which a picture is sent.
 
         Args:
-            viewport: the picture's own size.
+            size: the picture's own size.
             max_side: longest side from the settings, applied before the family's rule; ``None`` for no limit.
         """
-        return self.pictures.size(within(viewport, max_side))
+        return self.pictures.size(within(size, max_side))
 
     def screen(self, sent: Size) -> Size:
         """Largest x and y of points in the family's replies, given the size at which pictures are sent."""

@@ -13,7 +13,7 @@ from PIL import Image, ImageChops
 from webgym.browser.cdp import CommandFailed
 from webgym.browser.cdp_messages import Screenshot
 from webgym.browser.isolated_worlds import DocumentGone
-from webgym.browser.page import Page, picture_format
+from webgym.browser.page import Page
 from webgym.core.action import GRID, Target
 from webgym.core.errors import ActionFailed
 
@@ -121,27 +121,28 @@ async def _look_for(page: Page, number: int) -> _Aimed:
 
 async def _compare(page: Page, point: tuple[float, float]) -> None:
     """Add a notice if the page looks other than in the last picture in a band around this point."""
-    if not page.image:
+    if not page.image or page.options.mode == "marks":
         return
     try:
         shot = await page.session.call(
             "Page.captureScreenshot",
-            picture_format(page.options.jpeg_quality),
+            await page.picture_params(page.options.jpeg_quality),
             reply=Screenshot,
             seconds=page.config.screenshot_seconds,
         )
     except CommandFailed:  # there is no frame yet: it looks other than before
         pass
     else:
-        if not await asyncio.to_thread(_differ, page.image, shot.data, point[1]):
+        band = [y * page.capture_scale for y in (point[1] - _BAND, point[1] + _BAND)]
+        if not await asyncio.to_thread(_differ, page.image, shot.data, *band):
             return
     page.note("changed", "the page has changed since the picture, also where this action landed")
 
 
-def _differ(before: bytes, now: bytes, y: float) -> bool:
+def _differ(before: bytes, now: bytes, top: float, bottom: float) -> bool:
     pictures = [Image.open(io.BytesIO(data)).convert("RGB") for data in (before, now)]
     if pictures[0].size != pictures[1].size:
         return True
     width, height = pictures[0].size
-    band = (0, max(0, int(y) - _BAND), width, min(height, int(y) + _BAND))
+    band = (0, max(0, int(top)), width, min(height, int(bottom)))
     return ImageChops.difference(*(picture.crop(band) for picture in pictures)).getbbox() is not None

@@ -9,6 +9,17 @@ class CdpMessage(msgspec.Struct, frozen=True, rename="camel"):
     """Base: camelCase on the wire, unknown fields ignored."""
 
 
+class _VisualViewport(CdpMessage, frozen=True):
+    page_x: float
+    page_y: float
+
+
+class LayoutMetrics(CdpMessage, frozen=True):
+    """``Page.getLayoutMetrics``: where in its document the viewport lies, CSS pixels."""
+
+    css_visual_viewport: _VisualViewport
+
+
 class EmptyReply(CdpMessage, frozen=True):
     """A reply or event whose content is ignored."""
 

@@ -100,19 +100,22 @@ class Label(NamedTuple):
     hidden: int
 
 
-def draw(picture: bytes, elements: Sequence[Element], quality: int | None = None) -> bytes:
+def draw(
+    picture: bytes, elements: Sequence[Element], quality: int | None = None, scale: float = 1.0
+) -> bytes:
     """A PNG with marks over these elements, or a JPEG of this quality.
 
     Args:
-        picture: the bare screenshot, as PNG: a pixel for each CSS pixel.
+        picture: the bare screenshot, as PNG.
         elements: the elements.
         quality: 1 to 100.
+        scale: pixels of the picture for each CSS pixel.
     """
     if not elements and quality is None:
         return picture
     pixels = decode(picture)
     height, width, _ = pixels.shape
-    boxes = [_whole(element.box) for element in elements]
+    boxes = [_whole(element.box, scale) for element in elements]
     for element, box in zip(elements, boxes, strict=True):
         _draw_frame(pixels, box, element.number)
     layer: list[Label] = []  # labels that do not lie over each other
@@ -125,10 +128,10 @@ def draw(picture: bytes, elements: Sequence[Element], quality: int | None = None
     return encode(pixels, quality)
 
 
-def _whole(box: tuple[float, float, float, float]) -> Box:
+def _whole(box: tuple[float, float, float, float], scale: float) -> Box:
     """Edges between two pixels would be blurred."""
     x, y, width, height = box
-    left, top, right, bottom = (math.floor(edge + 0.5) for edge in (x, y, x + width, y + height))
+    left, top, right, bottom = (math.floor(edge * scale + 0.5) for edge in (x, y, x + width, y + height))
     return left, top, right, bottom
 
 

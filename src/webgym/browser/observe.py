@@ -1,7 +1,7 @@
 """Observes the page: returns an observation and the bytes of its screenshot.
 
-A screenshot can be taken while the page is still settling (:class:`EarlyScreenshot`), and a notice says that
-an action had no effect (:class:`EffectCheck`).
+A screenshot can be taken while the page is still settling, or the last one used again
+(:class:`EarlyScreenshot`), and a notice says that an action had no effect (:class:`EffectCheck`).
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from webgym.browser.cdp import CommandFailed
 from webgym.browser.cdp_messages import Screenshot
 from webgym.browser.gestures import AnyAction
 from webgym.browser.isolated_worlds import DocumentGone
-from webgym.browser.page import Page, picture_format
+from webgym.browser.page import Page
 from webgym.browser.pictures import white
 from webgym.browser.pointer import Point
 from webgym.browser.settle import settle
 from webgym.core.action import DoubleClick, LeftClick, RightClick, Scroll, Wait
 from webgym.core.errors import ActionFailed, BrowserError, BrowserTimeout, NavigationFailed
-from webgym.core.observation import Element, Notice, Observation
+from webgym.core.observation import Element, Notice, Observation, scaled
 
 T = TypeVar("T")
 
@@ -63,8 +63,7 @@ class Look(msgspec.Struct, frozen=True):
 
     Attributes:
         observation: the observation.
-        image: PNG (or JPEG, if the page's options say so), the size of the viewport in pixels; its SHA-256 is
-            ``observation.screenshot``.
+        image: PNG (or JPEG, if the page's options say so); its SHA-256 is ``observation.screenshot``.
     """
 
     observation: Observation
@@ -154,14 +153,14 @@ async def look(page: Page, settled: str, milliseconds: dict[str, float], early: 
         image = await (early.picture() if early else _capture_bare(page))
         if page.loader == loader:
             break  # else the picture shows the next page
+    page.image = image
     if page.options.mode == "marks":
         elements, quality = content.elements or (), page.options.jpeg_quality
-        image = await asyncio.to_thread(marks.draw, image, elements, quality)
+        image = await asyncio.to_thread(marks.draw, image, elements, quality, page.capture_scale)
     end = time.perf_counter()
     milliseconds["metadata"] = (between - start) * 1000
     milliseconds["screenshot"] = (end - between) * 1000
     name = hashlib.sha256(image).hexdigest()
-    page.image = image if page.options.mode == "coordinates" else b""
     return Look(_observation(page, content, name, settled, milliseconds), image)
 
 
@@ -180,6 +179,7 @@ def _observation(
         status=page.status,
         scroll=content.scroll,
         mode=page.options.mode,
+        capture_scale=page.capture_scale,
         settled=settled,
         notices=notices,
         faults=page.take_faults(),
@@ -262,17 +262,29 @@ async def capture(page: Page, quality: int | None = None) -> bytes:
     Raises:
         BrowserTimeout: no screenshot within the deadline, retries included.
     """
-    return await with_retries(page, lambda: _capture(page, quality))
+
+    async def query() -> bytes:
+        params = await page.picture_params(quality)
+        for _ in range(_MAX_LOOKS):
+            image, before = await _capture(page, params, quality), params
+            params = await page.picture_params(quality)
+            if params == before:  # else it was scrolled, and the picture may show another part of it
+                break
+        return image
+
+    return await with_retries(page, query)
 
 
 async def _capture_bare(page: Page) -> bytes:
     """A screenshot as the page's options say, or a PNG to draw marks on."""
-    return await capture(page, None if page.options.mode == "marks" else page.options.jpeg_quality)
+    page.stillness.begin_picture()
+    image = await capture(page, None if page.options.mode == "marks" else page.options.jpeg_quality)
+    page.stillness.end_picture(page.loader)
+    return image
 
 
-async def _capture(page: Page, quality: int | None) -> bytes:
+async def _capture(page: Page, params: dict[str, Any], quality: int | None) -> bytes:
     config = page.config
-    params = picture_format(quality)
     requests: set[asyncio.Task[Screenshot]] = set()
     if page.is_new_window and (undrawn := await _have_drawn(page, quality)):
         return undrawn
@@ -326,7 +338,7 @@ async def _have_drawn(page: Page, quality: int | None) -> bytes | None:
             if not page.is_new_window:
                 why = f"{page.address} has nothing to show yet"
                 page.fail(NavigationFailed(why, url=page.url), is_typed=page.is_typed)
-            return white(page.options.viewport, quality)
+            return white(scaled(page.options.viewport, page.capture_scale), quality)
     return None
 
 
@@ -343,6 +355,9 @@ class EarlyScreenshot:
     a new one is taken as usual. On a page whose last early screenshot was used, it is requested without
     finding out first whether tasks are pending, which takes until the next frame.
 
+    If the page has painted nothing since the last picture (:mod:`~webgym.browser.stillness`), that is used
+    again.
+
     :meth:`begin` after the action and :meth:`end` after the wait; :meth:`drop` in any case.
     """
 
@@ -354,6 +369,8 @@ class EarlyScreenshot:
         self._before = self._state()
         self._task: asyncio.Task[bytes | None] | None = None
         self._is_requested = False
+        self._is_kept = False
+        """Whether the last picture is to be used again, if the page stays as it is."""
 
     def _state(self) -> tuple[str, int]:
         return self.page.loader, self.page.requests
@@ -383,7 +400,8 @@ class EarlyScreenshot:
         is_worth_it: bool | None = None
         try:
             seconds = page.config.busy_seconds
-            is_worth_it = await page.run("beginEarly", self._is_calm, reply=bool, seconds=seconds)
+            is_calm = self._is_calm and not page.stillness.is_as_pictured(page.loader)
+            is_worth_it = await page.run("beginEarly", is_calm, reply=bool, seconds=seconds)
         except BrowserError:
             return None  # reported by the wait or the observation
         finally:
@@ -391,6 +409,9 @@ class EarlyScreenshot:
                 page.post("dropEarly")  # the page may still come to it
         if not is_worth_it:
             return None
+        if page.stillness.is_as_pictured(page.loader):
+            self._is_kept = True
+            return page.image
         self._is_requested = True
         return await _capture_bare(page)
 
@@ -399,19 +420,30 @@ class EarlyScreenshot:
         """The content to read when the wait is over; ``None`` if no screenshot is on its way."""
         return content_options(self.page) if self._task is not None else None
 
-    def end(self, settled: str) -> None:
+    async def end(self, settled: str) -> None:
         """After the wait: find out whether the screenshot shows the page's current state.
 
         Args:
             settled: why the wait ended.
         """
         page = self.page
-        if not self._is_requested or settled not in _FINAL or page.result is None:
+        if not (self._is_requested or self._is_kept) or settled not in _FINAL or page.result is None:
+            return
+        if self._is_kept and not (settled == "unchanged" and await self._is_still()):
             return
         contents = (msgspec.json.decode(it, type=PageContent) for it in page.result.contents)
         complete = (it for it in contents if not (it.unknown or it.missing or it.frames))
         self.content = next(complete, None)
         page.is_calm = self.result is not None
+
+    async def _is_still(self) -> bool:
+        """Whether the last picture is one of the page as it is."""
+        page = self.page
+        with contextlib.suppress(BrowserError):
+            if await page.stillness.has_still_pictures(page.config.execute_seconds):
+                is_resting = await page.run("isResting", reply=bool)
+                return is_resting and page.stillness.is_as_pictured(page.loader)
+        return False
 
     async def picture(self) -> bytes:
         """The screenshot. Raises as :func:`~webgym.browser.observe.capture` does."""

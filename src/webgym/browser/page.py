@@ -23,6 +23,7 @@ from webgym.browser.cdp_messages import (
     EmptyReply,
     FileChooser,
     FrameNavigated,
+    LayoutMetrics,
     Navigated,
     NavigatedWithinDocument,
     NavigationStarted,
@@ -41,6 +42,7 @@ from webgym.browser.egress.proxy import ProxyListener
 from webgym.browser.isolated_worlds import ADDRESS_CHARACTERS, Worlds
 from webgym.browser.notices import Notices
 from webgym.browser.pdf import Pdfs
+from webgym.browser.stillness import Stillness
 from webgym.browser.timers import Timers
 from webgym.browser.traffic import AUTO_ATTACH, Traffic, Workers
 from webgym.core.errors import BrowserTimeout, EgressRefused, NavigationFailed
@@ -94,13 +96,6 @@ page's scripts are switched off until it answers, as long again at most."""
 
 def _not_opened_message(url: str) -> str:
     return f'"{url[:_QUOTED_LENGTH]}" was not opened: only http and https addresses are'
-
-
-def picture_format(quality: int | None) -> dict[str, Any]:
-    """Parameters of ``Page.captureScreenshot``: lossless, or as a JPEG of this quality, 1 to 100."""
-    if quality is None:
-        return {"format": "png", "optimizeForSpeed": True}
-    return {"format": "jpeg", "quality": quality}
 
 
 class ActionResult(msgspec.Struct, frozen=True):
@@ -243,7 +238,7 @@ class Page:
         one."""
         self.picture = ""
         self.image = b""
-        """The last picture, if what it shows tells where a click at a point of it lands."""
+        """The last picture, without marks."""
         self.ineffective_if_unscrolled = ""
         """The same, if the page is next observed at ``scrolled``, where it last was: a turn of the wheel may
         have an effect late."""
@@ -258,6 +253,7 @@ class Page:
         credentials = opener.access.credentials if opener else credentials_of(told.identity)
         self.access: Access = Access(session, told.identity, credentials, self._on_untrusted)
         self.workers = Workers(session, self.traffic, config, told)
+        self.stillness = Stillness(session)
         session.on("Page.frameStartedNavigating", NavigationStarted, self._on_leaving)
         session.on("Page.frameScheduledNavigation", ScheduledNavigation, self._on_navigation_requested)
         session.on("Page.frameRequestedNavigation", RequestedNavigation, self._on_navigation_requested)
@@ -348,6 +344,28 @@ class Page:
         await asyncio.gather(  # sent at once, handled in order
             *(self.session.do(method, params, seconds=seconds) for method, params in commands)
         )
+
+    @property
+    def capture_scale(self) -> float:
+        """Pixels of a screenshot for each CSS pixel."""
+        given = self.options.capture_scale
+        return self.config.capture_scale if given is None else given
+
+    async def picture_params(self, quality: int | None) -> dict[str, Any]:
+        """Parameters of ``Page.captureScreenshot`` for what is in view now.
+
+        Args:
+            quality: of a JPEG, 1 to 100; ``None`` for a PNG, which is lossless.
+        """
+        lossless = {"format": "png", "optimizeForSpeed": True}
+        params = lossless if quality is None else {"format": "jpeg", "quality": quality}
+        if self.capture_scale == 1:
+            return params
+        seconds, (width, height) = self.config.execute_seconds, self.options.viewport
+        metrics = await self.session.call("Page.getLayoutMetrics", reply=LayoutMetrics, seconds=seconds)
+        view = metrics.css_visual_viewport
+        clip = {"x": view.page_x, "y": view.page_y, "width": width, "height": height}
+        return params | {"clip": clip | {"scale": self.capture_scale}}
 
     @property
     def address(self) -> str:

@@ -134,11 +134,12 @@ async def _send_and_react(page: Page, kind: str, point: Point, **more: Any) -> P
             await page.run("expect", *point, reply=bool)
         page.expected = None
         await mouse(page, kind, point, **more)
-        across, down = await page.run(
-            "reacted", *point, is_blind, kind == "mouseMoved", reply=tuple[float, float]
-        )
+        is_move = kind == "mouseMoved"
+        across, down = await page.run("reacted", *point, is_blind, is_move, reply=tuple[float, float])
     except DocumentGone:
         return point
+    if is_move and not (across or down):
+        page.expected = point
     return point[0] + across, point[1] + down
 
 
@@ -282,6 +283,7 @@ async def scroll(page: Page, side: Side, point: Point | None = None) -> None:
 async def turn(page: Page, side: Side, point: Point, **deltas: float) -> Turned:
     """Send one wheel event. What the browser itself scrolls moves later, which settling waits for."""
     await page.run("expectTurn", side, point, reply=bool)
+    page.expected = point
     await _send_and_react(page, "mouseWheel", point, **deltas)
     return await page.run("turned", reply=Turned)
 

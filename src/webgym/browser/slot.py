@@ -501,7 +501,7 @@ class Slot:
                 page.tell_reloaded()
             await trace.end()
             if early is not None:
-                early.end(self._settled)
+                await early.end(self._settled)
         except TargetGone:
             await self._reload_crashed(page)
 

@@ -22,7 +22,7 @@ from webgym.server.messages import SessionOptions
 
 log = logging.getLogger(__name__)
 
-_OPTIONS = SessionOptions(mode="marks")
+_OPTIONS = SessionOptions(mode="marks", capture_scale=1.0)
 """Screenshots without marks are available in this mode too."""
 
 VIEWPORT = _OPTIONS.viewport

@@ -93,6 +93,12 @@ class Element(msgspec.Struct, frozen=True, omit_defaults=True):
     href: str | None = None
 
 
+def scaled(viewport: tuple[int, int], scale: float) -> tuple[int, int]:
+    """The size of a picture of a viewport, pixels."""
+    width, height = viewport
+    return max(1, round(width * scale)), max(1, round(height * scale))
+
+
 class Observation(msgspec.Struct, frozen=True, omit_defaults=True):
     """The state of the page at one moment. The picture itself is sent and stored separately, by its name.
 
@@ -102,9 +108,10 @@ class Observation(msgspec.Struct, frozen=True, omit_defaults=True):
         url: URL of the main frame.
         title: title of the document.
         status: HTTP status of the main document; ``None`` where there was no HTTP response.
-        viewport: ``(width, height)`` in CSS pixels, which are also the picture's pixels.
+        viewport: ``(width, height)`` in CSS pixels.
         scroll: ``(offset, extent)``: how far the page is scrolled down, and how tall it is, CSS pixels.
         mode: whether marks are drawn on the picture.
+        capture_scale: pixels of the picture for each CSS pixel.
         settled: why the wait for a quiet page ended (``quiet``, ``deadline``, ...).
         notices: what happened since the last observation.
         faults: what failed since then. Agents do not see it.
@@ -128,6 +135,7 @@ class Observation(msgspec.Struct, frozen=True, omit_defaults=True):
     status: int | None = None
     scroll: tuple[float, float] = (0.0, 0.0)
     mode: Mode = "coordinates"
+    capture_scale: float = 1.0
     settled: str = ""
     notices: tuple[Notice, ...] = ()
     faults: tuple[Fault, ...] = ()
@@ -144,6 +152,11 @@ class Observation(msgspec.Struct, frozen=True, omit_defaults=True):
             operations: their names in :attr:`milliseconds`; one that was not measured counts as 0.
         """
         return sum(self.milliseconds.get(operation, 0.0) for operation in operations) / 1000
+
+    @property
+    def picture_size(self) -> tuple[int, int]:
+        """Width and height of the picture, pixels."""
+        return scaled(self.viewport, self.capture_scale)
 
     @property
     def own_seconds(self) -> float:

@@ -358,11 +358,11 @@ class Environment:
             )
         if isinstance(action, str):
             return Reply(action, "external")
+        if self._episode is None:
+            raise UsageError("there is no episode to step", hint="call reset first")
         # Rendered as a reply's text: a single parser decides what is a valid action.
-        agent = self.config.agent
-        sent = self.profile.picture_size(self.config.attempt.viewport, agent.image_max_side)
-        screen = self.profile.screen(sent)
-        return Reply(render_reply(action, agent.prompt_format, description="", screen=screen), "external")
+        form, screen = self.config.agent.prompt_format, self._episode.turn.screen
+        return Reply(render_reply(action, form, description="", screen=screen), "external")
 
     async def abandon(self) -> None:
         """Abandon the running episode and close its browser session. Safe to call at any time."""

@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 import msgspec
 from starlette.requests import Request
 
+from webgym.browser.config import CAPTURE_SCALES
 from webgym.browser.document import Document, ReadRequest
 from webgym.browser.find import find_browser
 from webgym.browser.gestures import AnyAction
@@ -172,6 +173,9 @@ class Service:
             )
         if options.jpeg_quality is not None and not 1 <= options.jpeg_quality <= 100:
             raise ProtocolError("jpeg_quality is 1 to 100, or null for PNG")
+        least, most = CAPTURE_SCALES
+        if options.capture_scale is not None and not least <= options.capture_scale <= most:
+            raise ProtocolError(f"capture_scale is {least:g} to {most:g}, or null for the server's own")
         if options.ttl_seconds is not None and options.ttl_seconds < SHORTEST_TTL_SECONDS:
             raise ProtocolError(f"ttl_seconds must be {SHORTEST_TTL_SECONDS:g} or more")
 

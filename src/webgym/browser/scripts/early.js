@@ -2,7 +2,7 @@
 (() => {
   const webgym = globalThis.webgym;
   if (webgym.beginEarly) return;
-  const { documentElement, getSelection } = webgym.dom;
+  const { documentElement, getSelection, getAnimations, querySelector, querySelectorAll } = webgym.dom;
   const { state } = webgym;
 
   // What changes the picture and is neither a change of the document nor one of its aspect.
@@ -57,6 +57,22 @@
     const isSame = wanted && early && early.moment && webgym.isEqual(early.moment, moment()) && !webgym.isMoving();
     const contents = isSame ? [webgym.observe(wanted, {})] : [];
     return { changes: state.changes, contents, effect: webgym.effect(), missed: state.hasMissed };
+  };
+
+  // What may move although the page's own thread paints nothing.
+  const MOVES = 'canvas, video, audio, embed, object, marquee, progress:not([value])';
+  const isForeign = (frame) => !webgym.frameIn(frame);
+  const mayMove = (root) =>
+    Boolean(querySelector(root, MOVES)) || getAnimations(root).some(({ playState }) => playState === 'running') ||
+    [...querySelectorAll(root, 'iframe, frame')].some(isForeign);
+
+  // Whether nothing is to be painted, and nothing moves. What the page had still to paint is painted by the answer.
+  const LONGEST = 1000; // ms until a frame comes
+  webgym.isResting = async () => {
+    const roots = [...webgym.views().map(({ document }) => document), ...webgym.shadows()];
+    if (!webgym.hideCaret() || roots.some(mayMove) || !(await webgym.frame(LONGEST))) return false;
+    await scheduler.postTask(() => {});
+    return true;
   };
 
   // No picture is asked for after all.

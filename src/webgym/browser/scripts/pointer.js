@@ -51,7 +51,8 @@
   };
 
   // Give the page a frame and a task, if it changed or planned anything since, or may have done so where we do
-  // not see it (`isBlind`). Gives how far what lay at the point has moved away from under it.
+  // not see it (`isBlind`). Gives how far what lay at the point has moved away from under it. Where it has not after a
+  // move, the next event is expected there.
   webgym.reacted = async (x, y, isBlind, isMove) => {
     if (asked() !== before || isBlind) {
       await webgym.frame(LONGEST);
@@ -60,6 +61,11 @@
     begin();
     const found = hit(x, y);
     if (isMove) over = found;
+    const by = movedBy(found);
+    if (isMove && !by.some(Boolean)) webgym.expect(x, y);
+    return by;
+  };
+  const movedBy = (found) => {
     if (!aimed || !isConnected(aimed.element) || (found && areRelated(aimed.element, found))) return [0, 0];
     const { left, top, width } = getBoundingClientRect(aimed.element);
     return width ? [left - aimed.box.left, top - aimed.box.top] : [0, 0];

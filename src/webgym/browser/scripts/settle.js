@@ -41,8 +41,13 @@
     isStill &&= now === counted;
     return (counted = now);
   };
-  // How many of each the page has asked for.
-  webgym.plans = () => ({ timers: timers.asked(), frames: isStill ? counted : countFrames(), idles: idles.asked() });
+  // How many of each the page has asked for: counted once until the page has its turn again.
+  let planned = null;
+  const countPlans = () => {
+    queueMicrotask(() => (planned = null));
+    return { timers: timers.asked(), frames: isStill ? counted : countFrames(), idles: idles.asked() };
+  };
+  webgym.plans = () => (planned ??= countPlans());
 
   // The first input event of an action comes before the page's own listeners.
   const A_FRAME = 50; // ms: the time of a frame, from which animations count, is that before its events
@@ -226,7 +231,7 @@
       webgym.census(false);
       state.settled = state.reactions;
       const loading = found && (found === BLANK ? BLANK : 'sign');
-      return { reason, ...webgym.result(wanted), loading, changing, timers: timers.asked() };
+      return { reason, ...webgym.result(wanted), loading, changing, timers: webgym.plans().timers };
     };
     // What a tick counts for towards the limits: on a busy machine it comes late. A clock may also have jumped.
     const LATE = 10;

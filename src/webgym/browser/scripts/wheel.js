@@ -148,7 +148,7 @@
     const places = [...found].filter((element) => element && !isFrame(element));
     turned = { side, box, around, page, places: places.map((element) => [element, getBoundingClientRect(element)]) };
     wheel = null;
-    return true;
+    return webgym.expect(...point);
   };
 
   // What a transition moves has not yet gone as far as it will.

@@ -82,7 +82,7 @@ def tiny_renderer(template: str = INSTRUCT) -> Renderer:
     return Renderer(tiny_tokenizer(template), tiny_image_processor())
 
 
-def tiny_model(seed: int = 0, width: int = 32) -> Any:
+def tiny_model(seed: int = 0, width: int = 32, *, tied: bool = True) -> Any:
     """A Qwen3-VL of two layers from random weights, float32."""
     from transformers import GenerationConfig, Qwen3VLConfig, Qwen3VLForConditionalGeneration
 
@@ -100,7 +100,7 @@ def tiny_model(seed: int = 0, width: int = 32) -> Any:
         "max_position_embeddings": 2048,
         "rope_theta": 10000.0,
         "rope_scaling": {"rope_type": "default", "mrope_section": [2, 3, 3], "mrope_interleaved": True},
-        "tie_word_embeddings": True,
+        "tie_word_embeddings": tied,
         "eos_token_id": ids["<|im_end|>"],
         "pad_token_id": ids["<|endoftext|>"],
     }
@@ -123,7 +123,7 @@ def tiny_model(seed: int = 0, width: int = 32) -> Any:
         video_token_id=ids["<|video_pad|>"],
         vision_start_token_id=ids["<|vision_start|>"],
         vision_end_token_id=ids["<|vision_end|>"],
-        tie_word_embeddings=True,
+        tie_word_embeddings=tied,
     )
     torch.manual_seed(seed)
     model = Qwen3VLForConditionalGeneration(config).eval()
@@ -133,9 +133,9 @@ def tiny_model(seed: int = 0, width: int = 32) -> Any:
     return model
 
 
-def write_tiny_model(folder: Path, template: str = INSTRUCT, seed: int = 0) -> Path:
+def write_tiny_model(folder: Path, template: str = INSTRUCT, seed: int = 0, *, tied: bool = True) -> Path:
     """A folder as the hub has them."""
-    tiny_model(seed).save_pretrained(folder)
+    tiny_model(seed, tied=tied).save_pretrained(folder)
     tiny_tokenizer(template).save_pretrained(folder)
     tiny_image_processor().save_pretrained(folder)
     return folder

@@ -350,6 +350,25 @@ def test_without_training_tasks_nothing_starts(tmp_path: Path, tasks: list[Task]
         training_of(tmp_path, World(), config(), tasks)
 
 
-def test_only_the_newest_weights_stay(tmp_path: Path) -> None:
-    run(tmp_path, World(), config(keep_weights=1))
-    assert [path.parent.name for path in sorted(tmp_path.glob("iterations/*/weights"))] == ["0003"]
+def test_the_newest_weights_stay_and_the_best_of_those_that_were_evaluated(tmp_path: Path) -> None:
+    run(tmp_path, World(), config(keep_weights=1, iterations=6))
+    folder = TrainingFolder(tmp_path)
+    kept = [path.parent.name for path in sorted(tmp_path.glob("iterations/*/weights"))]
+    assert kept == ["0004", "0006"], "all evaluations are equal: the newest one when 6 was published was of 4"
+    for number in (1, 2, 3, 5):
+        folder.weights(number).mkdir()
+    for number, rate in ((2, 0.5), (4, None), (6, 0.25)):
+        folder.write_evaluation(number, {"success_rate": {"overall": rate}})
+    assert folder.best_weights() == folder.weights(2)
+    folder.finish(2, Stage.UPDATE, {})  # as if there had been nothing to train on
+    assert folder.best_weights() == folder.weights(1)
+    (folder.weights(5) / "training").mkdir()
+    (folder.weights(6) / "training").mkdir()
+    folder.prune_weights(2)
+    assert [path.parent.name for path in sorted(tmp_path.glob("iterations/*/weights"))] == [
+        "0001",
+        "0005",
+        "0006",
+    ]
+    assert not (folder.weights(5) / "training").exists()
+    assert (folder.weights(6) / "training").exists()

@@ -11,13 +11,14 @@ from typing import Any
 
 import pytest
 import torch
+from safetensors.torch import load_file
 from tests.inference.tiny import write_tiny_model
 from tests.train.test_update import assert_same
 from tests.train.updating import CASES, run_case, samples, updater
 
 from webgym.core.errors import TrainingError
 from webgym.train.objectives import FilteredBC
-from webgym.train.weights import read_optimizer
+from webgym.train.weights import TRAINING
 
 pytest.importorskip("deepspeed", reason="the extra deepspeed is not installed")
 
@@ -67,9 +68,8 @@ def test_two_processes_of_zero_give_the_update_of_one(tmp_path: Path, stage: int
         one, two = tmp_path / "one" / case, tmp_path / "two" / case
         run_case(case, model, one)
         assert_same(model, one, two)
-        states = read_optimizer(one), read_optimizer(two)
-        assert states[0]["param_groups"] == states[1]["param_groups"]
-        torch.testing.assert_close(states[1]["state"], states[0]["state"], rtol=1e-3, atol=1e-5)
+        saved = [load_file(next((each / TRAINING).iterdir())) for each in (one, two)]
+        torch.testing.assert_close(saved[1], saved[0], rtol=1e-3, atol=1e-3)
     # What ZeRO saved it goes on from, and so does one process.
     for folder, resume in (("straight", None), ("alone", tmp_path / "two" / "half")):
         made = updater(model, resume=resume, **HALVES)

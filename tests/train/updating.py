@@ -6,10 +6,12 @@ import os
 from pathlib import Path
 from typing import Any
 
+import yaml
 from tests.inference.tiny import tiny_renderer
 from tests.train.making import Made, sample, trajectory
 
 from webgym.core.trajectory import Reply
+from webgym.train import update
 from webgym.train.config import LearnConfig, UpdateConfig
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.loop import LoopConfig, TrainConfig
@@ -28,6 +30,13 @@ CASES: dict[str, tuple[dict[str, Any], Objective]] = {
     "groups": ({"batch": 4}, GroupIS()),
     "chunks": ({"batch": 4, "micro_batch": 1, "logit_tokens": 3}, FilteredBC()),
 }
+
+
+SHARDED: dict[str, dict[str, dict[str, Any]]] = {
+    "tied": {"one_odd_batch": {}, "adapters": {}, "all_weights": {"precision": "bf16"}},
+    "untied": {"chunks": {"gradient_checkpointing": True}, "groups": {}},
+}
+"""What is updated under FSDP2, by model and case, with further settings."""
 
 
 def samples(objective: Objective) -> list[Sample]:
@@ -60,11 +69,23 @@ def run_case(name: str, source: Path, folder: Path, **settings: Any) -> UpdateRe
     return report
 
 
+def join(rank: int, port: int, processes: int, **launched: str) -> None:
+    """Become one of some processes that update together, as ``accelerate launch`` has them."""
+    where = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port, "WORLD_SIZE": processes}
+    own = {"LOCAL_WORLD_SIZE": processes, "RANK": rank, "LOCAL_RANK": rank, "ACCELERATE_USE_CPU": "true"}
+    os.environ.update({name: str(value) for name, value in (where | own | launched).items()})
+
+
+def launched(name: str) -> dict[str, str]:
+    """The variables that ``accelerate launch`` sets for a file of configs/accelerate."""
+    held = yaml.safe_load((Path(__file__).parents[2] / f"configs/accelerate/{name}.yaml").read_text())
+    options = {key.upper(): str(value).lower() for key, value in held.get("fsdp_config", {}).items()}
+    return options | ({"ACCELERATE_USE_FSDP": "true"} if options else {})
+
+
 def run_cases_together(rank: int, port: int, source: Path, folder: Path, names: list[str]) -> None:
     """In one of two processes that update the same model together."""
-    where = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port, "WORLD_SIZE": 2, "LOCAL_WORLD_SIZE": 2}
-    own = {"RANK": rank, "LOCAL_RANK": rank, "ACCELERATE_USE_CPU": "true"}
-    os.environ.update({name: str(value) for name, value in (where | own).items()})
+    join(rank, port, 2)
     for name in names:
         run_case(name, source, folder / name)
     training = TrainConfig(learn=learning(source), loop=LoopConfig(iterations=1))
@@ -72,6 +93,32 @@ def run_cases_together(rank: int, port: int, source: Path, folder: Path, names: 
         learn_first(training, folder / "training")
     else:
         follow(training, folder / "training")
+
+
+def update_sharded(
+    rank: int, port: int, processes: int, models: Path, out: Path, halves: Path | None
+) -> None:
+    """Under FSDP2 as it is shipped: cases of each model and half of an update, or what goes on from halves."""
+    join(rank, port, processes, **launched("fsdp2"))
+    update.REPLY_TOKENS = 2
+    for model, names in SHARDED.items():
+        if halves is not None:
+            go_on(models / model, out / model / "again", halves / model / "half")
+            continue
+        for name, settings in names.items():
+            run_case(name, models / model, out / model / name, **settings)
+        half = updater(models / model, batch=4)
+        half.update(samples(FilteredBC()))
+        half.save(out / model / "half")
+
+
+def go_on(source: Path, folder: Path, half: Path | None) -> None:
+    """The second of two updates."""
+    made = updater(source, resume=half, batch=4)
+    if half is None:
+        made.update(samples(FilteredBC()))
+    made.update(samples(FilteredBC()))
+    made.save(folder)
 
 
 def learning(source: Path) -> LearnConfig:

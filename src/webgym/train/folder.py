@@ -9,9 +9,10 @@ TRAINING/
     collected.json           its figures, written once every attempt is on disk
     batch.jsonl              stage 3, replay: references to the steps that are trained on
     replay.json              counts of what each replay rule left out
-    weights/                 stage 4, update: weights and optimizer (webgym.train.weights); old ones are
-    deleted update.json              figures of the update; there are no weights if there was nothing to
-    train on metrics.json             stage 5, finish: all figures above, with the duration of each stage
+    weights/                 stage 4, update: weights and optimizer (webgym.train.weights); of old iterations
+                             only the weights with the best evaluation stay
+    update.json              figures of the update; there are no weights if there was nothing to train on
+    metrics.json             stage 5, finish: all figures above, with the duration of each stage
   evaluations/0000/          run folders on the test split; 0000 is before the first iteration
   metrics.jsonl, tensorboard/, report.html    derived from the above
 """
@@ -25,7 +26,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 
@@ -46,6 +47,10 @@ from webgym.store.files import (
     write_whole,
 )
 from webgym.train.replay import ReplaySample, StepRef
+
+
+TRAINING: Final = "training"
+"""What training goes on from, within a folder of weights."""
 
 
 class Stage(StrEnum):
@@ -113,11 +118,33 @@ class TrainingFolder:
         made = [path for path in states if (path.parent.parent / _DONE[Stage.UPDATE]).exists()]
         return (int(made[-1].parent.parent.name), made[-1].parent) if made else None
 
+    def best_weights(self) -> Path | None:
+        """The folder of the weights with the highest success rate of all evaluations; of equals the newest.
+
+        ``None`` if none was evaluated since the first update.
+        """
+        best: tuple[float, Path] | None = None
+        for number, figures in self.evaluations().items():
+            past = (each for each in range(number, 0, -1) if self.is_past(each, Stage.UPDATE))
+            learned = (each for each in past if self.figures(each, Stage.UPDATE))
+            path = self.weights(next(learned, 0))
+            rate = figures["success_rate"]["overall"]
+            if path.is_dir() and rate is not None and (best is None or rate >= best[0]):
+                best = rate, path
+        return best and best[1]
+
     def prune_weights(self, keep: int) -> None:
-        """Delete all but the newest weights."""
-        folders = sorted(self.path.glob(f"{ITERATIONS}/*/weights"))
-        for path in folders[: max(0, len(folders) - keep)]:
-            shutil.rmtree(path, ignore_errors=True)
+        """Delete all weights but the newest and the best, and what training would go on from but the newest.
+
+        Args:
+            keep: number of newest iterations whose weights stay.
+        """
+        folders, best = sorted(self.path.glob(f"{ITERATIONS}/*/weights")), self.best_weights()
+        for path in folders[:-keep]:
+            if path != best:
+                shutil.rmtree(path, ignore_errors=True)
+        for path in folders[:-1]:
+            shutil.rmtree(path / TRAINING, ignore_errors=True)
 
     # --- what stages write and read ---------------------------------------------------------------------
 

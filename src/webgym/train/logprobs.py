@@ -6,9 +6,11 @@ with a vocabulary of 150,000 they would otherwise need more memory than everythi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 import torch
 from torch import nn
@@ -17,6 +19,12 @@ from torch.utils.checkpoint import checkpoint
 from webgym.inference.model import fast_backward_attention
 from webgym.inference.rendering import Renderer
 from webgym.train.samples import Sample
+
+
+AHEAD: Final = 4
+"""Batches that are made before they are used."""
+
+_WORKERS: Final = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +104,26 @@ def collate(samples: Sequence[Sample], renderer: Renderer, *, off_policy: bool) 
     )
 
 
+def batches_ahead(
+    groups: Iterable[Sequence[Sample]], renderer: Renderer, *, off_policy: bool
+) -> Iterator[Batch]:
+    """The batches of groups of samples, in order; threads make the next ones while one is used.
+
+    At most :data:`AHEAD` are in memory beside the one in use, as their pixels are large: 0.28 GB for three
+    samples with four pictures of 1280 x 768.
+    """
+    pool, waiting = ThreadPoolExecutor(_WORKERS), deque[Future[Batch]]()
+    try:
+        for group in groups:
+            if len(waiting) == AHEAD:
+                yield waiting.popleft().result()
+            waiting.append(pool.submit(collate, group, renderer, off_policy=off_policy))
+        while waiting:
+            yield waiting.popleft().result()
+    finally:  # also if the batches are not wanted any more
+        pool.shutdown(cancel_futures=True)
+
+
 def _per_token(values: Sequence[float], lengths: Sequence[int]) -> torch.Tensor:
     return torch.repeat_interleave(torch.tensor(values), torch.tensor(lengths))
 
@@ -106,15 +134,15 @@ class ReplyLogProbs(nn.Module):
     Args:
         policy: a transformers image-text-to-text model, bare or with adapters.
         chunk: number of reply tokens whose logits are in memory at once.
-        bf16: compute in bfloat16 where autocast considers it safe.
+        autocast: compute in bfloat16 where torch considers it safe. Not under FSDP2, which gathers weights in
+            bfloat16: autocast would keep a copy of each until the end of the forward pass.
     """
 
-    def __init__(self, policy: nn.Module, chunk: int, *, bf16: bool = False) -> None:
+    def __init__(self, policy: nn.Module, chunk: int, *, autocast: bool = False) -> None:
         super().__init__()
         self.policy = policy
-        self._bf16 = bf16
+        self._autocast = autocast
         self._chunk = chunk
-        self._no_split_modules = getattr(policy, "_no_split_modules", None)  # the layers that FSDP wraps
 
     def forward(self, batch: Batch, *, ranked: bool = False) -> torch.Tensor:
         """Log-probabilities, (reply tokens), float32, with gradients if they are enabled.
@@ -125,7 +153,10 @@ class ReplyLogProbs(nn.Module):
                 log-probabilities and their ids.
         """
         device = batch.input_ids.device
-        with torch.autocast(device.type, torch.bfloat16, enabled=self._bf16), fast_backward_attention(device):
+        with (
+            torch.autocast(device.type, torch.bfloat16, enabled=self._autocast),
+            fast_backward_attention(device),
+        ):
             return self._forward(batch, ranked=ranked)
 
     def _forward(self, batch: Batch, *, ranked: bool) -> torch.Tensor:
@@ -145,11 +176,11 @@ class ReplyLogProbs(nn.Module):
             return torch.stack([best.values, best.indices.float()], dim=1)
         tokens = (hidden, batch.targets, batch.temperature)
         pieces = list(zip(*(tensor.split(self._chunk) for tensor in tokens), strict=True))
-        # ZeRO's stage 3 gathers the head's weights in every call: all processes call it equally often.
+        # If they are sharded, every call gathers the head's weights: all processes call it equally often.
         more = _most_of_any_process(len(pieces), hidden.device) - len(pieces)
         pieces += [tuple(tensor[:1] for tensor in tokens)] * more
         found = torch.cat([checkpoint(_logprobs, head, *piece, use_reentrant=False) for piece in pieces])
-        return found[: len(hidden)]
+        return found[: len(hidden)].clone()  # FSDP2 warns of views: what is done to them in place goes wrong
 
 
 def _most_of_any_process(count: int, device: torch.device) -> int:

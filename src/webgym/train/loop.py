@@ -81,7 +81,8 @@ class LoopConfig(Section):
     """Evaluate every this many iterations, and before the first and after the last; 0 for never."""
 
     keep_weights: int = Field(default=2, ge=1)
-    """Number of newest iterations whose weights stay on disk."""
+    """Number of newest iterations whose weights stay on disk, beside those with the best evaluation. What
+    training goes on from (weights in float32 and the optimizer's moments) stays of the newest alone."""
 
     give_up_after: int = Field(default=5, ge=1)
     """Stop after this many iterations in a row with nothing to train on."""

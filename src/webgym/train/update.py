@@ -22,35 +22,36 @@ import math
 import random
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from datetime import timedelta
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import msgspec
 import torch
-from accelerate import Accelerator
+from accelerate import Accelerator, PartialState
 from accelerate.utils import DistributedType, InitProcessGroupKwargs, gather_object, reduce, set_seed
 
 from webgym.core.errors import TrainingError
 from webgym.core.trajectory import Step
 from webgym.inference.model import Loaded, fast_backward_attention
 from webgym.store.runs import RunReader
-from webgym.train import zero
+from webgym.train import sharding
 from webgym.train.config import LearnConfig, UpdateConfig
 from webgym.train.folder import TrainingFolder
-from webgym.train.logprobs import Batch, ReplyLogProbs, collate
+from webgym.train.logprobs import Batch, ReplyLogProbs, batches_ahead, collate
 from webgym.train.objectives import Objective, Tokens
 from webgym.train.replay import ReplaySample, StepRef
 from webgym.train.samples import Sample, SampleMaker
 from webgym.train.selftest import NEAR_TIE, REPLY_TOKENS, Greedy, SelfTest, known_messages, known_picture
-from webgym.train.weights import UpdateState, load_trainable, read_optimizer, read_state, save
+from webgym.train.sharding import MOMENTS
+from webgym.train.weights import UpdateState, load_trainable, load_training, read_state, save
 
 SAVE_LIMIT = timedelta(hours=2)
 """How long processes wait for each other, as for the first, which writes weights and optimizer; NCCL's own
 limit is 10 minutes."""
-WHOLE = {"full_state_dict": True, "cpu_offload": True}
 _LOWER_RATE = (
     "nothing of this update was saved: lower learn.update.learning_rate in config.yaml, "
     "then resume with --resume"
@@ -124,12 +125,19 @@ class Updater:
         self.accelerator = Accelerator(kwargs_handlers=[InitProcessGroupKwargs(timeout=SAVE_LIMIT)])
         self.accelerator.gradient_accumulation_steps = 1  # the update marks the last micro-batch itself
         self._is_zero = self.accelerator.distributed_type == DistributedType.DEEPSPEED
+        self._is_fsdp = sharding.is_fsdp(self.accelerator.num_processes)
         if self._is_zero:
-            zero.configure(self.accelerator, config)
+            sharding.configure_zero(self.accelerator, config)
         set_seed(config.seed)
         self.loaded = load_trainable(config, source, resume)
         self.renderer = self.loaded.renderer
-        trained = [each for each in self.loaded.model.parameters() if each.requires_grad]
+        model, is_bf16 = self.loaded.model, config.precision == "bf16"
+        module = ReplyLogProbs(model, config.logit_tokens, autocast=is_bf16 and not self._is_fsdp)
+        if self._is_fsdp:
+            sharding.shard(module, model, self.accelerator.device, bf16=is_bf16)
+        if resume is not None:  # the files for servers may be rounded
+            load_training(resume, {f"weights/{name}": each.detach() for name, each in self._saved()})
+        trained = [each for each in model.parameters() if each.requires_grad]
         optimizer = torch.optim.AdamW(
             [
                 {"params": [each for each in trained if each.ndim >= 2]},
@@ -139,11 +147,12 @@ class Updater:
             betas=config.betas,
             weight_decay=config.weight_decay,
         )
-        module = ReplyLogProbs(self.loaded.model, config.logit_tokens, bf16=config.precision == "bf16")
-        self._groups = zero.named_groups(module, optimizer) if self._is_zero else []
-        self.model, self.optimizer = self.accelerator.prepare(module, optimizer)
+        self.model: Any = module
+        self.optimizer: Any = optimizer
+        if not self._is_fsdp:
+            self.model, self.optimizer = self.accelerator.prepare(module, optimizer)
         self.step = 0 if resume is None else read_state(resume).step
-        self._load_optimizer_state(None if resume is None else read_optimizer(resume))
+        self._begin_moments(resume)
         self._greedy_reply: Greedy | None = None  # of the current weights to the self-test's request
 
     def update(self, samples: Sequence[Sample], *, passes: int = 1) -> UpdateReport:
@@ -160,8 +169,13 @@ class Updater:
         self._greedy_reply = self._greedy_reply or self._greedy()
         proximal = self._logprobs(samples) if self.objective.off_policy else None
         losses, norms, rate = [], [], 0.0
+        plan = [
+            (batch, list(self._micro_batches(samples, batch)))
+            for batch in self._batches(len(samples), passes)
+        ]
+        ahead = self._ahead(samples, (micro for _, micros in plan for micro, _ in micros))
         self.model.train()
-        for batch in self._batches(len(samples), passes):
+        for batch, micros in plan:
             # Dropout depends on the step alone, also after it was resumed from.
             rank = self.accelerator.process_index
             torch.manual_seed(random.Random(f"{config.seed}/{self.step}/{rank}").getrandbits(63))
@@ -170,17 +184,19 @@ class Updater:
             for group in self.optimizer.param_groups:
                 group["lr"] = rate
             total = torch.zeros((), device=self.accelerator.device)
-            for micro, is_last in self._micro_batches(samples, batch):
+            for micro, is_last in micros:
                 self.accelerator.sync_gradients = is_last  # DeepSpeed clips and steps in that backward pass
-                with nullcontext() if is_last else self.accelerator.no_sync(self.model):
-                    loss, sums = self._loss(samples, micro, proximal)
+                # FSDP2 splits gradients again in every backward pass: whole ones would not fit.
+                at_once = is_last or self._is_fsdp
+                with nullcontext() if at_once else self.accelerator.no_sync(self.model):
+                    loss, sums = self._loss(next(ahead), micro, proximal)
                     # Gradients are averaged over processes; multiplying by their number gives the sum.
                     with fast_backward_attention(self.accelerator.device):  # also what is recomputed in it
                         self.accelerator.backward(loss * self.accelerator.num_processes / tokens)
                 total += loss.detach() / tokens
                 objective_sums.update(sums)
             loss_now = float(reduce(total, "sum"))
-            norm = float(self.accelerator.clip_grad_norm_(self.model.parameters(), config.max_grad_norm))
+            norm = self._clip()
             if not (math.isfinite(loss_now) and math.isfinite(norm)):
                 raise TrainingError(
                     f"the loss of optimizer step {self.step} is {loss_now}, its gradient {norm}",
@@ -197,12 +213,11 @@ class Updater:
 
     def _loss(
         self,
-        samples: Sequence[Sample],
+        batch: Batch,
         micro: Sequence[tuple[int, bool]],
         proximal: list[torch.Tensor] | None,
     ) -> tuple[torch.Tensor, dict[str, float]]:
         """The summed loss of a micro-batch of (sample index, whether it counts), and the objective's sums."""
-        batch = self._collate([samples[index] for index, _ in micro])
         new = self.model(batch)
         real = torch.tensor([is_real for _, is_real in micro], device=new.device)[batch.rows]
         if not real.any():
@@ -244,16 +259,20 @@ class Updater:
         """Log-probabilities of all replies under the current weights."""
         self.model.eval()
         found: list[tuple[int, torch.Tensor]] = []
-        for micro, _ in self._micro_batches(samples, range(len(samples))):
-            batch = self._collate([samples[index] for index, _ in micro])
+        plan = [micro for micro, _ in self._micro_batches(samples, range(len(samples)))]
+        for micro, batch in zip(plan, self._ahead(samples, plan), strict=True):
             pieces = torch.split(self.model(batch).cpu(), batch.lengths)
             found += [(index, piece) for (index, _), piece in zip(micro, pieces, strict=True)]
         known = dict(gather_object(found))
         return [known[index] for index in range(len(samples))]
 
-    def _collate(self, samples: Sequence[Sample]) -> Batch:
-        batch = collate(samples, self.renderer, off_policy=self.objective.off_policy)
-        return batch.to(self.accelerator.device)
+    def _ahead(
+        self, samples: Sequence[Sample], plan: Iterable[Sequence[tuple[int, bool]]]
+    ) -> Iterator[Batch]:
+        """The batches of micro-batches of (sample index, whether it counts), on this process's device."""
+        groups = ([samples[index] for index, _ in micro] for micro in plan)
+        made = batches_ahead(groups, self.renderer, off_policy=self.objective.off_policy)
+        return (batch.to(self.accelerator.device) for batch in made)
 
     def save(self, folder: Path) -> None:
         """Write weights, optimizer and schedule atomically; see :mod:`webgym.train.weights`.
@@ -262,22 +281,27 @@ class Updater:
             TrainingError: a weight is not finite. Nothing was saved.
             StoreError: they cannot be written; an earlier folder is intact.
         """
-        prefix = "policy."
-        whole = zero.weights(self.model) if self._is_zero else self.accelerator.get_state_dict(self.model)
-        weights = {name.removeprefix(prefix): value.cpu() for name, value in whole.items()}
-        optimizer = self._optimizer_state()
+        lora, is_first = self.config.lora is not None, self.accelerator.is_main_process
+        served = torch.bfloat16 if self.config.precision == "bf16" and not lora else None
+        weights = sharding.whole_weights(self._saved(), served, keep=is_first)
+        training = self._training()
         after = self._greedy()
         before, self._greedy_reply = self._greedy_reply or after, after
-        if self.accelerator.is_main_process:
-            if not all(map(math.isfinite, after.logprobs)) or not all(
-                bool(value.isfinite().all()) for value in weights.values()
-            ):
-                raise TrainingError(
-                    f"the weights after optimizer step {self.step} are not finite", hint=_LOWER_RATE
-                )
-            state = UpdateState(self.step, self.source, self.config.lora is not None)
-            save(folder, self.loaded, weights, optimizer, state, self._selftest(before, after))
-        self.accelerator.wait_for_everyone()
+        numbers = [*weights.values(), torch.tensor(after.logprobs)]
+        if is_first and not all(bool(each.isfinite().all()) for each in numbers):
+            raise TrainingError(
+                f"the weights after optimizer step {self.step} are not finite", hint=_LOWER_RATE
+            )
+        save(
+            folder,
+            self.loaded,
+            weights,
+            training,
+            UpdateState(self.step, self.source, lora),
+            self._selftest(before, after),
+            processes=PartialState(),
+            sharded=self._is_fsdp,
+        )
 
     @torch.no_grad()
     def _greedy(self) -> Greedy:
@@ -310,27 +334,44 @@ class Updater:
             picture=known_picture(),
         )
 
-    def _optimizer_state(self) -> dict[str, Any]:
-        """The full optimizer state by names of parameters, even if it is sharded."""
+    def _clip(self) -> float:
+        """Clip the gradients, and return their norm before."""
+        limit = self.config.max_grad_norm
+        if self._is_fsdp:
+            norm: Any = torch.nn.utils.clip_grad_norm_(self.model.parameters(), limit)
+            return float(norm.full_tensor())
+        return float(self.accelerator.clip_grad_norm_(self.model.parameters(), limit))
+
+    def _saved(self) -> Iterator[tuple[str, Any]]:
+        """The parameters that are saved, with their names: all, or those of adapters."""
+        every = self.loaded.model.named_parameters()
+        return (each for each in every if each[1].requires_grad or self.config.lora is None)
+
+    def _training(self) -> dict[str, torch.Tensor]:
+        """What training goes on from, by name: this process's parts, or for the first process all of it."""
         if self._is_zero:
-            return zero.optimizer_state(self.model, self._groups, self.step)
-        from torch.distributed.checkpoint import state_dict  # imports for more than a second
+            return sharding.zero_tensors(list(self._saved()), keep=self.accelerator.is_main_process)
+        return {f"weights/{name}": each.detach() for name, each in self._saved()} | self._moments()
 
-        options = state_dict.StateDictOptions(**WHOLE)
-        return state_dict.get_optimizer_state_dict(self.model, self.optimizer.optimizer, options=options)
+    def _moments(self) -> dict[str, torch.Tensor]:
+        return {
+            f"{moment}/{name}": self.optimizer.state[parameter][moment]
+            for name, parameter in self._saved()
+            for moment in MOMENTS * parameter.requires_grad
+        }
 
-    def _load_optimizer_state(self, saved: dict[str, Any] | None) -> None:
+    def _begin_moments(self, resume: Path | None) -> None:
+        """Set the optimizer's moments: to 0, or to what was saved."""
+        load = None if resume is None else partial(load_training, resume)
         if self._is_zero:
-            zero.set_optimizer_state(self.model, saved, self.step)
-        elif saved is not None:
-            from torch.distributed.checkpoint import state_dict
-
-            options = state_dict.StateDictOptions(**WHOLE)
-            state_dict.set_optimizer_state_dict(self.model, self.optimizer.optimizer, saved, options=options)
-            # It brings the settings that it was made with; those of the config apply.
-            decays = (self.config.weight_decay, 0.0)
-            for group, decay in zip(self.optimizer.param_groups, decays, strict=True):
-                group.update(betas=self.config.betas, weight_decay=decay)
+            sharding.begin_zero(self.model, list(self._saved()), self.step, load)
+            return
+        for group in self.optimizer.param_groups:
+            for parameter in group["params"]:
+                moments = {moment: torch.zeros_like(parameter) for moment in MOMENTS}
+                self.optimizer.state[parameter] = {"step": torch.tensor(float(self.step))} | moments
+        if load is not None:
+            load(self._moments())
 
     def _report(
         self,

@@ -1,10 +1,11 @@
 """Weights and optimizer state on disk: loaded for training, saved atomically.
 
 FOLDER/
-  *.safetensors, config.json   all weights, as load_model reads them; or adapter_model.safetensors,
-                               adapter_config.json: adapters, for load_model and for servers
+  *.safetensors, config.json   all weights in the precision of the computation, for load_model and for servers;
+                               or adapter_model.safetensors, adapter_config.json: adapters
   tokenizer*, preprocessor_config.json, chat_template.jinja, and other files that a server's processor reads
-  optimizer.pt                 torch.load(..., weights_only=True)
+  training/*.safetensors       weights and the optimizer's moments as they are trained, each process's part in
+                               files of its own (torch.distributed.checkpoint); the newest iteration alone
   selftest.json                these weights' reply to a known request (webgym.train.selftest)
   state.json                   {"step": optimizer steps so far, "source": "...", "lora": false}
 """
@@ -15,21 +16,28 @@ import os
 import re
 import shutil
 import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, TypeAlias
 
 import msgspec
 import torch
+from accelerate import PartialState
 from huggingface_hub import try_to_load_from_cache
 
 from webgym.core.errors import ConfigError, TrainingError
 from webgym.inference.model import Loaded, load_model, loading
 from webgym.store.files import TORN, disk_errors, sync_folder
 from webgym.train.config import LoraConfig, UpdateConfig
+from webgym.train.folder import TRAINING
 from webgym.train.selftest import SELFTEST, SelfTest
 
 STATE = "state.json"
-OPTIMIZER = "optimizer.pt"
+Tensors: TypeAlias = Mapping[str, torch.Tensor]
+
+_FILE_BYTES: Final = 2 * 2**30
+"""Size of a file of :data:`TRAINING` over all processes; each holds its part twice in memory while it writes."""
 
 
 class UpdateState(msgspec.Struct, frozen=True):
@@ -123,52 +131,118 @@ def save(
     folder: Path,
     loaded: Loaded,
     weights: dict[str, torch.Tensor],
-    optimizer: dict[str, Any],
+    training: Tensors,
     state: UpdateState,
     selftest: SelfTest,
+    *,
+    processes: PartialState,
+    sharded: bool,
 ) -> None:
-    """Write a folder atomically; an existing one is replaced.
+    """Write a folder atomically; an existing one is replaced. All processes must call this.
 
     Args:
         folder: of the weights; its parent is created if missing.
         loaded: the model (for its configuration), tokenizer and image processor.
-        weights: of the model, by name, on the CPU.
-        optimizer: its state.
+        weights: of the model, by name, on the CPU; only the first process needs them.
+        training: what training goes on from, by name.
         state: of learning.
         selftest: of these weights.
+        processes: all of them.
+        sharded: whether each process has its parts of ``training``; otherwise the first has all.
 
     Raises:
         StoreError: it cannot be written; an existing folder is intact.
     """
     torn = folder.with_name(f".{folder.name}.new{TORN}")
     old = folder.with_name(f".{folder.name}.old{TORN}")
+    is_first = processes.is_main_process
     with disk_errors(f"saving weights to {folder}"):
-        for left in (torn, old):  # leftovers of a crash while saving
-            shutil.rmtree(left, ignore_errors=True)
         try:
-            torn.mkdir(parents=True)
-            loaded.model.save_pretrained(torn, state_dict=weights)
-            loaded.tokenizer.save_pretrained(torn)
-            loaded.image_processor.save_pretrained(torn)
-            _copy_processor(state.source, torn)
-            with (torn / OPTIMIZER).open("wb") as file:  # given a path, torch does not report why it failed
-                torch.save(optimizer, file)
-            (torn / SELFTEST).write_bytes(msgspec.json.encode(selftest))
-            (torn / STATE).write_bytes(msgspec.json.encode(state))
-            for path in torn.iterdir():
-                with path.open("rb") as file:
-                    os.fsync(file.fileno())
-            sync_folder(torn)
-            if folder.exists():
-                folder.rename(old)
-            torn.rename(folder)
-            sync_folder(folder.parent)
-            shutil.rmtree(old, ignore_errors=True)
+            if is_first:
+                for left in (torn, old):  # leftovers of a crash while saving
+                    shutil.rmtree(left, ignore_errors=True)
+                torn.mkdir(parents=True)
+                _save_whole(torn, loaded, weights, state, selftest)
+            processes.wait_for_everyone()
+            if sharded or is_first:
+                _save_training(torn / TRAINING, training, sharded=sharded)
+            if is_first:
+                for path in torn.iterdir():
+                    if path.is_file():
+                        with path.open("rb") as file:
+                            os.fsync(file.fileno())
+                sync_folder(torn / TRAINING)
+                sync_folder(torn)
+                if folder.exists():
+                    folder.rename(old)
+                torn.rename(folder)
+                sync_folder(folder.parent)
+                shutil.rmtree(old, ignore_errors=True)
         except BaseException as error:
-            shutil.rmtree(torn, ignore_errors=True)
+            if is_first:
+                shutil.rmtree(torn, ignore_errors=True)
             if (number := _disk_error(error)) is not None:
                 raise OSError(number, os.strerror(number)) from error
             raise
+    processes.wait_for_everyone()
+
+
+def _save_whole(
+    folder: Path, loaded: Loaded, weights: dict[str, torch.Tensor], state: UpdateState, selftest: SelfTest
+) -> None:
+    loaded.model.save_pretrained(folder, state_dict=weights)
+    loaded.tokenizer.save_pretrained(folder)
+    loaded.image_processor.save_pretrained(folder)
+    _copy_processor(state.source, folder)
+    (folder / SELFTEST).write_bytes(msgspec.json.encode(selftest))
+    (folder / STATE).write_bytes(msgspec.json.encode(state))
+
+
+def _save_training(folder: Path, tensors: Tensors, *, sharded: bool) -> None:
+    import torch.distributed.checkpoint as dcp  # imports for more than a second
+
+    files, size = {}, 0
+    for name, tensor in tensors.items():
+        size += tensor.numel() * tensor.element_size()
+        files[name] = size // _FILE_BYTES + 1
+    writer = dcp.HuggingFaceStorageWriter(str(folder), files, save_distributed=True)
+    with _errors_of_checkpoints():
+        dcp.save(dict(tensors), storage_writer=writer, no_dist=not sharded)
+
+
+def load_training(folder: Path, tensors: Tensors) -> None:
+    """Fill tensors with what was saved by their names, however many processes saved it.
+
+    Args:
+        folder: of the weights.
+        tensors: whole or sharded, by name; of the latter each process reads its parts.
+
+    Raises:
+        TrainingError: the folder does not hold them.
+    """
+    import torch.distributed.checkpoint as dcp
+
+    if not (folder / TRAINING).is_dir():
+        raise TrainingError(
+            f"{folder} holds weights, but not what training goes on from, which the newest iteration alone has",
+            hint="begin a new training from them: learn.model",
+        )
+    reader = dcp.HuggingFaceStorageReader(str(folder / TRAINING))
+    with _errors_of_checkpoints():
+        dcp.load(dict(tensors), storage_reader=reader, no_dist=True)
+
+
+@contextmanager
+def _errors_of_checkpoints() -> Iterator[None]:
+    """Raises errors of torch.distributed.checkpoint as those of the process that failed first."""
+    from torch.distributed.checkpoint.api import CheckpointException
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # that a single process saves
+        try:
+            yield
+        except CheckpointException as error:  # no Exception: it would pass all handlers
+            raise next(iter(error.failures.values()))[0] from error
 
 
 def _disk_error(error: BaseException) -> int | None:
@@ -199,9 +273,3 @@ def read_state(folder: Path) -> UpdateState:
         return msgspec.json.decode((folder / STATE).read_bytes(), type=UpdateState)
     except (OSError, ValueError) as error:
         raise TrainingError(f"{folder} holds no update to resume from: {error}") from error
-
-
-def read_optimizer(folder: Path) -> dict[str, Any]:
-    """Read the optimizer state of a saved folder."""
-    found: dict[str, Any] = torch.load(folder / OPTIMIZER, map_location="cpu", weights_only=True, mmap=True)
-    return found

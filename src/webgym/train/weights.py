@@ -155,7 +155,9 @@ def save(
                 torch.save(optimizer, file)
             (torn / SELFTEST).write_bytes(msgspec.json.encode(selftest))
             (torn / STATE).write_bytes(msgspec.json.encode(state))
+            mode = (torn / STATE).stat().st_mode  # as the umask has it; safetensors lets nobody else read
             for path in torn.iterdir():
+                path.chmod(mode)
                 with path.open("rb") as file:
                     os.fsync(file.fileno())
             sync_folder(torn)

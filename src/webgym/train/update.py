@@ -44,7 +44,15 @@ from webgym.train.logprobs import Batch, ReplyLogProbs, collate
 from webgym.train.objectives import Objective, Tokens
 from webgym.train.replay import ReplaySample, StepRef
 from webgym.train.samples import Sample, SampleMaker
-from webgym.train.selftest import NEAR_TIE, REPLY_TOKENS, Greedy, SelfTest, known_messages, known_picture
+from webgym.train.selftest import (
+    NEAR_TIE,
+    REPLY_TOKENS,
+    Greedy,
+    SelfTest,
+    known_messages,
+    known_picture,
+    read_selftest,
+)
 from webgym.train.weights import UpdateState, load_trainable, read_optimizer, read_state, save
 
 SAVE_LIMIT = timedelta(hours=2)
@@ -145,6 +153,8 @@ class Updater:
         self.step = 0 if resume is None else read_state(resume).step
         self._load_optimizer_state(None if resume is None else read_optimizer(resume))
         self._greedy_reply: Greedy | None = None  # of the current weights to the self-test's request
+        test = read_selftest(resume) if resume is not None else None
+        self._first_reply = test.first if test is not None else None  # of those that learning started from
 
     def update(self, samples: Sequence[Sample], *, passes: int = 1) -> UpdateReport:
         """Train on samples, which must be the same, in the same order, in every process.
@@ -268,6 +278,7 @@ class Updater:
         optimizer = self._optimizer_state()
         after = self._greedy()
         before, self._greedy_reply = self._greedy_reply or after, after
+        self._first_reply = self._first_reply or before
         if self.accelerator.is_main_process:
             if not all(map(math.isfinite, after.logprobs)) or not all(
                 bool(value.isfinite().all()) for value in weights.values()
@@ -308,6 +319,7 @@ class Updater:
             certain=self.renderer.decode(after.ids[:certain_length]),
             is_exact=self.config.precision == "fp32" and self.config.weights == "float32",
             picture=known_picture(),
+            first=self._first_reply,
         )
 
     def _optimizer_state(self) -> dict[str, Any]:

@@ -23,9 +23,16 @@ from typing import Any
 from urllib.parse import urlsplit
 
 LORA = {"/v1/load_lora_adapter", "/v1/unload_lora_adapter"}
-VERSION = {"/weight_info", "/update_weight_version"}
-DEV = {"/pause", "/resume", "/collective_rpc", "/reset_prefix_cache", "/reset_mm_cache"} | VERSION
-GET = {"/v1/models", "/weight_info"}
+VERSION = {"/weight_info", "/update_weight_version", "/weight_checker"}
+DEV = {"/pause", "/resume", "/is_paused", "/collective_rpc", "/reset_prefix_cache", "/reset_mm_cache"}
+DEV |= VERSION
+GET = {"/v1/models", "/weight_info", "/is_paused"}
+
+PROMPT = [1, *[7] * 80, 2, 3]
+"""The known request, as it reads it: 80 tokens of the picture, whose id is 7."""
+REPLY = [11, 12, 13, 14, 15, 16, 17, 18]
+FIRST = [-0.5, -0.1, -0.25, -0.5, -0.125, -0.5, -0.5, -0.25]
+"""The log-probabilities of the reply to it with the weights that learning starts from."""
 
 
 class FakeVllm:
@@ -46,6 +53,13 @@ class FakeVllm:
         self.go_on.set()
         self.calls_itself = ""
         self.frozen = ""
+        self.faults: dict[str, list[str]] = {}
+        """What goes wrong with the next requests, as in ``{"POST /pause": ["500", "breaks_off"]}``."""
+        self.is_away = False
+        self.previous = ""
+        self.stale = set[str]()
+        """Weights that were loaded in part."""
+        self.weight_info_asked = 0
         self.url = ""
 
     def offers(self, path: str) -> bool:
@@ -68,9 +82,11 @@ class FakeVllm:
     # --- endpoints ------------------------------------------------------------------------------------------
 
     def do_models(self, _: dict[str, Any]) -> tuple[int, Any]:
-        return 200, {"object": "list", "data": [{"id": name} for name in (self.name, *self.adapters)]}
+        cards = [{"id": name, "root": path, "parent": self.name} for name, path in self.adapters.items()]
+        return 200, {"object": "list", "data": [{"id": self.name, "root": self.weights}, *cards]}
 
     def do_weight_info(self, _: dict[str, Any]) -> tuple[int, Any]:
+        self.weight_info_asked += 1
         return 200, {"weight_version": self.label}
 
     def do_load_lora_adapter(self, body: dict[str, Any]) -> tuple[int, Any]:
@@ -78,6 +94,7 @@ class FakeVllm:
         if "refuses" in self.quirks or name in self.adapters or not Path(path).is_absolute():
             return 400, {"error": {"message": f"cannot load {name}\nTraceback ..."}}
         self.adapters[name] = path
+        (self.stale.add if "stale_part" in self.quirks else self.stale.discard)(path)
         self.first_of.setdefault(name, path)
         return 200, f"Success: LoRA adapter '{name}' added successfully."
 
@@ -94,6 +111,18 @@ class FakeVllm:
         self.is_paused = False
         return 200, {"status": "resumed"}
 
+    def do_is_paused(self, _: dict[str, Any]) -> tuple[int, Any]:
+        return 200, {"is_paused": self.is_paused}
+
+    def do_weight_checker(self, body: dict[str, Any]) -> tuple[int, Any]:
+        assert body["action"] == "checksum"
+        workers = {"dp0:tp0": self.weights, "dp1:tp0": self.weights}
+        if "stale_workers" in self.quirks:
+            workers = dict.fromkeys(workers, self.previous)
+        if "stale_copy" in self.quirks:
+            workers["dp1:tp0"] = "half of each"
+        return 200, {"checksums": {f"{key}:norm.weight": f"sum of {of}" for key, of in workers.items()}}
+
     def do_collective_rpc(self, body: dict[str, Any]) -> tuple[int, Any]:
         assert body["method"] == "reload_weights"
         assert self.is_paused
@@ -101,7 +130,8 @@ class FakeVllm:
             self.quirks.remove("refuses")
             self.weights = "half of each"
             return 500, {"error": {"message": "a tensor is missing"}}
-        self.weights = body["kwargs"]["weights_path"]
+        self.previous, self.weights = self.weights, body["kwargs"]["weights_path"]
+        (self.stale.add if "stale_part" in self.quirks else self.stale.discard)(self.weights)
         return 200, {"results": [None]}
 
     def do_update_weight_version(self, body: dict[str, Any]) -> tuple[int, Any]:
@@ -127,11 +157,17 @@ class FakeVllm:
     def completion(self, body: dict[str, Any], weights: str) -> dict[str, Any]:
         test = Path(weights, "selftest.json")
         text, prompt, ids, logprobs, read = "click", [1, 2, 3], [5, 6], [-0.5, -0.1], 3
-        if body["temperature"] == 0 and test.exists():
-            held = json.loads(test.read_bytes())
-            reads = held["before" if "ignores_weights" in self.quirks else "after"]
-            text, prompt, ids, logprobs = held["certain"], held["prompt_ids"], reads["ids"], reads["logprobs"]
-            image = held["image_id"]
+        if body["temperature"] == 0:
+            prompt, ids, logprobs = [*PROMPT], REPLY, FIRST
+            text, image = "the heading", PROMPT[1]
+            if test.exists():
+                held = json.loads(test.read_bytes())
+                before, after = held["before"]["logprobs"], held["after"]["logprobs"]
+                logprobs = before if "ignores_weights" in self.quirks else after
+                if "stale_part" in self.quirks and weights in self.stale:
+                    logprobs = [(old + new) / 2 for old, new in zip(before, after, strict=True)]
+            if "rounds" in self.quirks:
+                logprobs = [each - 0.04 for each in logprobs]
             if "half_loads" in self.quirks:
                 logprobs = [each - place % 2 for place, each in enumerate(logprobs)]
             if "garbles" in self.quirks:
@@ -150,6 +186,8 @@ class FakeVllm:
             "finish_reason": "stop",
             "logprobs": {"content": [{"token": "t", "logprob": each} for each in logprobs]},
         }
+        if body["return_weight_versions"] and self.offers("/weight_info"):
+            choice["weight_versions"] = [{"version": self.label}]
         found: dict[str, Any] = {
             "model": self.calls_itself or body["model"],
             "choices": [choice],
@@ -179,11 +217,13 @@ def make_server(fake: FakeVllm, port: int = 0) -> ThreadingHTTPServer:
             path = urlsplit(self.path).path
             if path == "/crash":
                 os._exit(9)
-            if "breaks_off" in fake.quirks:
-                fake.quirks.remove("breaks_off")
+            fault = (fake.faults.get(f"{method} {path}") or [""]).pop(0)
+            if fault == "breaks_off" or fake.is_away:
                 self.close_connection = True
                 return
-            status, found = fake.answer(method, path, body)
+            if fault == "500":
+                fake.answer(method, path, body)  # it has been done nevertheless
+            status, found = (500, {}) if fault else fake.answer(method, path, body)
             data = json.dumps(found).encode()
             self.send_response(status)
             self.send_header("Content-Type", "application/json")
@@ -221,7 +261,12 @@ def main() -> None:
     assert given[0] == "serve"
     options = dict(pairwise(given))
     quirks = os.environ.get("FAKE_VLLM", "").split()
+    print("GPUS", os.environ.get("CUDA_VISIBLE_DEVICES"))
     print("INFO starting", *given, flush=True)
+    assert (
+        not {"RANK", "WORLD_SIZE", "MASTER_ADDR", "ACCELERATE_USE_FSDP", "TORCHELASTIC_RUN_ID"}
+        & os.environ.keys()
+    )
     if "dies" in quirks:
         print("RuntimeError: Failed to infer device type\nbye", file=sys.stderr)
         sys.exit(1)

@@ -90,6 +90,11 @@ def test_a_reply_that_does_not_read_as_stored_is_dropped(instruct: Renderer) -> 
     assert dropped(instruct, stored(instruct, "click", reply_ids=[])) == "reply_text"
 
 
+def test_a_blank_that_only_the_server_put_before_the_first_word_does_not_matter(instruct: Renderer) -> None:
+    ids = [*instruct.tokenizer("click")["input_ids"], instruct.tokenizer.eos_token_id]
+    assert made(instruct, stored(instruct, " click", reply_ids=ids)).reply_ids.tolist() == ids
+
+
 def test_a_reply_ends_as_its_finish_reason_says(instruct: Renderer) -> None:
     bare = instruct.tokenizer("click")["input_ids"]
     assert dropped(instruct, stored(instruct, "click", reply_ids=bare)) == "reply_end"

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, Final, Literal, Self, TypeAlias
 
 import aiohttp
-from pydantic import Field, SecretStr, field_validator
+from pydantic import Field, SecretStr, field_validator, model_validator
 
 from webgym.core.child import watched
 from webgym.core.errors import ConfigError, LLMBadReply, LLMError, LLMUnreachable, StoreError, TrainingError
@@ -45,6 +45,7 @@ EXPLICIT: Final = Sampling(
         "min_p": 0.0,
         "repetition_penalty": 1.0,
         "return_token_ids": True,
+        "return_weight_versions": True,
         "logprobs": True,
     },
 )
@@ -62,9 +63,13 @@ _QUOTED_CHARS: Final = 300
 class VllmConfig(Settings):
     """Settings of a vLLM server for training. Fields with vLLM's names have the same meaning as there."""
 
-    base_url: str | None = None
-    """Base URL of a running server, e.g. ``http://127.0.0.1:8000/v1``; ``None`` starts one on this
-    machine."""
+    base_url: str | tuple[str, ...] | None = None
+    """Base URL of a running server, e.g. ``http://127.0.0.1:8000/v1``, or of several; ``None`` starts one on
+    this machine."""
+
+    replicas: int = Field(default=1, ge=1)
+    """Number of servers to start here, among which the GPUs of ``env: {CUDA_VISIBLE_DEVICES: ...}`` are
+    divided. They fail one by one, unlike the copies of ``data_parallel_size``."""
 
     model: str | None = None
     """For a server started here, the first model that it serves: a folder or hub id, by default
@@ -114,8 +119,45 @@ class VllmConfig(Settings):
 
     @field_validator("base_url")
     @classmethod
-    def _is_url(cls, value: str | None) -> str | None:
+    def _are_urls(cls, value: str | tuple[str, ...] | None) -> str | tuple[str, ...] | None:
+        if isinstance(value, tuple):
+            urls = tuple(ChatConfig(base_url=url, model="any").base_url for url in value)
+            if not urls or len(set(urls)) < len(urls):
+                raise ValueError("base_url must name servers, each once")
+            return urls if len(urls) > 1 else urls[0]
         return None if value is None else ChatConfig(base_url=value, model="any").base_url
+
+    @model_validator(mode="after")
+    def _has_gpus(self) -> Self:
+        needed = self.replicas * self.tensor_parallel_size * self.data_parallel_size
+        if self.replicas > 1 and (self.base_url is not None or len(self._gpus) != needed):
+            raise ValueError(
+                f"{self.replicas} replicas are started here and need {needed} GPUs: env.CUDA_VISIBLE_DEVICES"
+            )
+        return self
+
+    @property
+    def _gpus(self) -> list[str]:
+        return [gpu.strip() for gpu in self.env.get("CUDA_VISIBLE_DEVICES", "").split(",") if gpu.strip()]
+
+    def each(self) -> list[VllmConfig]:
+        """The settings of each server."""
+        if isinstance(self.base_url, tuple):
+            return [self.model_copy(update={"base_url": url}) for url in self.base_url]
+        if self.replicas == 1:
+            return [self]
+        share = len(self._gpus) // self.replicas
+        return [
+            self.model_copy(
+                update={
+                    "replicas": 1,
+                    "port": self.port and self.port + number,
+                    "env": self.env
+                    | {"CUDA_VISIBLE_DEVICES": ",".join(self._gpus[number * share : (number + 1) * share])},
+                }
+            )
+            for number in range(self.replicas)
+        ]
 
     @field_validator("extra_args")
     @classmethod
@@ -212,10 +254,17 @@ class VllmApi:
         return True
 
     async def models(self) -> list[str]:
-        """The names of its models and adapters."""
+        """The names of its models, without adapters."""
+        return [str(card["id"]) for card in await self._cards() if not card.get("parent")]
+
+    async def adapters(self) -> dict[str, Path]:
+        """The folders of its adapters, by name."""
+        cards = await self._cards()
+        return {str(card["id"]): Path(str(card.get("root"))) for card in cards if card.get("parent")}
+
+    async def _cards(self) -> list[dict[str, Any]]:
         answer = await self._request("GET", "/v1/models")
-        models = answer.get("data", [])
-        return [str(model["id"]) for model in models if isinstance(model, dict) and "id" in model]
+        return [card for card in answer.get("data", []) if isinstance(card, dict) and "id" in card]
 
     async def offers(self, path: str) -> bool:
         """Whether the server has an endpoint. It is not called: endpoints for POST refuse GET with another
@@ -246,7 +295,28 @@ class VllmApi:
             if await self.offers(cache):
                 await self._request("POST", cache)
         await self.label(version)
+        await self.resume()
+
+    async def is_paused(self) -> bool:
+        """Whether it is paused, as far as it tells."""
+        return await self.offers("/is_paused") and bool(
+            (await self._request("GET", "/is_paused")).get("is_paused")
+        )
+
+    async def resume(self) -> None:
+        """End a pause; nothing happens if there is none."""
         await self._request("POST", "/resume")
+
+    async def checksums(self) -> dict[str, dict[str, str]]:
+        """A checksum of every parameter, by worker and name; empty if the server has none to give."""
+        if not await self.offers("/weight_checker"):
+            return {}
+        answer = await self._request("POST", "/weight_checker", {"action": "checksum"})
+        workers: dict[str, dict[str, str]] = {}
+        for key, checksum in answer.get("checksums", {}).items():
+            worker, _, name = key.rpartition(":")  # "dp0:pp0:pcp0:tp0:lm_head.weight"
+            workers.setdefault(worker, {})[name] = checksum
+        return workers
 
     async def label(self, version: str) -> None:
         """Set the version label of the server's weights, if it supports labels."""
@@ -273,13 +343,17 @@ class VllmApi:
     async def _exchange(
         self, method: str, path: str, body: Mapping[str, Any] | None = None
     ) -> tuple[int, bytes]:
-        """Status and body of the answer."""
+        """Status and body of the answer. If the connection breaks, the request is sent once more: servers
+        close connections that they have kept, and every request here may be repeated."""
         limit = aiohttp.ClientTimeout(total=UPDATE_SECONDS if method == "POST" else _ANSWER_SECONDS)
-        try:
-            async with self._http.request(method, self._root + path, json=body, timeout=limit) as answer:
-                return answer.status, await answer.read()
-        except (aiohttp.ClientError, OSError, RuntimeError) as error:  # RuntimeError: it was closed
-            raise self._unreachable(error) from error
+        for is_last in (False, True):
+            try:
+                async with self._http.request(method, self._root + path, json=body, timeout=limit) as answer:
+                    return answer.status, await answer.read()
+            except (aiohttp.ClientError, OSError, RuntimeError) as error:  # RuntimeError: it was closed
+                if is_last or isinstance(error, RuntimeError | TimeoutError):
+                    raise self._unreachable(error) from error
+        raise AssertionError
 
     def _unreachable(self, error: Exception) -> LLMUnreachable:
         why = first_line(str(error)) or type(error).__name__
@@ -334,7 +408,7 @@ class ManagedServer:
                 stdin=PIPE,
                 stdout=output,
                 stderr=STDOUT,
-                env={**os.environ, **env},
+                env=_without_launcher(os.environ) | dict(env),
                 start_new_session=True,  # Ctrl-C reaches only this process, which stops the server in order
             )
         return cls(process, command[0], log, stop_seconds)
@@ -378,6 +452,20 @@ class ManagedServer:
             lines = []
         lines = [line for line in lines if line] or ["(nothing)"]
         return next((line for line in reversed(lines) if "rror" in line), lines[-1])[-_QUOTED_CHARS:]
+
+
+_OF_LAUNCHERS: Final = ("ACCELERATE_", "FSDP_", "TORCHELASTIC_", "PET_", "MASTER_", "GROUP_", "ROLE_")
+_RANKS: Final = frozenset({"RANK", "LOCAL_RANK", "WORLD_SIZE", "LOCAL_WORLD_SIZE", "NODE_RANK"})
+
+
+def _without_launcher(environment: Mapping[str, str]) -> dict[str, str]:
+    """The environment without what ``accelerate launch`` and ``torchrun`` tell the learner's processes about
+    each other: with it, a server would try to join them."""
+    return {
+        name: value
+        for name, value in environment.items()
+        if name not in _RANKS and not name.startswith(_OF_LAUNCHERS)
+    }
 
 
 def free_port(host: str, port: int | None) -> int:

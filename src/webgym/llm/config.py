@@ -19,7 +19,8 @@ _NEUTRAL: Final[dict[str, float]] = {"top_p": 1, "top_k": -1, "typical_p": 1, "r
 _HARMLESS: Final = frozenset(
     "temperature max_tokens max_completion_tokens max_new_tokens seed sampling_seed stop stop_token_ids "
     "no_stop_trim include_stop_str_in_output skip_special_tokens spaces_between_special_tokens logprobs "
-    "top_logprobs return_token_ids chat_template chat_template_kwargs user metadata store priority".split()
+    "top_logprobs return_token_ids return_weight_versions chat_template chat_template_kwargs user metadata "
+    "store priority".split()
 )
 """Fields that leave the distribution of a token after its prompt as it is, apart from the temperature."""
 

@@ -219,9 +219,10 @@ def _with_reasoning(reply: Reply, *, opened: bool, finished: bool) -> str:
 
 
 def _reads_as(reply: Reply, decoded: str) -> bool:
-    """Whether sampled text equals a stored reply; white space may differ if reasoning was split off."""
+    """Whether sampled text equals a stored reply. White space may differ if reasoning was split off, and a
+    blank at the start: servers decode replies in parts, and some tokenizers' words bring a blank."""
     if not reply.reasoning and (decoded == reply.text or not reply.separated):
-        return decoded == reply.text
+        return decoded.removeprefix(" ") == reply.text.removeprefix(" ")
     reasoning, _, text = decoded.partition(THINK_END)
     return (
         reasoning.strip().removeprefix(THINK_START).strip() == reply.reasoning.strip()

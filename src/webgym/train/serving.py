@@ -12,7 +12,7 @@ from webgym.agent.profile import Profile
 from webgym.core.errors import ConfigError, PublishError
 from webgym.core.task import Task
 from webgym.inference.local import LocalConfig, LocalPolicy
-from webgym.train.selftest import GREEDY, check, read_selftest
+from webgym.train.selftest import EXACT_TOLERANCE, GREEDY, TOLERANCE, check, read_selftest
 
 
 class Serving(Protocol):
@@ -78,7 +78,8 @@ class LocalServing:
         reply = await self._local.ask(*test.request(), GREEDY)
         if reply.weight_version != version:
             raise PublishError(f"the weights {reply.weight_version} reply instead of the published {version}")
-        check(test, reply, is_exact=self._local.config.dtype == "float32", earlier=earlier)
+        is_exact = test.is_exact and self._local.config.dtype == "float32"
+        check(test, reply, tolerance=EXACT_TOLERANCE if is_exact else TOLERANCE, earlier=earlier)
 
     async def watch(self) -> None:
         """See :class:`Serving`; nothing can fail here."""

@@ -39,7 +39,8 @@ from webgym.train.objectives import GroupIS, Objective, make_objective
 from webgym.train.replay import Replay
 from webgym.train.serving import LocalServing, Serving
 from webgym.train.update import Learner
-from webgym.train.vllm_serving import VllmServing
+from webgym.train.vllm_fleet import VllmFleet
+from webgym.train.vllm_serving import LOG, VllmServing
 from webgym.train.weights import check_targets
 
 
@@ -210,14 +211,20 @@ def make_serving(config: TrainConfig, folder: TrainingFolder) -> Serving:
         local = config.local or LocalConfig(path=model)
         return LocalServing(local, choose_profile(config.rollout.agent.profile, Path(local.path).name))
     latest = folder.latest_weights()
-    return VllmServing(
-        config.vllm,
-        model,
-        folder.path,
-        lora=config.learn.update.lora,
-        profile=choose_profile(config.rollout.agent.profile, Path(model).name),
-        newest=(latest[1], str(latest[0])) if latest else None,
-    )
+    servers = config.vllm.each()
+    servings = [
+        VllmServing(
+            server,
+            model,
+            folder.path,
+            log=LOG if len(servers) == 1 else f"vllm-{number}.log",
+            lora=config.learn.update.lora,
+            profile=choose_profile(config.rollout.agent.profile, Path(model).name),
+            newest=(latest[1], str(latest[0])) if latest else None,
+        )
+        for number, server in enumerate(servers, 1)
+    ]
+    return servings[0] if len(servings) == 1 else VllmFleet(servings)
 
 
 def load_train_config(files: Sequence[Path], overrides: Mapping[str, Any] | None = None) -> TrainConfig:

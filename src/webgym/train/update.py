@@ -45,7 +45,15 @@ from webgym.train.logprobs import Batch, ReplyLogProbs, batches_ahead, collate
 from webgym.train.objectives import Objective, Tokens
 from webgym.train.replay import ReplaySample, StepRef
 from webgym.train.samples import Sample, SampleMaker
-from webgym.train.selftest import NEAR_TIE, REPLY_TOKENS, Greedy, SelfTest, known_messages, known_picture
+from webgym.train.selftest import (
+    NEAR_TIE,
+    REPLY_TOKENS,
+    Greedy,
+    SelfTest,
+    known_messages,
+    known_picture,
+    read_selftest,
+)
 from webgym.train.sharding import MOMENTS
 from webgym.train.weights import UpdateState, load_trainable, load_training, read_state, save
 
@@ -154,6 +162,8 @@ class Updater:
         self.step = 0 if resume is None else read_state(resume).step
         self._begin_moments(resume)
         self._greedy_reply: Greedy | None = None  # of the current weights to the self-test's request
+        test = read_selftest(resume) if resume is not None else None
+        self._first_reply = test.first if test is not None else None  # of those that learning started from
 
     def update(self, samples: Sequence[Sample], *, passes: int = 1) -> UpdateReport:
         """Train on samples, which must be the same, in the same order, in every process.
@@ -287,6 +297,7 @@ class Updater:
         training = self._training()
         after = self._greedy()
         before, self._greedy_reply = self._greedy_reply or after, after
+        self._first_reply = self._first_reply or before
         numbers = [*weights.values(), torch.tensor(after.logprobs)]
         if is_first and not all(bool(each.isfinite().all()) for each in numbers):
             raise TrainingError(
@@ -332,6 +343,7 @@ class Updater:
             certain=self.renderer.decode(after.ids[:certain_length]),
             is_exact=self.config.precision == "fp32" and self.config.weights == "float32",
             picture=known_picture(),
+            first=self._first_reply,
         )
 
     def _clip(self) -> float:

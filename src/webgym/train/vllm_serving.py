@@ -3,8 +3,8 @@
 lora      Adapters: loads a new one under a new name, tests it, and uses it from then on; the old one is
           unloaded after its last reply. No request waits, and a failure changes nothing.
 in_place  All weights: holds new requests, drains those in progress, pauses the server, which reads the
-          weights from a common folder, and tests it. After a failure the old weights are restored, or the
-          server stays paused.
+          weights from a common folder, and tests it. After a failure the old weights are restored; where
+          even that fails, no request is sent again.
 restart   For a server of ours that cannot do that: it is restarted with the new weights.
 """
 
@@ -51,7 +51,17 @@ from webgym.inference.vllm import (
 )
 from webgym.llm.health import register_client
 from webgym.train.config import LoraConfig
-from webgym.train.selftest import GREEDY, check, read_selftest
+from webgym.train.selftest import (
+    GREEDY,
+    TOLERANCE,
+    Greedy,
+    SelfTest,
+    check,
+    check_checksums,
+    known_request,
+    read_selftest,
+    tolerance_of,
+)
 
 log = logging.getLogger(__name__)
 
@@ -138,6 +148,10 @@ class ForeignReply(PolicyBadReply):
     """The endpoint replied with other weights than were published."""
 
 
+class AnotherFailed(PublishError):
+    """The weights were taken, and given back because another server did not take them."""
+
+
 class VllmPolicy(BasePolicy):
     """Replies with the current weights of a server; during a change of weights, callers wait.
 
@@ -147,6 +161,7 @@ class VllmPolicy(BasePolicy):
     Attributes:
         name: as given.
         served: the current weights.
+        lost: set while the server is away, so that what was sent to it is lost.
         distrusted: set when the server replied with other weights a few times.
         why: the message of the last such reply.
     """
@@ -154,6 +169,7 @@ class VllmPolicy(BasePolicy):
     def __init__(self, name: str) -> None:
         self.name = name
         self.served: Served | None = None
+        self.lost = asyncio.Event()
         self.distrusted = asyncio.Event()
         self.why = ""
         self._foreign = 0
@@ -165,6 +181,7 @@ class VllmPolicy(BasePolicy):
         previous, self.served = self.served, served
         self._foreign = 0
         self._open.set()
+        self.lost.clear()
         return previous
 
     async def close(self) -> None:
@@ -176,6 +193,7 @@ class VllmPolicy(BasePolicy):
     def hold(self) -> None:
         """Hold back further requests. Those in flight are lost, and will be sent again."""
         self._open.clear()
+        self.lost.set()
 
     @property
     def problem(self) -> str:
@@ -221,9 +239,13 @@ class VllmServing:
         config: of the server.
         model: that learning starts from, folder or hub id.
         logs: folder for the server's log.
+        log: name of the log.
         lora: of the learner, if it trains adapters.
         profile: of the model's family; by default chosen by the model's name.
         newest: weights and version of a resumed training, with which a server is started.
+
+    Attributes:
+        replies: the policy.
     """
 
     def __init__(
@@ -232,6 +254,7 @@ class VllmServing:
         model: str,
         logs: Path,
         *,
+        log: str = LOG,
         lora: LoraConfig | None = None,
         profile: Profile | None = None,
         newest: tuple[Path, str] | None = None,
@@ -239,42 +262,90 @@ class VllmServing:
         self._config = config
         self._first = model
         self._is_ours = config.base_url is None
-        self._log = logs / LOG
+        self._log = logs / log
         self._lora = lora
         self._profile = profile or choose_profile(None, Path(model).name)
         self._method: PublishMethod = "in_place" if lora is None else "lora"
         self._newest = (newest[0].resolve(), newest[1]) if newest else None
         # Weights that a server elsewhere may hold already; ``None`` once it is known which weights it holds.
         self._maybe_served = self._newest if self._method == "in_place" and not self._is_ours else None
-        self._vllm = VllmPolicy(Path(model).name)
-        self.policy: Policy = self._vllm
+        self.replies = VllmPolicy(Path(model).name)
+        self.policy: Policy = self.replies
         self._api: VllmApi | None = None
         self._server: ManagedServer | None = None
         self._weights: Path | None = None  # the served weights; None for the initial ones
         self._earlier: Reply | None = None  # reply to the self-test before the weights change
+        # The server's reply to the self-test with weights that it has certainly loaded, and the learner's;
+        # the latter is ``None`` for the weights that learning starts from.
+        self._certain: tuple[Greedy | None, Reply] | None = None
+        self._checksums: dict[str, dict[str, str]] = {}  # of the served weights
+        self._together: asyncio.Barrier | None = None  # of a publication to several servers
         self._restarts = 0
         self._busy = asyncio.Lock()
 
     # --- from outside -------------------------------------------------------------------------------------
 
-    async def publish(self, weights: Path, version: str) -> None:
-        """See :class:`webgym.train.serving.Serving`."""
+    async def publish(self, weights: Path, version: str, together: asyncio.Barrier | None = None) -> None:
+        """See :class:`webgym.train.serving.Serving`.
+
+        Args:
+            weights: a folder that an update wrote.
+            version: recorded in replies.
+            together: waited at before the first reply; if it breaks, the old weights are kept.
+        """
         weights = await asyncio.to_thread(weights.resolve)  # absolute, for the server's working directory
         async with self._busy:
             if self._server is not None and not self._server.is_alive:
                 await self._revive()
-            served = self._vllm.served
-            with _as_publish_error(version):
-                if served is not None and (served.version, self._weights) == (version, weights):
-                    await self._test(served, weights)
-                else:
-                    await self._change(served, weights, version)
+            served, self._together = self.replies.served, together
+            try:
+                with _as_publish_error(version):
+                    if served is not None and (served.version, self._weights) == (version, weights):
+                        await self._test(served, weights)
+                        await self._agreed()
+                    else:
+                        await self._change(served, weights, version)
+            finally:
+                self._together = None
             self._weights, self._maybe_served, self._restarts = weights, None, 0
+
+    async def is_up(self) -> bool:
+        """Whether the server answers."""
+        return self._api is not None and await self._api.is_up()
+
+    async def recover(self, weights: Path | None, version: str) -> None:
+        """Serve weights after the server was away, as :meth:`publish` does.
+
+        Args:
+            weights: a folder that an update wrote; ``None`` for the initial weights.
+            version: recorded in replies.
+        """
+        if weights is not None:
+            resolved = await asyncio.to_thread(weights.resolve)
+            if not self._is_ours:  # if it was started anew, it has none of those that it had
+                self._maybe_served, self._weights, self._checksums = (resolved, version), None, {}
+            await self.publish(weights, version)
+        elif not self._is_ours and (served := self.replies.served) is not None:
+            with _as_publish_error(version):
+                await self._switch(await self._tested(served.model, version, None))
+
+    async def _agreed(self) -> None:
+        """Wait until the other servers of a publication have taken the weights, too.
+
+        Raises:
+            AnotherFailed: one of them did not.
+        """
+        if self._together is None:
+            return
+        try:
+            await self._together.wait()
+        except asyncio.BrokenBarrierError as error:
+            raise AnotherFailed("another server did not take the weights") from error
 
     async def watch(self) -> None:
         """See :class:`webgym.train.serving.Serving`."""
         while True:
-            waits: set[asyncio.Task[Any]] = {asyncio.create_task(self._vllm.distrusted.wait())}
+            waits: set[asyncio.Task[Any]] = {asyncio.create_task(self.replies.distrusted.wait())}
             if self._server is not None:
                 waits.add(asyncio.create_task(self._server.wait()))
             try:
@@ -282,9 +353,9 @@ class VllmServing:
             finally:
                 for task in waits:
                     task.cancel()
-            if self._vllm.distrusted.is_set():
+            if self.replies.distrusted.is_set():
                 raise TrainingError(
-                    f"the policy's model was changed by others: {self._vllm.why}",
+                    f"the policy's model was changed by others: {self.replies.why}",
                     hint="no such replies were kept: keep others off the server, then webgym train --resume",
                 )
             async with self._busy:
@@ -308,8 +379,12 @@ class VllmServing:
         await self._close()
 
     async def _close(self) -> None:
-        if self._vllm.served is not None:
-            await self._vllm.served.policy.__aexit__(None, None, None)
+        served = self.replies.served
+        if served is not None:
+            await served.policy.__aexit__(None, None, None)
+            if served.is_adapter and not self._is_ours:
+                with contextlib.suppress(LLMError):
+                    await served.api.unload_adapter(served.model)
         await self._stop()
 
     # --- a server of ours ---------------------------------------------------------------------------------
@@ -331,7 +406,7 @@ class VllmServing:
         self._server = await ManagedServer.start(command, config.environment(key, method), self._log)
         self._api = VllmApi(f"http://{HOST}:{port}/v1", key)
         await self._until_up(self._server, self._api)
-        self._weights = weights
+        self._weights, self._checksums = weights, {}
         if weights is not None and method == "lora":
             await self._hot_load(weights, version)
             return
@@ -359,8 +434,8 @@ class VllmServing:
     async def _revive(self) -> None:
         """Restart a server that ended unexpectedly, with the weights that it served."""
         assert self._server is not None
-        self._vllm.hold()
-        version = self._vllm.served.version if self._vllm.served else "0"
+        self.replies.hold()
+        version = self.replies.served.version if self.replies.served else "0"
         self._restarts += 1
         if self._restarts > self._config.restarts:
             raise self._server.failure(f"ended, and was started again {self._config.restarts} times")
@@ -372,12 +447,14 @@ class VllmServing:
 
     async def _connect(self) -> None:
         config = self._config
-        assert config.base_url is not None
+        assert isinstance(config.base_url, str)
         key = SecretStr(os.environ.get(config.api_key_env, "").strip())
         self._api = api = VllmApi(config.base_url, key)
         try:
             names = await api.models()
             missing = await self._missing(api, self._method)
+            if self._method == "lora":
+                await self._unload_leftovers(api)
         except LLMError as error:
             raise ConfigError(error.message, hint="is vLLM running there, and the key right?") from error
         if missing:
@@ -391,6 +468,11 @@ class VllmServing:
                 f"the server {config.base_url} has the models {', '.join(names) or '(none)'}",
                 hint="set vllm.model to the one that learning starts from",
             )
+        if self._method == "in_place" and self._newest is None and await api.is_paused():
+            raise ConfigError(
+                f"the server {config.base_url} is paused, as after weights that were cut off",
+                hint="restart it, or continue the training that published them: webgym train --resume",
+            )
         if self._method == "in_place" and await api.offers("/weight_info"):
             label = await api.weight_version()
             if self._newest is None and label not in ("", "default", "0"):
@@ -400,6 +482,13 @@ class VllmServing:
                 )
             await api.label("0")
         await self._switch(await self._tested(name, "0", None))
+
+    async def _unload_leftovers(self, api: VllmApi) -> None:
+        """Unload the adapters of this training that a process left which was killed."""
+        ours = await asyncio.to_thread(self._log.parent.resolve)
+        for name, folder in (await api.adapters()).items():
+            if folder.is_relative_to(ours):
+                await api.unload_adapter(name)
 
     @staticmethod
     async def _missing(api: VllmApi, method: PublishMethod) -> list[str]:
@@ -420,8 +509,8 @@ class VllmServing:
     async def _hot_load(self, weights: Path, version: str) -> None:
         assert self._api is not None
         name = f"webgym-{version}-{secrets.token_hex(3)}"  # a name is never reused
-        await self._api.load_adapter(name, str(weights))
         try:
+            await self._api.load_adapter(name, str(weights))
             served = await self._tested(name, version, weights)
         except BaseException:
             with contextlib.suppress(LLMError):
@@ -435,25 +524,22 @@ class VllmServing:
     async def _drained(self, weights: Path, version: str) -> None:
         """Hold new requests, drain those in progress, change and test the weights, and release requests."""
         assert self._api is not None
-        await self._vllm.close()
+        await self.replies.close()
         if self._method == "restart":
             await self._start(weights, version)
             return
-        before = self._vllm.served
+        before = self.replies.served
         assert before is not None
-        if before.is_labelled:
-            label = await self._api.weight_version()
-            if label not in ("", "default", before.version):  # a server that was started anew gets them again
-                raise TrainingError(
-                    f"the server {self._api.base_url} has the weights {label!r} of others, not "
-                    f"{before.version!r}: they are left there",
-                    hint="use one server per training, then webgym train --resume",
-                )
         try:
+            if before.is_labelled:
+                self._refuse_foreign(before, await self._api.weight_version())
+            self._checksums = self._checksums or await self._api.checksums()
             await self._api.update_weights(str(weights), version)
+            checksums = await self._checked_checksums(weights)
             served = await self._tested(before.model, version, weights)
+            self._checksums = checksums
         except (LLMError, PolicyError, PublishError) as error:
-            if not self._is_ours:
+            if not self._is_ours or isinstance(error, AnotherFailed):
                 await self._restore(before)
                 raise
             log.warning("vLLM did not take the weights %s, and is restarted: %s", version, error.message)
@@ -461,21 +547,49 @@ class VllmServing:
             return
         await self._switch(served)
 
+    def _refuse_foreign(self, before: Served, label: str) -> None:
+        """Refuse to replace weights of others; a server that was started anew gets them again.
+
+        Raises:
+            TrainingError: the label is that of others.
+        """
+        assert self._api is not None
+        if label not in ("", "default", before.version):
+            raise TrainingError(
+                f"the server {self._api.base_url} has the weights {label!r} of others, not "
+                f"{before.version!r}: they are left there",
+                hint="use one server per training, then webgym train --resume",
+            )
+
+    async def _checked_checksums(self, weights: Path) -> dict[str, dict[str, str]]:
+        """The checksums of the new weights; empty if the server has none to give.
+
+        Raises:
+            PublishError: by them, the new weights are not in use everywhere.
+        """
+        assert self._api is not None
+        checksums = await self._api.checksums()
+        if self._maybe_served is None and (test := read_selftest(weights)) is not None:
+            check_checksums(test, self._checksums, checksums)
+        return checksums
+
     async def _restore(self, before: Served) -> None:
-        """Restore the previous weights after a failed update. If that fails, too, the server stays paused."""
+        """Restore the previous weights after a failed update. If that fails too, no request is sent again."""
         assert self._api is not None
         with contextlib.suppress(LLMError, PolicyError, PublishError):
-            self._earlier, weights = None, self._weights
+            self._earlier, weights, known = None, self._weights, self._checksums
             if self._maybe_served is not None:
-                weights, version = self._maybe_served
+                known, (weights, version) = {}, self._maybe_served
                 before = dataclasses.replace(before, version=version)
             await self._api.update_weights(str(weights or self._first), before.version)
             if weights is not None:
                 await self._test(before, weights)
-            self._vllm.switch(before)
+            if not known or await self._api.checksums() == known:
+                self.replies.switch(before)
 
     async def _tested(self, name: str, version: str, weights: Path | None) -> Served:
-        """A model of the server by name, once it has passed the self-test of the weights."""
+        """A model of the server by name, once it, and the other servers of a publication, have passed the
+        self-test of the weights."""
         assert self._api is not None
         chat = self._config.chat(self._api.base_url, name)
         sampling = chat.sampling.over(self._profile.sampling).over(EXPLICIT)
@@ -494,6 +608,9 @@ class VllmServing:
                 await self._test(served, weights)
                 if self._method == "in_place" and not is_labelled:
                     served.retest = partial(self._retest, policy, weights)
+                await self._agreed()
+            elif self._certain is None and self._maybe_served is None:
+                self._certain = (None, await policy.ask(*known_request(), GREEDY))
         except BaseException:
             await policy.__aexit__(None, None, None)
             raise
@@ -501,7 +618,7 @@ class VllmServing:
 
     async def _switch(self, served: Served) -> Served | None:
         """Send requests to these weights; returns the previous ones, after their last request."""
-        before = self._vllm.switch(served)
+        before = self.replies.switch(served)
         if before is not None:
             await before.idle.wait()
             await before.policy.__aexit__(None, None, None)
@@ -512,16 +629,24 @@ class VllmServing:
         if test is None:
             return
         reply = await served.checked(await served.policy.ask(*test.request(), GREEDY))
-        check(test, reply, is_exact=False, earlier=self._earlier)
+        check(test, reply, tolerance=self._tolerance(test), earlier=self._earlier)
+        self._certain = self._certain or (test.after, reply)
 
     async def _retest(self, policy: OpenAIPolicy, weights: Path) -> None:
         """See :attr:`Served.retest`."""
         if (test := read_selftest(weights)) is None:
             return
         try:
-            check(test, await policy.ask(*test.request(), GREEDY), is_exact=False)
+            reply = await policy.ask(*test.request(), GREEDY)
+            check(test, reply, tolerance=self._tolerance(test))
         except PublishError as error:
             raise ForeignReply(error.message) from error
+
+    def _tolerance(self, test: SelfTest) -> float:
+        if self._certain is None:
+            return TOLERANCE
+        expected, reply = self._certain
+        return tolerance_of(test, expected or test.first, reply)
 
 
 _NEEDED: Final[dict[PublishMethod, tuple[str, ...]]] = {

@@ -167,8 +167,10 @@ def save(
             if sharded or is_first:
                 _save_training(torn / TRAINING, training, sharded=sharded)
             if is_first:
+                mode = (torn / STATE).stat().st_mode  # as the umask has it; safetensors lets nobody else read
                 for path in torn.iterdir():
                     if path.is_file():
+                        path.chmod(mode)
                         with path.open("rb") as file:
                             os.fsync(file.fileno())
                 sync_folder(torn / TRAINING)

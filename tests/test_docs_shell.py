@@ -75,6 +75,7 @@ SERVERS = ("sites serve", "view")
 """Commands that begin so are asked once, and stopped with Ctrl-C."""
 
 NOT_RUN = {
+    "accelerate": "it needs GPUs; tests/train/test_machines.py launches two processes",
     "chown": "it needs an administrator; tests/browser/test_cgroups.py divides a group where it may",
     "echo": "as chown",
     "mkdir": "as chown",
@@ -87,6 +88,7 @@ NOT_RUN = {
     "webgym judge runs/om2w": "as webgym eval --benchmark",
     "webgym rollout --config live.yaml": "it needs websites of others",
     "webgym serve --cgroup": "as chown; tests/browser/test_cgroups.py starts a browser in a cgroup",
+    "webgym serve --host": "it ends with its machine; tests/train/test_slurm.py has one",
 }
 """Why commands that begin so do not run."""
 

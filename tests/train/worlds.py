@@ -19,6 +19,7 @@ from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig, Training
 from webgym.train.objectives import make_objective
 from webgym.train.replay import Replay
+from webgym.train.stopping import Stop
 
 
 class MadeUp(BasePolicy):
@@ -65,7 +66,9 @@ class MadeUp(BasePolicy):
         return found
 
 
-def training_of(path: Path, world: Any, settings: TrainConfig, tasks: Sequence[Task]) -> Training:
+def training_of(
+    path: Path, world: Any, settings: TrainConfig, tasks: Sequence[Task], stop: Stop | None = None
+) -> Training:
     """A training that talks to this world alone."""
     return Training(
         settings,
@@ -76,5 +79,6 @@ def training_of(path: Path, world: Any, settings: TrainConfig, tasks: Sequence[T
         replay=Replay(settings.learn.replay, make_objective(settings.learn.objective), seed=settings.seed),
         where=ServerChoice(),
         secrets=Secrets(),
+        stop=stop,
         attempts=world.attempts,
     )

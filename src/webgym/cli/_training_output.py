@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import shlex
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -22,9 +23,12 @@ from webgym.rollout.live import LINE_SECONDS, REFRESH_SECONDS, duration, line, p
 from webgym.rollout.progress import Progress
 from webgym.run.config import Secrets
 from webgym.store.files import CONFIG
+from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig
 from webgym.train.progress import TrainingProgress
+from webgym.train.rehearsal import rehearse
 from webgym.train.start import is_complete, open_training
+from webgym.train.stopping import Stop
 
 _FRAME_LINES = 6
 """Lines of the terminal that the panel of the training takes."""
@@ -114,7 +118,13 @@ class TrainingView:
 
 
 def run_training(
-    settings: TrainConfig, folder: Path, *, resume: bool, secrets: Secrets, console: Console
+    settings: TrainConfig,
+    folder: Path,
+    *,
+    resume: bool,
+    secrets: Secrets,
+    console: Console,
+    stop: Stop | None = None,
 ) -> None:
     """Train with progress in the terminal, and write the report.
 
@@ -124,6 +134,7 @@ def run_training(
         resume: whether to continue the training in the folder.
         secrets: tokens of servers.
         console: where progress is shown.
+        stop: ends the training in time.
 
     Raises:
         KeyboardInterrupt: the training was cancelled; how to resume it is printed.
@@ -139,7 +150,13 @@ def run_training(
     async def train() -> None:
         async with (
             open_training(
-                settings, folder, resume=resume, secrets=secrets, show=view.show, tell=view.print_line
+                settings,
+                folder,
+                resume=resume,
+                secrets=secrets,
+                show=view.show,
+                tell=view.print_line,
+                stop=stop,
             ) as training,
             view.watching(training.progress),
         ):
@@ -148,3 +165,16 @@ def run_training(
     _run.run(train, resumed_by=("webgym train", folder))
     report = write_training_report(folder)
     view.print_line(f"report   {report}")
+    if TrainingFolder(folder).stopped:
+        again = f"webgym train --resume {shlex.quote(str(folder))}"
+        view.print_line(f"stopped in time, nothing is lost; continue with: {again}")
+
+
+def run_check(
+    settings: TrainConfig, folder: Path, *, resume: bool, secrets: Secrets, console: Console
+) -> None:
+    """Try everything that a training needs, and print what was found; see :func:`run_training`."""
+    view = TrainingView(console)
+    view.print_line("loading the model, starting browsers")
+    _run.run(lambda: rehearse(settings, folder, resume=resume, secrets=secrets, tell=view.print_line))
+    view.print_line("the check passed: without --check, the training starts")

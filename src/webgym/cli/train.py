@@ -36,33 +36,59 @@ def command(
         "--explain",
         help="Print the settings and the estimated memory and time of an update, and exit.",
     ),
+    check: bool = typer.Option(
+        False,
+        "--check",
+        help="Load everything, open a page, ask for a reply, try an update, say what was found, and exit.",
+    ),
     gpus: str = typer.Option(
         "8xh100", "--gpus", help="GPUs for --explain: number and type, such as 8xh100, 4xa100, 1xh200."
+    ),
+    stop_before: str | None = typer.Option(
+        None,
+        "--stop-before",
+        metavar="DURATION",
+        help="Stop this long, such as 10m, before Slurm's allocation ends: finish what can be finished, exit "
+        "with 0. --resume continues.",
+        show_default=False,
+    ),
+    ends: str | None = typer.Option(
+        None,
+        "--ends",
+        metavar="TIME",
+        help="Of --stop-before, without Slurm: the end, such as 2026-11-30T08:00.",
+        show_default=False,
     ),
     token_file: options.TokenFile = None,
 ) -> None:
     """Train a policy: sample tasks, roll out, judge, learn from successful attempts, publish, evaluate.
 
     A training that was killed is resumed with --resume FOLDER: no attempt is lost and none is made twice.
+    What runs at other addresses by then is set anew: rollout.server, rollout.judge, vllm.
     """
     from webgym.cli import _run
     from webgym.cli._checks import check_training
     from webgym.cli._print import say
     from webgym.core.errors import UsageError
     from webgym.core.settings import merged, read_files
+    from webgym.train.stopping import ends_in_time
 
     files = list(config or ())
-    if (resume and (files or out or settings)) or not (explain or resume or (files and out)):
+    if (resume and (files or out or not _are_places(settings))) or not (explain or resume or (files and out)):
         hint = "webgym train CONFIG --out FOLDER starts one, webgym train --resume FOLDER continues it"
         raise UsageError("give either settings and --out, or --resume", hint=hint)
+    if ends and not stop_before:
+        raise UsageError("--ends is the end that --stop-before counts from", hint="give --stop-before, too")
+    stop = ends_in_time(stop_before, ends) if stop_before else None
     if not (resume or explain):
         check_training(merged(read_files(files, hint="see configs/train/ for examples"), settings), out)
-    from webgym.cli._training_output import run_training
+    from webgym.cli._training_output import run_check, run_training
     from webgym.run.config import with_pinned_tasks
+    from webgym.train.rehearsal import join_rehearsal
     from webgym.train.start import follow, is_follower, load_train_config, read_config
 
     console = _run.lasting_console()
-    chosen = read_config(resume) if resume else load_train_config(files, settings)
+    chosen = read_config(resume, settings) if resume else load_train_config(files, settings)
     if explain:
         for line in _explanation(chosen, gpus):
             say(line, console)
@@ -70,11 +96,23 @@ def command(
     folder = out or resume
     assert folder is not None
     if is_follower():
-        follow(chosen, folder)
+        (join_rehearsal if check else follow)(chosen, folder)
         return
     if resume is None:
         chosen = chosen.model_copy(update={"rollout": with_pinned_tasks(chosen.rollout)})
-    run_training(chosen, folder, resume=resume is not None, secrets=_run.secrets(token_file), console=console)
+    secrets = _run.secrets(token_file)
+    if check:
+        run_check(chosen, folder, resume=resume is not None, secrets=secrets, console=console)
+        return
+    run_training(chosen, folder, resume=resume is not None, secrets=secrets, console=console, stop=stop)
+
+
+def _are_places(settings: Given) -> bool:
+    """Whether settings say only where browsers, judge and policy run."""
+    return settings.keys() <= {"rollout", "vllm"} and settings.get("rollout", {}).keys() <= {
+        "server",
+        "judge",
+    }
 
 
 def _explanation(settings: TrainConfig, gpus: str) -> list[str]:

@@ -43,6 +43,7 @@ from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.text import plain
 from webgym.judge.base import Judge
+from webgym.judge.config import JudgeChoice
 from webgym.judge.factory import check_judge, open_judge, refuse_unjudgeable
 from webgym.llm.health import report_problems, watch_clients
 from webgym.results.run_index import RunIndex
@@ -180,6 +181,7 @@ async def resume(
     policy: Policy | None = None,
     secrets: Secrets | None = None,
     server: ServerChoice | None = None,
+    judge: JudgeChoice | None = None,
     skip_corrupt: bool = False,
     retry_errors: bool = False,
     show: Show | None = show_on_stderr,
@@ -193,6 +195,7 @@ async def resume(
         policy: one of your own, if the run was started with one.
         secrets: tokens of servers that run elsewhere.
         server: other servers than before; what is not set in it stays as it was.
+        judge: in place of the run's; the same one, at another address.
         skip_corrupt: continue without records whose checksum does not match.
         retry_errors: attempt again what ended in an error of the environment or the policy as often as the
             run allows; else what has exhausted its retries stays as it is.
@@ -216,6 +219,8 @@ async def resume(
     if server is not None:
         given = {name: getattr(server, name) for name in server.model_fields_set}
         config = config.model_copy(update={"server": config.server.model_copy(update=given)})
+    if judge is not None:
+        config = config.model_copy(update={"judge": judge})
     tasks = await asyncio.to_thread(lambda: reader.drawn)
     refuse_unjudgeable(config.judge, tasks)
     async with await RunWriter.reopen(reader.path, skip_corrupt=skip_corrupt) as store:
@@ -225,8 +230,8 @@ async def resume(
             say(tell, f"skipped {line}")
         if _is_complete(config, tasks, store, retry_errors=retry_errors):
             say(tell, "the run is complete: no attempt is left to make or to judge")
-            async with open_judge(config.judge) as judge:
-                return await _summarised(store, tasks, config, judge)
+            async with open_judge(config.judge) as opened:
+                return await _summarised(store, tasks, config, opened)
         model = await asyncio.to_thread(_model_of, reader.path)
         recorded = (tasks, policy, tell, model)
         async with _run_services(config, secrets or Secrets(), *recorded, is_resumed=True) as run_services:

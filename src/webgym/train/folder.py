@@ -15,6 +15,7 @@ TRAINING/
     metrics.json             stage 5, finish: all figures above, with the duration of each stage
   evaluations/0000/          run folders on the test split; 0000 is before the first iteration
   metrics.jsonl, tensorboard/, report.html    derived from the above
+  stopped                    when the training stopped because its time was over; deleted once it goes on
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from __future__ import annotations
 import json
 import shlex
 import shutil
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
@@ -63,6 +65,7 @@ class Stage(StrEnum):
     FINISH = "finish"
 
 
+STOPPED = "stopped"
 _DONE = {
     Stage.SAMPLE: "sampler.json",
     Stage.COLLECT: "collected.json",
@@ -111,6 +114,20 @@ class TrainingFolder:
     def is_past(self, number: int, stage: Stage) -> bool:
         """Whether an iteration has completed a stage."""
         return (self.iteration(number) / _DONE[stage]).exists()
+
+    @property
+    def stopped(self) -> str:
+        """What tells a stop for lack of time from any other; empty if the training did not stop so."""
+        file = self.path / STOPPED
+        return file.read_text() if file.exists() else ""
+
+    def mark_stopped(self, is_stopped: bool) -> None:
+        """Write down that the training stopped for lack of time, or that it goes on."""
+        if is_stopped:
+            with disk_errors(f"writing {STOPPED}"):
+                write_whole(self.path / STOPPED, _json({"at": time.time()}))
+        else:
+            (self.path / STOPPED).unlink(missing_ok=True)
 
     def latest_weights(self) -> tuple[int, Path] | None:
         """The iteration and folder of the newest weights; ``None`` before the first update."""

@@ -52,6 +52,7 @@ from webgym.train.frontier import Frontier
 from webgym.train.progress import TrainingProgress
 from webgym.train.replay import Replay, ReplaySample
 from webgym.train.serving import Serving
+from webgym.train.stopping import Stop
 
 Show: TypeAlias = Callable[[Progress], AbstractAsyncContextManager[None]]
 Tell: TypeAlias = Callable[[str], None]
@@ -180,15 +181,21 @@ class Attempts(Protocol):
 
 
 async def make_run(
-    out: Path, config: RunConfig, tasks: Sequence[Task], policy: Policy, secrets: Secrets, show: Show | None
+    out: Path,
+    config: RunConfig,
+    tasks: Sequence[Task],
+    policy: Policy,
+    secrets: Secrets,
+    show: Show | None,
+    finishing: asyncio.Event | None = None,
 ) -> Summary:
-    """Collect a run, or resume it if it exists."""
+    """Collect a run, or resume it if it exists; once ``finishing`` is set, no new attempt starts."""
+    used: dict[str, Any] = {"policy": policy, "secrets": secrets, "show": show, "tell": None}
+    used["finishing"] = finishing
     if (out / CONFIG).exists():
         # What failed before the training stopped, often for the same cause, gets all of its tries again.
-        return await resume(
-            out, policy=policy, server=config.server, secrets=secrets, retry_errors=True, show=show, tell=None
-        )
-    return await collect(config, out, tasks=tasks, policy=policy, secrets=secrets, show=show, tell=None)
+        return await resume(out, server=config.server, judge=config.judge, retry_errors=True, **used)
+    return await collect(config, out, tasks=tasks, **used)
 
 
 class Training:
@@ -205,6 +212,7 @@ class Training:
         secrets: of those.
         show: shows the progress of each run.
         tell: called with each line that the user should read, such as a warning.
+        stop: ends the training in time.
         attempts: collects the runs.
 
     Attributes:
@@ -228,9 +236,11 @@ class Training:
         secrets: Secrets,
         show: Show | None = None,
         tell: Tell | None = None,
-        attempts: Attempts = make_run,
+        stop: Stop | None = None,
+        attempts: Attempts | None = None,
     ) -> None:
-        self._attempts = attempts
+        self._stop = stop or Stop()
+        self._attempts = attempts or partial(make_run, finishing=self._stop.requested)
         self.config = config
         self.folder = folder
         self._serving = serving
@@ -278,18 +288,36 @@ class Training:
     async def run(self) -> list[dict[str, Any]]:
         """Run the remaining iterations, and return a row of figures for every iteration.
 
+        If there is no more time (``stop``), the folder says so when this returns
+        (:attr:`TrainingFolder.stopped`).
+
         Raises:
             ExceptionGroup: holds the error that stopped the training.
         """
         self._refuse_other_evaluations()  # of which one may have been copied here
         self._restore()
+        self.folder.mark_stopped(False)
         async with asyncio.TaskGroup() as group:
             watch = group.create_task(self._serving.watch())
-            await self._begin()
-            work = {group.create_task(self._collect_all()), group.create_task(self._learn_all())}
-            await asyncio.wait(work)
+            work = group.create_task(self._work(group))
+            stop = group.create_task(self._stop.in_time(work, self._notify_advanced))
+            await asyncio.wait([work])
             watch.cancel()
+            stop.cancel()
+        self.folder.mark_stopped(self.folder.stage(self.config.loop.iterations) is not None)
         return self.folder.write_metrics()
+
+    async def _work(self, group: asyncio.TaskGroup) -> None:
+        await self._begin()
+        both = {group.create_task(self._collect_all()), group.create_task(self._learn_all())}
+        try:
+            await asyncio.wait(both)
+        finally:
+            for each in both:
+                each.cancel()
+
+    def _is_stopping(self) -> bool:
+        return self._stop.requested.is_set()
 
     async def _begin(self) -> None:
         latest = self.folder.latest_weights()
@@ -336,12 +364,16 @@ class Training:
             if self.folder.is_past(number, Stage.COLLECT):
                 continue
             await self._until(partial(self._may_collect, number))
+            if self._is_stopping():
+                return
             if not self.folder.is_past(number, Stage.SAMPLE):
                 tasks = self._sampler.draw(config.tasks)
                 frontier = self._frontier.state() if self._frontier is not None else {}
                 sampler_state = {"sampler": self._sampler.state(), "frontier": frontier}
                 self.folder.write_sample(number, tasks, sampler_state)
             await self._collect(number)
+            if self._is_stopping():
+                return
             await asyncio.to_thread(self._take_results, number)
             await self._notify_advanced()
 
@@ -356,6 +388,8 @@ class Training:
         config = self._rollout.model_copy(update={"seed": self.config.seed * 10_007 + number})
         with self.progress.stage(number, "collect"):
             summary = await self._attempt(self.folder.run(number), config, self.folder.tasks(number))
+            if self._is_stopping():  # attempts may be missing
+                return
             figures = await asyncio.to_thread(figures_of, RunReader(self.folder.run(number)), summary)
             self.folder.finish(number, Stage.COLLECT, figures | {"seconds": time.monotonic() - started})
         self.progress.collected = success_line(figures)
@@ -372,7 +406,7 @@ class Training:
         )
 
     async def _attempt(self, out: Path, config: RunConfig, tasks: Sequence[Task]) -> Summary:
-        """Make the attempts of a stage.
+        """Make the attempts of a stage; if the training stops meanwhile, not all of them.
 
         Raises:
             TrainingError: too many were lost. The stage is not finished.
@@ -380,7 +414,7 @@ class Training:
         summary = await self._attempts(out, config, tasks, self._serving.policy, self._secrets, self._show)
         planned = summary["planned"]["overall"]
         lost = summary["lost_samples"] + summary["outcomes"][Outcome.JUDGE_ERROR]
-        if lost > self.config.loop.most_lost * planned:
+        if lost > self.config.loop.most_lost * planned and not self._is_stopping():
             losses = summary["losses"].values()
             of_faults = (each for each in losses if any(Outcome(name).is_error for name in each["outcomes"]))
             raise TrainingError(
@@ -398,18 +432,33 @@ class Training:
             if self.folder.stage(number) is None:
                 continue
             await self._until(partial(self.folder.is_past, number, Stage.COLLECT))
+            # What was drawn is trained on, since other processes may have begun with it.
+            is_drawn = self.folder.is_past(number, Stage.REPLAY)
+            if not is_drawn and not self._stop.allow(self._update_seconds(number)):
+                return
             seconds: dict[str, float] = {}
             with self._timed(number, "replay", seconds):
                 draw = await asyncio.to_thread(self._draw, number)
             with self._timed(number, "update", seconds):
                 await self._update(number, draw)
+            if self._is_stopping():
+                return
             with self._timed(number, "publish", seconds):
                 await self._publish(number)
             with self._timed(number, "evaluate", seconds):
                 if self._is_evaluated(number):
                     await self._evaluate(number)
+            if self._is_stopping():
+                return
             self._finish(number, seconds)
             await self._notify_advanced()
+
+    def _update_seconds(self, number: int) -> float:
+        """How long the update before this iteration's took; 0 if there was none."""
+        if number == 1 or self.folder.stage(number - 1) is not None:
+            return 0.0
+        row = self.folder.figures(number - 1, Stage.FINISH)
+        return max(row["seconds"]["update"], row["update"].get("seconds", 0.0))  # the first only since a stop
 
     @contextmanager
     def _timed(self, number: int, stage: str, seconds: dict[str, float]) -> Iterator[None]:
@@ -472,6 +521,8 @@ class Training:
             return
         run, tasks = self._planned_evaluation()
         summary = await self._attempt(out, run, tasks)
+        if self._is_stopping():
+            return
         rates = rates_of(summary)
         self.folder.write_evaluation(number, rates)
         self.progress.evaluated = success_line(rates)
@@ -556,8 +607,9 @@ class Training:
     # --- waiting ------------------------------------------------------------------------------------------
 
     async def _until(self, holds: Callable[[], bool]) -> None:
+        """Wait until this holds, or the training stops."""
         async with self._advanced:
-            await self._advanced.wait_for(holds)
+            await self._advanced.wait_for(lambda: holds() or self._is_stopping())
 
     async def _notify_advanced(self) -> None:
         async with self._advanced:

@@ -13,7 +13,7 @@ import warnings
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import AsyncExitStack, ExitStack, asynccontextmanager, suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import yaml
 
@@ -22,14 +22,15 @@ from webgym.agent.preflight import check_policy
 from webgym.agent.profiles import choose_profile
 from webgym.core.consent import confirm
 from webgym.core.errors import ConfigError, RunFolderError
-from webgym.core.settings import load_settings, validated
+from webgym.core.settings import load_settings, merged, validated
+from webgym.core.task import Task
 from webgym.inference.local import LocalConfig
 from webgym.inference.model import load_renderer
 from webgym.judge.factory import check_judge, refuse_unjudgeable
 from webgym.llm.config import altering
 from webgym.rollout.trackers import tracking
 from webgym.run.choice import all_tasks
-from webgym.run.config import RunConfig, Secrets, resolved
+from webgym.run.config import RunConfig, Secrets, ServerChoice, resolved
 from webgym.run.services import services
 from webgym.store.files import CONFIG, TASKS, refuse_special_files
 from webgym.train.estimate import estimate, present_gpus
@@ -38,10 +39,33 @@ from webgym.train.loop import Show, Tell, TrainConfig, Training
 from webgym.train.objectives import GroupIS, Objective, make_objective
 from webgym.train.replay import Replay
 from webgym.train.serving import LocalServing, Serving
+from webgym.train.stopping import Stop
 from webgym.train.update import Learner
 from webgym.train.vllm_fleet import VllmFleet
 from webgym.train.vllm_serving import LOG, VllmServing
 from webgym.train.weights import check_targets
+
+
+class Loaded(NamedTuple):
+    """A training with its models, judge and browsers, which has not begun.
+
+    Attributes:
+        training: itself.
+        tasks: all of its tasks.
+        serving: serves the policy.
+        learner: trains the weights.
+        where: the browsers.
+        secrets: of those.
+        lock: is left after everything else.
+    """
+
+    training: Training
+    tasks: Sequence[Task]
+    serving: Serving
+    learner: Learner
+    where: ServerChoice
+    secrets: Secrets
+    lock: ExitStack
 
 
 @asynccontextmanager
@@ -53,6 +77,7 @@ async def open_training(
     secrets: Secrets | None = None,
     show: Show | None = None,
     tell: Tell | None = None,
+    stop: Stop | None = None,
 ) -> AsyncIterator[Training]:
     """Open a training, with browsers and models started.
 
@@ -63,6 +88,47 @@ async def open_training(
         secrets: tokens of servers that run elsewhere.
         show: shows the progress of each run.
         tell: called with each line that the user should read, such as a warning.
+        stop: ends the training in time.
+
+    Raises:
+        WebGymError: the training cannot start.
+    """
+    folder = TrainingFolder(out)
+    async with loaded(config, out, resume=resume, secrets=secrets, show=show, tell=tell, stop=stop) as found:
+        training = found.training
+        config = training.config
+        if not resume:
+            folder.create(config.model_dump(mode="json", exclude={"rollout": {"sites": {"token"}}}))
+            found.lock.enter_context(folder.locked())
+        rows, failed = folder.write_metrics(), warn_by(tell)
+        with tracking(config.trackers, folder.path, config.project, rows, failed) as track:
+            training.use(found.where, found.secrets, track)
+            yield training
+
+
+def warn_by(tell: Tell | None) -> Tell:
+    """What tells a warning: ``tell``, else Python's warnings."""
+    return tell or (lambda line: warnings.warn(line, stacklevel=1))
+
+
+@asynccontextmanager
+async def loaded(
+    config: TrainConfig,
+    out: Path,
+    *,
+    resume: bool = False,
+    secrets: Secrets | None = None,
+    show: Show | None = None,
+    tell: Tell | None = None,
+    stop: Stop | None = None,
+    always_check: bool = False,
+) -> AsyncIterator[Loaded]:
+    """Load everything that a training needs; no folder is made.
+
+    Args:
+        config, out, resume, secrets, show, tell, stop: as for :func:`open_training`.
+        always_check: request replies of policy and judge although ``rollout.policy.check`` is false, or the
+            training is resumed.
 
     Raises:
         WebGymError: the training cannot start.
@@ -89,28 +155,30 @@ async def open_training(
     # Stored in resolved form, so that defaults of unset settings cannot change when it is resumed.
     config = config.model_copy(update={"rollout": resolved(config.rollout, serving.policy, tell)})
     # Errors in settings, tasks and models are found before browsers start.
+    learner = Learner(config.learn, objective)
     training = Training(
         config,
         folder,
         tasks,
         serving=serving,
-        learner=Learner(config.learn, objective),
+        learner=learner,
         replay=Replay(config.learn.replay, objective, seed=config.seed),
         where=config.rollout.server,
         secrets=secrets or Secrets(),
         show=show,
         tell=tell,
+        stop=stop,
     )
     if config.learn.update.lora is not None:
         await asyncio.to_thread(check_targets, config.learn.update.lora, config.learn.model)
-    failed = tell or (lambda line: warnings.warn(line, stacklevel=1))
+    failed = warn_by(tell)
     if (gpus := present_gpus()) is not None:
         with suppress(ConfigError, AttributeError):  # of a model whose memory cannot be estimated
             expected = await asyncio.to_thread(estimate, config.learn, gpus, local=config.local)
             if not expected.fits:
                 failed(f"an update may run out of GPU memory: {' '.join(expected.lines()[1].split())}")
     refuse_unjudgeable(config.rollout.judge, tasks)
-    if config.rollout.policy.check:
+    if config.rollout.policy.check or always_check:
         await check_judge(
             config.rollout.judge
         )  # only once: iterations tolerate a judge that is temporarily unavailable
@@ -119,19 +187,12 @@ async def open_training(
             lock.enter_context(folder.locked())
         async with AsyncExitStack() as services_and_model:
             await services_and_model.enter_async_context(serving)
-            if config.rollout.policy.check and not resume:
+            if (config.rollout.policy.check and not resume) or always_check:
                 await _check_replies(config.rollout, serving, failed if is_chosen else None)
             where, tokens = await services_and_model.enter_async_context(
                 services(config.rollout, secrets or Secrets())
             )
-            if not resume:
-                folder.create(config.model_dump(mode="json", exclude={"rollout": {"sites": {"token"}}}))
-                lock.enter_context(folder.locked())
-            with tracking(
-                config.trackers, folder.path, config.project, folder.write_metrics(), failed
-            ) as track:
-                training.use(where, tokens, track)
-                yield training
+            yield Loaded(training, tasks, serving, learner, where, tokens, lock)
 
 
 def is_complete(config: TrainConfig, out: Path, tell: Tell) -> bool:
@@ -236,8 +297,12 @@ def load_train_config(files: Sequence[Path], overrides: Mapping[str, Any] | None
     return load_settings(TrainConfig, files, "see configs/train/ for examples", overrides)
 
 
-def read_config(out: Path) -> TrainConfig:
+def read_config(out: Path, overrides: Mapping[str, Any] | None = None) -> TrainConfig:
     """The config that a training was started with.
+
+    Args:
+        out: the training's folder.
+        overrides: settings that are others from now on, which are not stored.
 
     Raises:
         RunFolderError: the folder is not a training folder of this version.
@@ -254,6 +319,7 @@ def read_config(out: Path) -> TrainConfig:
             f"{out} is not a training: it has no {CONFIG}", hint="give the folder that webgym train wrote"
         ) from error
     confirm(data or {}, out / CONFIG)
+    data = merged(data, overrides) if overrides else data
     return validated(TrainConfig, data, f"{out}/{CONFIG}", failure=RunFolderError)
 
 
@@ -266,7 +332,8 @@ def is_follower() -> bool:
 
 
 def follow(config: TrainConfig, out: Path) -> None:
-    """Run the updates together with the first process. If that fails, the launcher ends this process.
+    """Run the updates together with the first process, until all are done or it stops for lack of time. If it
+    fails, the launcher ends this process.
 
     Args:
         config: of the training.
@@ -276,9 +343,11 @@ def follow(config: TrainConfig, out: Path) -> None:
         TrainingError: as in the first process.
     """
     folder, objective = TrainingFolder(out), make_objective(config.learn.objective)
-    learner = Learner(config.learn, objective)
+    learner, earlier = Learner(config.learn, objective), folder.stopped
     for number in range(1, config.loop.iterations + 1):
         while not folder.is_past(number, Stage.REPLAY):
+            if folder.stopped not in ("", earlier):
+                return
             time.sleep(_POLL_SECONDS)
         draw = folder.draw(number)
         if draw.steps and not folder.is_past(number, Stage.UPDATE):

@@ -455,7 +455,7 @@ class Learner:
             raise
 
     def _learn(self, number: int, draw: ReplaySample, folder: TrainingFolder) -> Mapping[str, Any]:
-        updater = self._ready(folder)
+        updater = self.updater(folder)
         objective, config = self._objective, self._config.update
         maker = SampleMaker(
             updater.renderer, cutoff_tokens=config.cutoff_tokens, off_policy=objective.off_policy
@@ -478,8 +478,8 @@ class Learner:
         figures = {"dropped": dict(dropped), "stored_tokens": maker.stored, "rebuilt_tokens": maker.rebuilt}
         return {**msgspec.to_builtins(report), **figures}
 
-    def _ready(self, folder: TrainingFolder) -> Updater:
-        """The updater, with the newest weights on disk."""
+    def updater(self, folder: TrainingFolder) -> Updater:
+        """The updater, with the newest weights of the training's folder."""
         latest = folder.latest_weights()
         if self._updater is None or (latest and latest[0] != self._latest_saved):
             self._updater = Updater(

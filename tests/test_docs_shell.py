@@ -61,6 +61,7 @@ SMALLER = {
     ),
     "demo --collect-only": "--tasks 2 --sessions 2",
     "eval": "--config run.yaml --limit 2",
+    "eval --tasks": "--config browsers.yaml --sessions 2 --limit 2",
     "rollout --out runs/first": "--config run.yaml",  # its model is elsewhere
     "rollout --tasks": "--config browsers.yaml --sessions 2",
     "simulate": "--config small.yaml --environments 16",

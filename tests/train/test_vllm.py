@@ -577,7 +577,7 @@ def test_our_server_takes_adapters_and_has_them_again_after_a_crash(tmp_path: Pa
     [
         ("dies", {}, "vllm ended before it was up; its log ends: RuntimeError: Failed to infer device type"),
         ("hangs", {"start_seconds": 4}, "vllm was not up after 4 s; its log ends: INFO starting serve"),
-        ("", {"executable": "no-such-vllm"}, "no command no-such-vllm .install vLLM"),
+        ("", {"executable": "no-such-vllm"}, "no command no-such-vllm .install it"),
         ("", {"port": -1}, "cannot listen at 127.0.0.1:"),
     ],
 )

@@ -17,7 +17,7 @@ import socket
 from asyncio.subprocess import PIPE, STDOUT, Process
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, Literal, Self, TypeAlias
+from typing import Any, ClassVar, Final, Literal, Self, TypeAlias
 
 import aiohttp
 from pydantic import Field, SecretStr, field_validator, model_validator
@@ -61,7 +61,10 @@ _QUOTED_CHARS: Final = 300
 
 
 class VllmConfig(Settings):
-    """Settings of a vLLM server for training. Fields with vLLM's names have the same meaning as there."""
+    """Settings of a vLLM or SGLang server for training. Fields with vLLM's names mean the same as there."""
+
+    engine: Literal["vllm", "sglang"] = "vllm"
+    """Which of the two it is."""
 
     base_url: str | tuple[str, ...] | None = None
     """Base URL of a running server, e.g. ``http://127.0.0.1:8000/v1``, or of several; ``None`` starts one on
@@ -87,8 +90,8 @@ class VllmConfig(Settings):
     gpu_memory_utilization: float = Field(default=0.9, gt=0, le=1)
     """Share of each GPU's memory to use. Set it lower if the learner is on the same GPU."""
 
-    executable: str = "vllm"
-    """The command: a name on the PATH, or a path."""
+    executable: str | None = None
+    """The command: a name on the PATH, or a path; by default the engine's name."""
 
     extra_args: tuple[str, ...] = ()
     """Further arguments of ``vllm serve``, e.g. ``--enforce-eager``."""
@@ -167,12 +170,18 @@ class VllmConfig(Settings):
             "--port",
             "--served-model-name",
             "--api-key",
+            "--config",
             "--logprobs-mode",
             "--generation-config",
         }
         if conflicts := sorted(reserved & {argument.split("=", 1)[0] for argument in arguments}):
             raise ValueError(f"extra_args must not set {', '.join(conflicts)}")
         return arguments
+
+    @property
+    def program(self) -> str:
+        """The command."""
+        return self.executable or self.engine
 
     def command(
         self, model: str, name: str, port: int, publish_method: PublishMethod, lora_rank: int
@@ -186,7 +195,7 @@ class VllmConfig(Settings):
             publish_method: how weights will be published.
             lora_rank: rank of adapters.
         """
-        arguments = [self.executable, "serve", model, "--served-model-name", name]
+        arguments = [self.program, "serve", model, "--served-model-name", name]
         arguments += ["--host", HOST, "--port", str(port)]
         arguments += ["--tensor-parallel-size", str(self.tensor_parallel_size)]
         arguments += (
@@ -231,7 +240,23 @@ class VllmApi:
     Args:
         base_url: the server's base URL, with ``/v1``.
         key: its API key; empty for none.
+
+    Attributes:
+        needed: the endpoints that each method of publication needs.
+        flags: how a server is started for each.
+        labels: an endpoint that a server has whose weights bear a label.
     """
+
+    needed: ClassVar[dict[PublishMethod, tuple[str, ...]]] = {
+        "lora": ("/v1/load_lora_adapter", "/v1/unload_lora_adapter"),
+        "in_place": ("/pause", "/resume", "/collective_rpc"),
+        "restart": (),
+    }
+    flags: ClassVar[dict[PublishMethod, str]] = {
+        "lora": "VLLM_ALLOW_RUNTIME_LORA_UPDATING=True and --enable-lora --max-loras 2",
+        "in_place": "VLLM_SERVER_DEV_MODE=1",
+    }
+    labels: ClassVar[str] = "/weight_info"
 
     def __init__(self, base_url: str, key: SecretStr) -> None:
         self.base_url = base_url
@@ -276,10 +301,11 @@ class VllmApi:
         """The version label of the current weights."""
         return str((await self._request("GET", "/weight_info")).get("weight_version", ""))
 
-    async def load_adapter(self, name: str, folder: str) -> None:
+    async def load_adapter(self, name: str, folder: str) -> str:
         """Load an adapter under a name that was never used, because caches are keyed by the name (vLLM
-        #42125)."""
+        #42125). Returns its name in requests."""
         await self._request("POST", "/v1/load_lora_adapter", {"lora_name": name, "lora_path": folder})
+        return name
 
     async def unload_adapter(self, name: str) -> None:
         """Unload an adapter."""
@@ -320,7 +346,7 @@ class VllmApi:
 
     async def label(self, version: str) -> None:
         """Set the version label of the server's weights, if it supports labels."""
-        if await self.offers("/weight_info") and await self.weight_version() != version:
+        if await self.offers(self.labels) and await self.weight_version() != version:
             await self._request("POST", "/update_weight_version", {"new_version": version})
 
     async def _request(self, method: str, path: str, body: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -396,7 +422,7 @@ class ManagedServer:
         if program is None:
             raise ConfigError(
                 f"there is no command {command[0]}",
-                hint="install vLLM (pip install vllm), or name a running server: vllm.base_url",
+                hint="install it (pip install vllm, or sglang), or name a running server: vllm.base_url",
             )
         try:
             output = log.open("ab")

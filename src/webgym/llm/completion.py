@@ -122,7 +122,7 @@ def read_completion(data: bytes, *, model: str, seconds: float, cached: bool = F
         cached=cached,
         reasoning=next(filter(None, reasoning), ""),
         tokens=_tokens(body.prompt_token_ids, choice),
-        weight_versions=_versions(choice.weight_versions),
+        weight_versions=_versions(choice.weight_versions) or _version(body.metadata),
         separated=bool(reasoning),
     )
 
@@ -194,6 +194,8 @@ class _Choice(msgspec.Struct):
     message: _Message
     finish_reason: str | None = None
     token_ids: Any = None  # vLLM
+    prompt_token_ids: Any = None  # SGLang
+    response_token_ids: Any = None  # SGLang
     logprobs: Any = None
     weight_versions: Any = None  # vLLM of late
 
@@ -203,6 +205,7 @@ class _Body(msgspec.Struct):
     model: str | None = None
     usage: Any = None
     prompt_token_ids: Any = None  # vLLM
+    metadata: Any = None  # SGLang
 
 
 class _LogProb(msgspec.Struct):
@@ -222,7 +225,10 @@ class _Span(msgspec.Struct):
 
 def _tokens(prompt: Any, choice: _Choice) -> ReplyTokens | None:
     try:
-        prompt_ids, reply_ids = (msgspec.convert(ids, list[int]) for ids in (prompt, choice.token_ids))
+        prompt_ids, reply_ids = (
+            msgspec.convert(ids, list[int])
+            for ids in (prompt or choice.prompt_token_ids, choice.token_ids or choice.response_token_ids)
+        )
         logprobs = _logprobs(choice.logprobs)
         return ReplyTokens.of(prompt_ids, reply_ids, logprobs if len(logprobs) == len(reply_ids) else None)
     except (msgspec.ValidationError, OverflowError):
@@ -241,6 +247,12 @@ def _versions(value: Any) -> tuple[str, ...]:
         return tuple(span.version for span in msgspec.convert(value, list[_Span]))
     except msgspec.ValidationError:
         return ()
+
+
+def _version(metadata: Any) -> tuple[str, ...]:
+    """The label of the weights as SGLang gives it."""
+    version = metadata.get("weight_version") if isinstance(metadata, dict) else None
+    return (version,) if isinstance(version, str) else ()
 
 
 def _usage(usage: Any) -> tuple[int, int, int]:

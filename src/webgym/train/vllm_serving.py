@@ -40,6 +40,7 @@ from webgym.core.errors import (
     TrainingError,
 )
 from webgym.core.trajectory import Reply
+from webgym.inference.sglang import SglangApi, sglang_command, write_key
 from webgym.inference.vllm import (
     EXPLICIT,
     HOST,
@@ -271,6 +272,7 @@ class VllmServing:
         self._maybe_served = self._newest if self._method == "in_place" and not self._is_ours else None
         self.replies = VllmPolicy(Path(model).name)
         self.policy: Policy = self.replies
+        self._api_of = SglangApi if config.engine == "sglang" else VllmApi
         self._api: VllmApi | None = None
         self._server: ManagedServer | None = None
         self._weights: Path | None = None  # the served weights; None for the initial ones
@@ -402,9 +404,15 @@ class VllmServing:
         port, key = free_port(HOST, config.port), SecretStr(secrets.token_hex(16))
         name = _BASE if weights is None or method == "lora" else f"webgym-{version}"
         model = (config.model or self._first) if weights is None or method == "lora" else str(weights)
-        command = config.command(model, name, port, method, self._lora.rank if self._lora else 0)
+        rank = self._lora.rank if self._lora else 0
+        if config.engine == "sglang":
+            secret = self._log.with_name(f"{self._log.stem}.yaml")
+            await asyncio.to_thread(write_key, secret, key)
+            command = sglang_command(config, model, name, port, method, rank, secret)
+        else:
+            command = config.command(model, name, port, method, rank)
         self._server = await ManagedServer.start(command, config.environment(key, method), self._log)
-        self._api = VllmApi(f"http://{HOST}:{port}/v1", key)
+        self._api = self._api_of(f"http://{HOST}:{port}/v1", key)
         await self._until_up(self._server, self._api)
         self._weights, self._checksums = weights, {}
         if weights is not None and method == "lora":
@@ -449,18 +457,20 @@ class VllmServing:
         config = self._config
         assert isinstance(config.base_url, str)
         key = SecretStr(os.environ.get(config.api_key_env, "").strip())
-        self._api = api = VllmApi(config.base_url, key)
+        self._api = api = self._api_of(config.base_url, key)
         try:
             names = await api.models()
             missing = await self._missing(api, self._method)
             if self._method == "lora":
                 await self._unload_leftovers(api)
         except LLMError as error:
-            raise ConfigError(error.message, hint="is vLLM running there, and the key right?") from error
+            raise ConfigError(
+                error.message, hint=f"is {config.engine} running there, and the key right?"
+            ) from error
         if missing:
             raise ConfigError(
                 f"the server {config.base_url} does not offer {missing[0]}, so it takes no new weights",
-                hint=f"start it with {_FLAGS[self._method]}, or leave vllm.base_url out, to start one here",
+                hint=f"start it with {api.flags[self._method]}, or leave vllm.base_url out, to start one here",
             )
         name = config.model or (names[0] if len(names) == 1 else None)
         if name not in names:
@@ -473,7 +483,7 @@ class VllmServing:
                 f"the server {config.base_url} is paused, as after weights that were cut off",
                 hint="restart it, or continue the training that published them: webgym train --resume",
             )
-        if self._method == "in_place" and await api.offers("/weight_info"):
+        if self._method == "in_place" and await api.offers(api.labels):
             label = await api.weight_version()
             if self._newest is None and label not in ("", "default", "0"):
                 raise ConfigError(
@@ -493,7 +503,7 @@ class VllmServing:
     @staticmethod
     async def _missing(api: VllmApi, method: PublishMethod) -> list[str]:
         """The endpoints that are needed to publish by a method, and that the server does not offer."""
-        return [path for path in _NEEDED[method] if not await api.offers(path)]
+        return [path for path in api.needed[method] if not await api.offers(path)]
 
     # --- new weights --------------------------------------------------------------------------------------
 
@@ -510,8 +520,8 @@ class VllmServing:
         assert self._api is not None
         name = f"webgym-{version}-{secrets.token_hex(3)}"  # a name is never reused
         try:
-            await self._api.load_adapter(name, str(weights))
-            served = await self._tested(name, version, weights)
+            in_requests = await self._api.load_adapter(name, str(weights))
+            served = await self._tested(in_requests, version, weights)
         except BaseException:
             with contextlib.suppress(LLMError):
                 await self._api.unload_adapter(name)
@@ -598,9 +608,9 @@ class VllmServing:
             chat.model_copy(update={"sampling": sampling, "any_model": True}),
             self._profile,
             api_key=self._api.key,
-            processed_logprobs=self._is_ours,
+            processed_logprobs=self._is_ours and self._config.engine == "vllm",
         )
-        is_labelled = self._method == "in_place" and await self._api.offers("/weight_info")
+        is_labelled = self._method == "in_place" and await self._api.offers(self._api.labels)
         is_adapter = self._method == "lora" and weights is not None
         served = Served(self._api, name, version, await policy.__aenter__(), is_labelled, is_adapter)
         try:
@@ -647,17 +657,6 @@ class VllmServing:
             return TOLERANCE
         expected, reply = self._certain
         return tolerance_of(test, expected or test.first, reply)
-
-
-_NEEDED: Final[dict[PublishMethod, tuple[str, ...]]] = {
-    "lora": ("/v1/load_lora_adapter", "/v1/unload_lora_adapter"),
-    "in_place": ("/pause", "/resume", "/collective_rpc"),
-    "restart": (),
-}
-_FLAGS: Final[dict[PublishMethod, str]] = {
-    "lora": "VLLM_ALLOW_RUNTIME_LORA_UPDATING=True and --enable-lora --max-loras 2",
-    "in_place": "VLLM_SERVER_DEV_MODE=1",
-}
 
 
 @contextmanager

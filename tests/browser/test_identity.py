@@ -80,13 +80,18 @@ async def test_a_desktop_is_consistent(site: Site, new_tab: Tab) -> None:
 
 
 async def test_an_identity_of_ones_own_is_consistent(site: Site, open_tab: Open) -> None:
-    wanted = {"languages": ("de-CH", "de"), "time_zone": "Asia/Tokyo", "contact": "+https://lab.example/bot"}
+    wanted = {
+        "languages": ("de-CH", "de"),
+        "time_zone": "Asia/Tokyo",
+        "locale": "de-DE",
+        "contact": "+https://lab.example/bot",
+    }
     own = {"headers": {"x-visit": "study"}, "color_scheme": "dark", "webdriver": False, "place": (52.5, 13.4)}
     tab = await open_tab(identity=wanted | own)
     read, sent = await told_everywhere(site, tab)
     assert len({json.dumps(told) for told in read.values()}) == 1, read
     told = read["page"]
-    assert (told["languages"], told["zone"], told["number"]) == ("de-CH,de", "Asia/Tokyo", "1'234.5")
+    assert (told["languages"], told["zone"], told["number"]) == ("de-CH,de", "Asia/Tokyo", "1.234,5")
     assert told["agent"].endswith("(+https://lab.example/bot)")
     assert {one["user-agent"] for one in sent} == {told["agent"]}
     assert {one["accept-language"].partition(",")[0] for one in sent} == {"de-CH"}

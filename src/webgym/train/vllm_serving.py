@@ -470,7 +470,7 @@ class VllmServing:
         if missing:
             raise ConfigError(
                 f"the server {config.base_url} does not offer {missing[0]}, so it takes no new weights",
-                hint=f"start it with {api.flags[self._method]}, or leave vllm.base_url out, to start one here",
+                hint=f"start it with {api.flags[self._method]}, or leave vllm.base_url out: one starts here",
             )
         name = config.model or (names[0] if len(names) == 1 else None)
         if name not in names:

@@ -23,9 +23,10 @@ from tests.train.test_kill import trained
 
 from webgym.core.outcome import Outcome
 from webgym.store.runs import RunReader
-from webgym.train.folder import TrainingFolder
+from webgym.train.folder import Stage, TrainingFolder
 
 ROOT = Path(__file__).parents[2]
+EXAMPLE = str(ROOT / "examples/slurm/train.sbatch")
 MISSING = [name for name in ("slurmctld", "slurmd", "munged", "sbatch") if shutil.which(name) is None]
 
 pytestmark = [
@@ -80,10 +81,14 @@ def free_ports(count: int) -> int:
 
 
 @contextmanager
-def cluster() -> Iterator[Callable[..., str]]:
-    """A Slurm of this machine, as if it had 8 GPUs; yields a function that runs Slurm's commands."""
+def cluster(nodes: int = 1) -> Iterator[Callable[..., str]]:
+    """A Slurm of this machine, as if it were so many with 8 GPUs; yields what runs its commands."""
+    names = ["localhost"] if nodes == 1 else [f"n{number}" for number in range(1, nodes + 1)]
     folder = Path(tempfile.mkdtemp(prefix="slurm", dir="/tmp"))  # a socket's path must be short
-    host, port = socket.gethostname().partition(".")[0], free_ports(2)
+    host, port = socket.gethostname().partition(".")[0], free_ports(1 + nodes)
+    machines = f"NodeName=localhost Port={port + 1}"
+    if nodes > 1:
+        machines = f"NodeName=n[1-{nodes}] Port=[{port + 1}-{port + nodes}]"
     (folder / "slurm.conf").write_text(f"""
 ClusterName=test
 SlurmctldHost={host}(127.0.0.1)
@@ -91,9 +96,9 @@ SlurmctldPort={port}
 AuthInfo=socket={folder}/munge,cred_expire=5
 SlurmUser=root
 StateSaveLocation={folder}/state
-SlurmdSpoolDir={folder}/spool
+SlurmdSpoolDir={folder}/spool-%n
 SlurmctldPidFile={folder}/slurmctld.pid
-SlurmdPidFile={folder}/slurmd.pid
+SlurmdPidFile={folder}/slurmd-%n.pid
 ProctrackType=proctrack/linuxproc
 TaskPlugin=task/none
 ReturnToService=2
@@ -102,12 +107,12 @@ GresTypes=gpu
 KillWait=5
 MinJobAge=86400
 SlurmdParameters=config_overrides
-NodeName=localhost NodeHostname={host} NodeAddr=127.0.0.1 Port={port + 1} CPUs=16 RealMemory=4000 Gres=gpu:8
+{machines} NodeHostname={host} NodeAddr=127.0.0.1 CPUs=16 RealMemory=4000 Gres=gpu:8
 PartitionName=all Nodes=ALL Default=YES
 """)
     (folder / "gres.conf").write_text(f"Name=gpu File={folder}/gpu[0-7]\n")
     (folder / "cgroup.conf").write_text("CgroupAutomount=no\n")
-    for name in ("state", "spool", "bin", "job"):
+    for name in ("state", "bin", "job"):
         (folder / name).mkdir()
     for number in range(8):
         (folder / f"gpu{number}").touch()
@@ -116,6 +121,11 @@ PartitionName=all Nodes=ALL Default=YES
     vllm = folder / "bin/vllm"
     vllm.write_text(VLLM.format(python=sys.executable, log=str(folder / "job/vllm.txt")))
     vllm.chmod(0o755)
+    if nodes > 1:  # names of nodes that only Slurm knows
+        accelerate = folder / "bin/accelerate"
+        real = f"{sys.executable} -m accelerate.commands.accelerate_cli"
+        accelerate.write_text(f'#!/bin/bash\nexec {real} "${{@/#n1/127.0.0.1}}"\n')
+        accelerate.chmod(0o755)
     environment = {
         **os.environ,
         "SLURM_CONF": str(folder / "slurm.conf"),
@@ -138,13 +148,14 @@ PartitionName=all Nodes=ALL Default=YES
 
     with ExitStack() as daemons:
         daemons.callback(shutil.rmtree, folder)
-        for command in ([*munged, *munge], ["slurmctld", "-D", "-c"], ["slurmd", "-D", "-N", "localhost"]):
-            log = daemons.enter_context((folder / f"{command[0]}.txt").open("w"))
+        workers = [["slurmd", "-D", "-N", name] for name in names]
+        for place, command in enumerate(([*munged, *munge], ["slurmctld", "-D", "-c"], *workers)):
+            log = daemons.enter_context((folder / f"daemon-{place}.txt").open("w"))
             daemon = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
             daemons.callback(daemon.wait, 30)
             daemons.callback(daemon.terminate)
             time.sleep(1)
-        wait_until(lambda: "idle" in run("sinfo", "--noheader", "--format=%T"), 60)
+        wait_until(lambda: run("sinfo", "--noheader", "--format=%T %D") == f"idle {nodes}\n", 60)
         daemons.callback(end_jobs)
         yield run
 
@@ -154,17 +165,9 @@ def test_a_job_that_its_limit_cuts_off_goes_on_and_makes_each_attempt_once(tmp_p
     given, out = tmp_path / "tiny.yaml", TrainingFolder(tmp_path / "out")
     given.write_text(yaml.safe_dump(TINY))
     with cluster() as run:
-        script = {"OUT": str(out.path), "CONFIG": str(given), "SITES": "small", "LEARNER_GPUS": "0,1"}
-        launch = {"ACCELERATE": str(ROOT / "configs/accelerate/ddp.yaml"), "ACCELERATE_USE_CPU": "true"}
-        servers = {"POLICY_MODEL": "", "JUDGE_MODEL": "a/judge", "STOP_BEFORE": "100s"}
-        job = run(
-            *("sbatch", "--parsable", "--time=60", "--signal=B:USR1@10"),
-            str(ROOT / "examples/slurm/train.sbatch"),
-            **script,
-            **launch,
-            **servers,
-            PORT=str(free_ports(5)),
-        ).strip()
+        given_too = {"LEARNER_GPUS": "0,1", "JUDGE_MODEL": "a/judge", "STOP_BEFORE": "100s"}
+        options = ("--time=60", "--signal=B:USR1@10")
+        job = run("sbatch", "--parsable", *options, EXAMPLE, **script(given, out), **given_too).strip()
 
         def shown(name: str) -> str:
             (value,) = re.findall(rf"\b{name}=(\S+)", run("scontrol", "show", "job", job))
@@ -207,6 +210,27 @@ def test_a_job_that_its_limit_cuts_off_goes_on_and_makes_each_attempt_once(tmp_p
     trained(tmp_path / "log", given, "--out", tmp_path / "whole")
     assert made(out) == made(TrainingFolder(tmp_path / "whole"))
     assert attempts().items() >= first.items(), "what was on disk when the job was cut off is kept"
+
+
+@pytest.mark.browser
+def test_two_nodes_learn_together_and_a_third_serves(tmp_path: Path) -> None:
+    given, out = tmp_path / "tiny.yaml", TrainingFolder(tmp_path / "out")
+    given.write_text(yaml.safe_dump(TINY | {"loop": {"iterations": 1, "tasks": 16, "evaluate_every": 0}}))
+    with cluster(3) as run:
+        more = {"LEARNER_GPUS": "0", "JUDGE_MODEL": ""}
+        job = run("sbatch", "--parsable", "--nodes=3", EXAMPLE, **script(given, out), **more).strip()
+        wait_until(lambda: not run("squeue", "--noheader", f"--job={job}"), 1200)
+        (log,) = re.findall(r"StdOut=(\S+)", run("scontrol", "show", "job", job))
+        assert "on 2 processes in" in Path(log).read_text(), Path(log).read_text()
+    assert out.stage(1) is None
+    assert out.figures(1, Stage.UPDATE)["samples"] > 0
+
+
+def script(given: Path, out: TrainingFolder) -> dict[str, str]:
+    """Variables of the example: a learner on processors, whose first process replies, too."""
+    launch = {"ACCELERATE": str(ROOT / "configs/accelerate/ddp.yaml"), "ACCELERATE_USE_CPU": "true"}
+    what = {"OUT": str(out.path), "CONFIG": str(given), "POLICY_MODEL": "", "SITES": "small"}
+    return launch | what | {"PORT": str(free_ports(5))}
 
 
 def made(training: TrainingFolder) -> dict[str, Counter[tuple[str, int]]]:

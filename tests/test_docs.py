@@ -118,7 +118,7 @@ READERS: dict[str, list[Callable[[Path], object]]] = {
     "simulate.md": [lambda file: read_questions([file])],
     "task-files.md": [read_tasks],
     "task-set.md": [lambda file: read_config(file, {"sources": {"deepshop": "a.jsonl"}})],
-    "training.md": [training, training, training],
+    "training.md": [training] * 5,
 }
 """What reads a page's blocks of YAML and JSON, in their order."""
 

@@ -187,7 +187,7 @@ class VllmFleet:
 
     async def _look_after(self, serving: VllmServing) -> None:
         """Leave a server out while it does not answer, and bring it the newest weights when it does again."""
-        silent = 0
+        silent, problem = 0, ""
         while serving in self._servings:
             await asyncio.sleep(_POLL_SECONDS)
             is_out = self._fleet.left_out[serving.replies]
@@ -200,7 +200,9 @@ class VllmFleet:
                         await serving.recover(*self._newest)
                         is_out.clear()
                     except WebGymError as error:
-                        log.warning("a server answers again, and is left out still: %s", error.message)
+                        if error.message != problem:
+                            problem = error.message
+                            log.warning("a server answers again, and is left out still: %s", problem)
 
     def _leave_out(self, serving: VllmServing) -> None:
         is_out = self._fleet.left_out[serving.replies]

@@ -48,7 +48,6 @@ from webgym.store.files import (
 )
 from webgym.train.replay import ReplaySample, StepRef
 
-
 TRAINING: Final = "training"
 """What training goes on from, within a folder of weights."""
 

@@ -20,7 +20,6 @@ from webgym.inference.model import fast_backward_attention
 from webgym.inference.rendering import Renderer
 from webgym.train.samples import Sample
 
-
 AHEAD: Final = 4
 """Batches that are made before they are used."""
 

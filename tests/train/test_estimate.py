@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import torch
 from tests.inference.tiny import tiny_model, write_tiny_model
+from tests.train.forking import together
+from tests.train.measuring import KEPT, RECOMPUTED, WORK, measure, shapes
 
 from webgym.core.errors import ConfigError
 from webgym.train.config import LearnConfig
-from webgym.train.estimate import GIB, KNOWN_GPUS, Gpus, Workload, estimate, present_gpus, shapes_of
+from webgym.train.estimate import (
+    GIB,
+    KNOWN_GPUS,
+    Gpus,
+    Workload,
+    estimate,
+    present_gpus,
+    shapes_from,
+    shapes_of,
+)
 from webgym.train.start import load_train_config
 from webgym.train.weights import load_trainable
 
@@ -63,6 +76,22 @@ def test_the_8b_preset_fits_eight_h100_beside_the_model_that_replies() -> None:
     assert found.fits
 
 
+@pytest.mark.timeout(300)  # two processes, beside others
+def test_memory_is_what_processes_of_fsdp_allocate(tmp_path: Path) -> None:
+    kinds: list[dict[str, Any]] = [{"vocabulary": 2048, "tied": False}, {"vocabulary": 8192, "tied": True}]
+    cases = [(KEPT, kinds[0]), (RECOMPUTED, kinds[0]), (RECOMPUTED, kinds[1])]
+    together(measure, 2, tmp_path / "measured.json", cases)
+    for (update, kind), measured in zip(
+        cases, json.loads((tmp_path / "measured.json").read_text()), strict=True
+    ):
+        cutoff = {"cutoff_tokens": WORK.text_tokens + WORK.pictures * 8 + WORK.reply_tokens}
+        config = LearnConfig.model_validate({"model": "m", "update": update | cutoff})
+        found = estimate(config, Gpus(count=2), WORK, shapes_from(shapes(**kind))).memory
+        assert found["weights"] == pytest.approx(measured["weights"], rel=0.01)
+        assert found["optimizer"] == pytest.approx(measured["optimizer"], rel=0.01)
+        assert sum(found.values()) == pytest.approx(sum(measured.values()), rel=0.1)
+
+
 def test_gpus_that_are_present_are_those_of_the_launch(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     assert present_gpus() is None
@@ -72,6 +101,8 @@ def test_gpus_that_are_present_are_those_of_the_launch(monkeypatch: pytest.Monke
     monkeypatch.setenv("WORLD_SIZE", "8")
     monkeypatch.setenv("ACCELERATE_USE_FSDP", "true")
     assert present_gpus() == Gpus(count=8, memory_gib=80, sharded=True)
+    monkeypatch.setenv("ACCELERATE_USE_DEEPSPEED", "true")
+    assert present_gpus() is None
 
 
 def test_what_costs_more_is_estimated_as_more() -> None:

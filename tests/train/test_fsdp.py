@@ -1,33 +1,17 @@
-"""FSDP2 gives the update of one process, and goes on with any number of them: here on processors, over gloo."""
+"""FSDP2 gives the update of one process and goes on with any number: here on processors, over gloo."""
 
 from __future__ import annotations
 
-import socket
 from pathlib import Path
-from typing import Any
 
 import pytest
 from tests.inference.tiny import write_tiny_model
-from tests.train.forking import process
+from tests.train.forking import together
 from tests.train.test_update import assert_same
 from tests.train.updating import SHARDED, go_on, run_case, update_sharded
 
 from webgym.core.errors import ConfigError
 from webgym.train.sharding import is_fsdp
-
-
-def together(target: Any, count: int, *given: Any) -> None:
-    """Call a function with a rank, a port and their number in each of some processes."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    processes = [process(target, rank, port, count, *given) for rank in range(count)]
-    for each in processes:
-        each.start()
-    for each in processes:
-        each.join(280)
-        each.kill()
-    assert [each.exitcode for each in processes] == [0] * count
 
 
 @pytest.mark.timeout(600)  # six processes, beside others

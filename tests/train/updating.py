@@ -98,9 +98,9 @@ def run_cases_together(rank: int, port: int, source: Path, folder: Path, names: 
 def update_sharded(
     rank: int, port: int, processes: int, models: Path, out: Path, halves: Path | None
 ) -> None:
-    """Under FSDP2 as it is shipped: cases of each model and half of an update, or what goes on from halves."""
+    """Under FSDP2 as shipped: cases of each model and half of an update, or what goes on from halves."""
     join(rank, port, processes, **launched("fsdp2"))
-    update.REPLY_TOKENS = 2
+    update.REPLY_TOKENS = 2  # type: ignore[attr-defined]
     for model, names in SHARDED.items():
         if halves is not None:
             go_on(models / model, out / model / "again", halves / model / "half")

@@ -138,5 +138,10 @@ def _explanation(settings: TrainConfig, gpus: str) -> list[str]:
         f"prompt format {settings.rollout.agent.prompt_format}",
         f"learning   {learn.objective.name}, rate {update.learning_rate:g}, batch {update.batch}, "
         f"{learn.replay.steps:,} steps x {learn.replay.passes}; steps that changed nothing are {penalty}",
-        *estimate(learn, replace(KNOWN_GPUS[kind], count=int(count or 1)), local=settings.local).lines(),
+        *estimate(
+            learn,
+            replace(KNOWN_GPUS[kind], count=int(count or 1)),
+            local=settings.local,
+            keep=settings.loop.keep_weights,
+        ).lines(),
     ]

@@ -1,25 +1,41 @@
 """Estimates the memory, tokens and time of an update before training starts.
 
 All figures are for one update (an iteration's training) and the busiest GPU. With N weights in total, T of
-them trained, G GPUs, b bytes a weight, and t tokens in a micro-batch of the longest samples:
+them trained, G GPUs, b bytes a weight, c bytes a number in the computation, and t tokens in a micro-batch of
+the longest samples of s tokens:
 
-    weights      N b / S                S = G if sharded (FSDP), else 1
-    gradients    T b / S
+    weights      N b / S                S = G if sharded (FSDP2), else 1
+    gradients    T b / S                twice with DDP, whose buckets are copies
     optimizer    2 T b / S              AdamW's two moments
-    activations  t L (2 bytes) (4 h + 2 q + 2 kv + 4 i), and the vision tower's likewise;
-                 with gradient checkpointing t L 2 h and one layer whole
-    logits       3 c V (4 bytes)        c reply tokens at once, vocabulary V: logits, their softmax, gradient
+    gathered     c (R + 2 P)            sharded: P weights in the largest layer, R beside layers and tables;
+                 c T                    else autocast's copies of float32 weights
+    activations  a L + ends             a layer's t (2 (4 + 2c) h + (4 + 5c) q + (4 + c) k + 4c i + c s), the
+                                        vision tower's p (10 c h + 2 c i) with p patches; ends are pixels,
+                                        merged pictures and the last norm
+                 t h c L + ends         with gradient checkpointing
+    working      the largest of         what comes and goes in the backward pass:
+                 n V (12 + c) + 2 c E   logits of n reply tokens at once, the head's weights and gradient
+                 a + 2 t c i + 4 max(P, E)   a layer that is recomputed, gradients of its MLP, and in float32
+                                        those of the weights before it, which are being split
+                 (4 + c) E              the gradient of the input's table, once all activations are gone
     local model  N b                    if one replies in this process, with its own b
 
-    (L layers of width h; q and kv the widths of queries and of keys and values; i of the MLP)
+    (L layers of width h; q and k the widths of queries and of keys; i of the MLP; a table of V words has E
+    weights)
 
     compute      (2 + 2 + 2 T / N) N per token for forward, backward to activations, backward to weights; one
                  more forward with gradient checkpointing, and one for an off-policy objective;
                  attention 4 q s / 2 per token, layer and pass, for sequences of s tokens
     time         compute / (G x peak x utilisation)
 
+    disk         weights and moments of training, N b + 2 T b, twice while they are replaced; and weights for
+                 servers, N c, of the iterations that stay, the best one and the one that is written
+    host memory  the model while it is read (N b, sharded in one process of a machine, else in each), and the
+                 batches that each process has made ahead
+    saving       what one update writes, at :data:`DISK_BYTES` a second
+
 Embeddings are looked up, not multiplied, so they count for memory but not for compute; the head counts for
-reply tokens only. Activations are a rule of thumb for fused attention in bf16 and may be off by a third.
+reply tokens only. tests/train/test_estimate.py holds the memory to what two processes of FSDP2 allocate.
 """
 
 from __future__ import annotations
@@ -35,7 +51,8 @@ import torch
 from webgym.core.errors import ConfigError
 from webgym.inference.local import LocalConfig
 from webgym.inference.model import loading
-from webgym.train.config import LearnConfig
+from webgym.train.config import LearnConfig, UpdateConfig
+from webgym.train.logprobs import AHEAD
 from webgym.train.objectives import make_objective
 
 GIB: Final = 2**30
@@ -64,6 +81,9 @@ QWEN3_VL_8B: Final[dict[str, Any]] = {
 """Configuration of the paper's model, so that its estimate needs no download."""
 
 
+DISK_BYTES: Final = 1e9
+"""Assumed bytes a second that all processes together write."""
+
 UTILISATION: Final = 0.4
 """Assumed share of a GPU's peak that training reaches."""
 
@@ -76,7 +96,7 @@ class Gpus:
         count: number of GPUs.
         memory_gib: memory of each GPU.
         peak_tflops: peak of each GPU, bf16 without sparsity.
-        sharded: whether weights, gradients and optimizer state are sharded over the GPUs.
+        sharded: whether weights, gradients and optimizer state are sharded over the GPUs, by FSDP2.
     """
 
     count: int = 1
@@ -95,14 +115,16 @@ KNOWN_GPUS: Final = {
 
 
 def present_gpus() -> Gpus | None:
-    """The GPUs that this process was launched to train on; ``None`` if there is none."""
-    if not torch.cuda.is_available():
+    """The GPUs that this process was launched to train on.
+
+    ``None`` if there is none, and under DeepSpeed, where autocast keeps copies of gathered weights.
+    """
+    if not torch.cuda.is_available() or os.environ.get("ACCELERATE_USE_DEEPSPEED") == "true":
         return None
-    shards = (os.environ.get(f"ACCELERATE_USE_{name}") == "true" for name in ("FSDP", "DEEPSPEED"))
     return Gpus(
         count=int(os.environ.get("WORLD_SIZE") or 1),
         memory_gib=torch.cuda.get_device_properties(0).total_memory / GIB,
-        sharded=any(shards),
+        sharded=os.environ.get("ACCELERATE_USE_FSDP") == "true",
     )
 
 
@@ -125,19 +147,37 @@ class Workload:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A tower of a model, with layers of equal shape; widths are numbers of features."""
+    """A tower of a model, with layers of equal shape; widths are numbers of features.
+
+    Attributes:
+        layers: their number.
+        width, queries, keys, inner: of a layer.
+        is_text: whether it is the language model, not the vision tower.
+        parameters: of all layers, and of what belongs to the tower beside them.
+        layer_parameters: of one layer.
+    """
 
     layers: int
     width: int
     queries: int
     keys: int
     inner: int
+    is_text: bool
     parameters: int
+    layer_parameters: int
 
-    def activation_bytes(self, tokens: int, *, checkpointing: bool) -> float:
+    def layer_bytes(self, tokens: int, sequence: int, number: int) -> float:
+        """Bytes of a layer's activations for the backward pass, with this many bytes a number."""
+        if not self.is_text:
+            return float(tokens * number * (10 * self.width + 2 * self.inner))
+        norms = 2 * (4 + 2 * number) * self.width + (4 + number) * (self.queries + self.keys)
+        return float(tokens * (norms + number * (4 * self.queries + 4 * self.inner + sequence)))
+
+    def activation_bytes(self, tokens: int, sequence: int, number: int, *, checkpointing: bool) -> float:
         """Bytes of activations that are kept for the backward pass."""
-        layer = 2.0 * tokens * (4 * self.width + 2 * self.queries + 2 * self.keys + 4 * self.inner)
-        return layer + 2.0 * tokens * self.width * self.layers if checkpointing else layer * self.layers
+        if checkpointing:
+            return float(tokens * self.width * number * self.layers)
+        return self.layer_bytes(tokens, sequence, number) * self.layers
 
     def forward_flops(self, tokens: int, sequence: int, *, causal: bool) -> float:
         """Operations of a forward pass over ``tokens`` tokens, which attend to ``sequence`` tokens."""
@@ -147,13 +187,20 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Shapes:
-    """The sizes of a model's parts. ``embeddings`` counts input and output embeddings."""
+    """The sizes of a model's parts. ``embeddings`` counts input and output embeddings.
+
+    ``mergers`` is the number of places at which pictures enter the language model, ``patch`` the number of
+    values in a patch of a picture.
+    """
 
     text: Part
     vision: Part
     embeddings: int
     vocabulary: int
     merge: int
+    mergers: int
+    patch: int
+    is_tied: bool
 
     @property
     def parameters(self) -> int:
@@ -168,6 +215,9 @@ class Estimate:
     Attributes:
         parameters, trained: number of weights, and of trained ones.
         memory: bytes on the busiest GPU, by purpose.
+        host: bytes of the machines' memory.
+        written: bytes that are saved after an update.
+        disk: most bytes of weights and optimizer on disk.
         fits: whether their sum is below 90 % of a GPU's memory.
         tokens: input tokens of an update, over all passes.
         reply_tokens: those among them with a loss.
@@ -179,6 +229,9 @@ class Estimate:
     parameters: int
     trained: int
     memory: dict[str, float]
+    host: float
+    written: float
+    disk: float
     fits: bool
     tokens: int
     reply_tokens: int
@@ -194,6 +247,9 @@ class Estimate:
         return [
             f"model      {self.parameters / 1e9:.2f} B weights, {self.trained / 1e9:.3f} B trained",
             f"memory     {total:.1f} GiB per GPU, {verdict}: {share}",
+            f"host       {self.host / GIB:.0f} GiB of memory, beside browsers and what replies",
+            f"disk       {self.disk / GIB:.0f} GiB at most; an update writes {self.written / GIB:.0f} GiB "
+            f"({self.written / DISK_BYTES / 60:.1f} min at {DISK_BYTES / 1e9:g} GB/s)",
             f"tokens     {self.tokens / 1e6:.1f} M per iteration, loss on {self.reply_tokens / 1e6:.2f} M",
             f"steps      {self.optimizer_steps} of the optimizer per iteration",
             f"compute    {self.flops / 1e15:.0f} PFLOP per iteration",
@@ -235,27 +291,35 @@ def shapes_from(config: Any) -> Shapes:
         text.num_attention_heads * text.head_dim,
         text.num_key_value_heads * text.head_dim,
     )
-    layers = text.num_hidden_layers
+    blocks = empty.model.language_model.layers, empty.model.visual.blocks
+    text_layer, vision_layer = (sum(each.numel() for each in block[0].parameters()) for block in blocks)
     return Shapes(
         text=Part(
-            layers,
+            text.num_hidden_layers,
             text.hidden_size,
             query_width,
             key_width,
             text.intermediate_size,
+            True,
             all_parameters - vision_parameters - embeddings,
+            text_layer,
         ),
         vision=Part(
             vision.depth,
             vision.hidden_size,
             vision.hidden_size,
             vision.hidden_size,
-            vision.intermediate_size // 2,  # no gate: two of the four tensors of a gated MLP
+            vision.intermediate_size,
+            False,
             vision_parameters,
+            vision_layer,
         ),
         embeddings=embeddings,
         vocabulary=text.vocab_size,
         merge=vision.spatial_merge_size**2,
+        mergers=1 + len(vision.deepstack_visual_indexes),
+        patch=vision.in_channels * vision.temporal_patch_size * vision.patch_size**2,
+        is_tied=len(tables) == 1,
     )
 
 
@@ -266,6 +330,7 @@ def estimate(
     shapes: Shapes | None = None,
     *,
     local: LocalConfig | None = None,
+    keep: int = 2,
 ) -> Estimate:
     """Estimate an update with these settings on these GPUs; see the module for the formulas.
 
@@ -275,13 +340,14 @@ def estimate(
         workload: size of steps; by default the paper's at 1280 x 768.
         shapes: of the model; by default read from its folder or the hub.
         local: the model that replies in this process, if there is one.
+        keep: iterations whose weights stay on disk.
 
     Raises:
         ConfigError: the model is not supported, or there is no such objective.
     """
     work, size = workload or Workload(), shapes or shapes_of(config.model)
     update, replay = config.update, config.replay
-    patches = work.pictures * work.picture_patches
+    patches = all_patches = work.pictures * work.picture_patches
     tokens = work.text_tokens + patches // size.merge + work.reply_tokens
     longest = max(tokens, min(update.cutoff_tokens, 2 * tokens))
     frozen_vision = update.freeze_vision or update.lora is not None
@@ -290,28 +356,18 @@ def estimate(
         text = size.text
         widths = 4 * text.width + 2 * (text.queries + text.keys) + 3 * (text.width + text.inner)
         trained = update.lora.rank * text.layers * widths
-    width = 4 if update.weights == "float32" else 2
-    parts = gpus.count if gpus.sharded else 1
-    micro = update.micro_batch
-    vision_activations = 0.0
-    if not frozen_vision:
-        vision_activations = size.vision.activation_bytes(
-            micro * patches * longest // tokens, checkpointing=update.gradient_checkpointing
-        )
-    memory = {
-        "weights": size.parameters * width / parts,
-        "gradients": trained * (4 if update.lora else width) / parts,
-        "optimizer": 2 * trained * (4 if update.lora else width) / parts,
-        "activations": vision_activations
-        + size.text.activation_bytes(micro * longest, checkpointing=update.gradient_checkpointing),
-        "logits": 3 * 4.0 * update.logit_tokens * size.vocabulary,
-    }
+    patches = patches * longest // tokens  # of the longest samples
+    memory = _memory(update, size, gpus, trained, (longest, patches), vision=not frozen_vision)
     if local is not None and local.device != "cpu":
         memory["local model"] = size.parameters * (4.0 if local.dtype == "float32" else 2.0)
+    is_adapted, width = update.lora is not None, 4 if update.weights == "float32" else 2
+    training = trained * 12.0 if is_adapted else (size.parameters + 2 * trained) * float(width)
+    served = trained * 4.0 if is_adapted else size.parameters * (2.0 if update.precision == "bf16" else width)
+    copies, pixels = 1 if gpus.sharded else gpus.count, 4.0 * size.patch * all_patches
     samples = replay.steps * replay.passes
     forward = size.text.forward_flops(tokens, tokens, causal=True)
     forward += 2.0 * work.reply_tokens * size.embeddings / 2
-    vision_forward = size.vision.forward_flops(patches, work.picture_patches, causal=False)
+    vision_forward = size.vision.forward_flops(all_patches, work.picture_patches, causal=False)
     backward = 1.0 + (1.0 if update.lora is None else trained / size.parameters)
     recomputed = 1.0 if update.gradient_checkpointing else 0.0
     scoring = 1.0 / replay.passes if make_objective(config.objective).off_policy else 0.0
@@ -323,6 +379,9 @@ def estimate(
         parameters=size.parameters,
         trained=trained,
         memory=memory,
+        host=copies * size.parameters * width + gpus.count * (AHEAD + 1) * update.micro_batch * pixels,
+        written=training + served,
+        disk=2 * training + (keep + 2) * served,
         fits=sum(memory.values()) < 0.9 * gpus.memory_gib * GIB,
         tokens=samples * tokens,
         reply_tokens=samples * work.reply_tokens,
@@ -330,3 +389,54 @@ def estimate(
         flops=flops,
         seconds=flops / (gpus.count * gpus.peak_tflops * 1e12 * UTILISATION),
     )
+
+
+def _memory(
+    update: UpdateConfig,
+    size: Shapes,
+    gpus: Gpus,
+    trained: int,
+    longest: tuple[int, int],
+    *,
+    vision: bool,
+) -> dict[str, float]:
+    """Bytes on a GPU, by purpose; ``longest`` are the tokens and patches of the longest sample."""
+    text, tower, micro, (sequence, patches) = size.text, size.vision, update.micro_batch, longest
+    width, number = (4 if update.weights == "float32" else 2), (2 if update.precision == "bf16" else 4)
+    is_sharded = gpus.sharded and gpus.count > 1
+    parts, copies = (gpus.count, 1) if is_sharded else (1, 1 + (gpus.count > 1))
+    of_trained = 4.0 if update.lora else float(width)
+    tokens, patches, replies = micro * sequence, micro * patches, update.logit_tokens
+    table = size.embeddings if size.is_tied else size.embeddings // 2
+    untied = 0 if size.is_tied else table
+    in_layers = sum(each.layers * each.layer_parameters for each in (text, tower))
+    outside = size.parameters - in_layers - (0 if size.is_tied else size.embeddings)
+    layer = max(text.layer_parameters, tower.layer_parameters)
+    casts = number < width
+    gathered = number * (outside + 2 * layer) if is_sharded else trained * 2.0 * casts
+    recomputes = update.gradient_checkpointing
+    stream = number if is_sharded else max(number, width)
+    kept = text.activation_bytes(tokens, sequence, stream if recomputes else number, checkpointing=recomputes)
+    kept += tokens * text.width * (4 + 2 * number) + patches * size.patch * (4 + number * casts)
+    recomputed = text.layer_bytes(tokens, sequence, number)
+    if vision:
+        kept += tower.activation_bytes(patches, 0, stream if recomputes else number, checkpointing=recomputes)
+        kept += patches * tower.width * 4 * number * size.mergers
+        recomputed = max(recomputed, tower.layer_bytes(patches, 0, number))
+    summed = 4 if is_sharded else 0  # gradients in float32, before they are split
+    working = (
+        replies * size.vocabulary * (12.0 + number) + 2 * number * untied,
+        recomputed * recomputes
+        + 2 * tokens * number * text.inner
+        + number * table * size.is_tied
+        + summed * max(layer, untied),
+        (summed + number) * (untied or outside * is_sharded) - kept,
+    )
+    return {
+        "weights": size.parameters * float(width) / parts,
+        "gradients": copies * trained * of_trained / parts,
+        "optimizer": 2 * trained * of_trained / parts,
+        "gathered": gathered,
+        "activations": kept,
+        "working": max(working),
+    }

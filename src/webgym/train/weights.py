@@ -1,7 +1,7 @@
 """Weights and optimizer state on disk: loaded for training, saved atomically.
 
 FOLDER/
-  *.safetensors, config.json   all weights in the precision of the computation, for load_model and for servers;
+  *.safetensors, config.json   all weights, for load_model and servers, in the precision of the computation;
                                or adapter_model.safetensors, adapter_config.json: adapters
   tokenizer*, preprocessor_config.json, chat_template.jinja, and other files that a server's processor reads
   training/*.safetensors       weights and the optimizer's moments as they are trained, each process's part in
@@ -37,7 +37,7 @@ STATE = "state.json"
 Tensors: TypeAlias = Mapping[str, torch.Tensor]
 
 _FILE_BYTES: Final = 2 * 2**30
-"""Size of a file of :data:`TRAINING` over all processes; each holds its part twice in memory while it writes."""
+"""Size of a file over all processes, each of which has its part of it twice in memory while it writes."""
 
 
 class UpdateState(msgspec.Struct, frozen=True):
@@ -226,7 +226,7 @@ def load_training(folder: Path, tensors: Tensors) -> None:
 
     if not (folder / TRAINING).is_dir():
         raise TrainingError(
-            f"{folder} holds weights, but not what training goes on from, which the newest iteration alone has",
+            f"{folder} holds weights, but no optimizer state: that stays of the newest iteration alone",
             hint="begin a new training from them: learn.model",
         )
     reader = dcp.HuggingFaceStorageReader(str(folder / TRAINING))

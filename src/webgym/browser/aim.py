@@ -121,7 +121,7 @@ async def _look_for(page: Page, number: int) -> _Aimed:
 
 async def _compare(page: Page, point: tuple[float, float]) -> None:
     """Add a notice if the page looks other than in the last picture in a band around this point."""
-    if not page.image or page.options.mode == "marks":
+    if not page.image:
         return
     try:
         shot = await page.session.call(
@@ -130,7 +130,7 @@ async def _compare(page: Page, point: tuple[float, float]) -> None:
             reply=Screenshot,
             seconds=page.config.screenshot_seconds,
         )
-    except CommandFailed:  # there is no frame yet: it looks other than before
+    except (CommandFailed, DocumentGone):  # there is no frame yet: it looks other than before
         pass
     else:
         band = [y * page.capture_scale for y in (point[1] - _BAND, point[1] + _BAND)]

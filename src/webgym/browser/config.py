@@ -171,9 +171,9 @@ class BrowserConfig(Settings):
     a second."""
 
     capture_scale: float = Field(default=1.0, ge=CAPTURE_SCALES[0], le=CAPTURE_SCALES[1])
-    """Pixels of a screenshot for each CSS pixel, for models that scale pictures down anyway: at 0.5 a
-    screenshot has a third of the bytes and costs a fifth less CPU. To pages nothing changes, and marks have
-    the same numbers. A session may say otherwise."""
+    """Pixels of a screenshot for each CSS pixel, for models that scale pictures down anyway. Small
+    pictures have fewer bytes and cost less CPU. To pages nothing changes, and marks have the same numbers. A
+    session may say otherwise."""
 
     # --- settling -----------------------------------------------------------------------------------
 

@@ -153,7 +153,6 @@ async def look(page: Page, settled: str, milliseconds: dict[str, float], early: 
         image = await (early.picture() if early else _capture_bare(page))
         if page.loader == loader:
             break  # else the picture shows the next page
-    page.image = image
     if page.options.mode == "marks":
         elements, quality = content.elements or (), page.options.jpeg_quality
         image = await asyncio.to_thread(marks.draw, image, elements, quality, page.capture_scale)
@@ -161,6 +160,7 @@ async def look(page: Page, settled: str, milliseconds: dict[str, float], early: 
     milliseconds["metadata"] = (between - start) * 1000
     milliseconds["screenshot"] = (end - between) * 1000
     name = hashlib.sha256(image).hexdigest()
+    page.image = image if page.options.mode == "coordinates" else b""
     return Look(_observation(page, content, name, settled, milliseconds), image)
 
 
@@ -277,9 +277,10 @@ async def capture(page: Page, quality: int | None = None) -> bytes:
 
 async def _capture_bare(page: Page) -> bytes:
     """A screenshot as the page's options say, or a PNG to draw marks on."""
+    loader = page.loader
     page.stillness.begin_picture()
     image = await capture(page, None if page.options.mode == "marks" else page.options.jpeg_quality)
-    page.stillness.end_picture(page.loader)
+    page.stillness.end_picture(loader, image)
     return image
 
 
@@ -355,8 +356,8 @@ class EarlyScreenshot:
     a new one is taken as usual. On a page whose last early screenshot was used, it is requested without
     finding out first whether tasks are pending, which takes until the next frame.
 
-    If the page has painted nothing since the last picture (:mod:`~webgym.browser.stillness`), that is used
-    again.
+    If the page has painted nothing since the last picture, that is used again
+    (:class:`~webgym.browser.pictures.Stillness`).
 
     :meth:`begin` after the action and :meth:`end` after the wait; :meth:`drop` in any case.
     """
@@ -369,8 +370,8 @@ class EarlyScreenshot:
         self._before = self._state()
         self._task: asyncio.Task[bytes | None] | None = None
         self._is_requested = False
-        self._is_kept = False
-        """Whether the last picture is to be used again, if the page stays as it is."""
+        self._kept: bytes | None = None
+        """The last picture, if that is used again."""
 
     def _state(self) -> tuple[str, int]:
         return self.page.loader, self.page.requests
@@ -384,15 +385,18 @@ class EarlyScreenshot:
 
     async def begin(self) -> None:
         """After the action: request the screenshot, unless something is known to be in progress."""
-        page = self.page
-        worlds = page.worlds  # the main frame does not see changes in other frames and workers
-        has_more = worlds.has_new_frames or worlds.entered or len(page.workers) or page.options.cuts
-        if has_more or not worlds.is_entered or page.notices.happened:
-            return
-        if not page.traffic.is_idle() or self._before != self._state():
+        if not self._is_alone() or self.page.notices.happened:
             return
         self._task = asyncio.create_task(self._take())
         await asyncio.sleep(0)  # this request reaches the page before those of the wait
+
+    def _is_alone(self) -> bool:
+        """Whether the main frame sees all changes, and nothing is being loaded."""
+        page, worlds = self.page, self.page.worlds
+        has_more = worlds.has_new_frames or worlds.entered or len(page.workers) or page.options.cuts
+        if has_more or not worlds.is_entered or self._before != self._state():
+            return False
+        return page.traffic.is_idle()
 
     async def _take(self) -> bytes | None:
         """The screenshot, or ``None`` if the page is about to change."""
@@ -400,18 +404,15 @@ class EarlyScreenshot:
         is_worth_it: bool | None = None
         try:
             seconds = page.config.busy_seconds
-            is_calm = self._is_calm and not page.stillness.is_as_pictured(page.loader)
+            is_calm = self._is_calm and page.stillness.picture_of(page.loader) is None
             is_worth_it = await page.run("beginEarly", is_calm, reply=bool, seconds=seconds)
         except BrowserError:
             return None  # reported by the wait or the observation
         finally:
             if is_worth_it is None:
                 page.post("dropEarly")  # the page may still come to it
-        if not is_worth_it:
+        if not is_worth_it or page.stillness.picture_of(page.loader) is not None:
             return None
-        if page.stillness.is_as_pictured(page.loader):
-            self._is_kept = True
-            return page.image
         self._is_requested = True
         return await _capture_bare(page)
 
@@ -427,26 +428,39 @@ class EarlyScreenshot:
             settled: why the wait ended.
         """
         page = self.page
-        if not (self._is_requested or self._is_kept) or settled not in _FINAL or page.result is None:
+        if page.result is None or settled not in _FINAL:
             return
-        if self._is_kept and not (settled == "unchanged" and await self._is_still()):
-            return
-        contents = (msgspec.json.decode(it, type=PageContent) for it in page.result.contents)
-        complete = (it for it in contents if not (it.unknown or it.missing or it.frames))
-        self.content = next(complete, None)
+        known = [msgspec.json.decode(it, type=PageContent) for it in page.result.contents]
+        if not self._is_requested:
+            known = await self._keep(known) if settled == "unchanged" and self._is_alone() else []
+        self.content = next((it for it in known if not (it.unknown or it.missing or it.frames)), None)
         page.is_calm = self.result is not None
 
-    async def _is_still(self) -> bool:
-        """Whether the last picture is one of the page as it is."""
+    async def _keep(self, known: list[PageContent]) -> list[PageContent]:
+        """Use the last picture again, if it is one of the page as it is.
+
+        Args:
+            known: the content of the document, if it was read already.
+
+        Returns:
+            The content; empty if the page needs a new picture.
+        """
         page = self.page
-        with contextlib.suppress(BrowserError):
+        if page.stillness.picture_of(page.loader) is None:
+            return []
+        with contextlib.suppress(BrowserError):  # reported by the observation
             if await page.stillness.has_still_pictures(page.config.execute_seconds):
-                is_resting = await page.run("isResting", reply=bool)
-                return is_resting and page.stillness.is_as_pictured(page.loader)
-        return False
+                options = None if known else content_options(page)
+                read = await page.run("rest", options, reply=list[PageContent | None])
+                self._kept = page.stillness.picture_of(page.loader)
+                if read and self._kept is not None:
+                    return known or [it for it in read if it is not None]
+        return []
 
     async def picture(self) -> bytes:
         """The screenshot. Raises as :func:`~webgym.browser.observe.capture` does."""
+        if self._kept is not None:
+            return self._kept
         assert self._task is not None
         image = await self._task
         assert image is not None, "the screenshot was requested before its content was read"

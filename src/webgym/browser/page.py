@@ -39,10 +39,10 @@ from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.desktop import Told
 from webgym.browser.dialogs import Dialogs
 from webgym.browser.egress.proxy import ProxyListener
-from webgym.browser.isolated_worlds import ADDRESS_CHARACTERS, Worlds
+from webgym.browser.isolated_worlds import ADDRESS_CHARACTERS, DocumentGone, Worlds
 from webgym.browser.notices import Notices
 from webgym.browser.pdf import Pdfs
-from webgym.browser.stillness import Stillness
+from webgym.browser.pictures import Stillness
 from webgym.browser.timers import Timers
 from webgym.browser.traffic import AUTO_ATTACH, Traffic, Workers
 from webgym.core.errors import BrowserTimeout, EgressRefused, NavigationFailed
@@ -238,7 +238,7 @@ class Page:
         one."""
         self.picture = ""
         self.image = b""
-        """The last picture, without marks."""
+        """The last picture, if what it shows tells where a click at a point of it lands."""
         self.ineffective_if_unscrolled = ""
         """The same, if the page is next observed at ``scrolled``, where it last was: a turn of the wheel may
         have an effect late."""
@@ -329,6 +329,7 @@ class Page:
         self.is_first, self.is_typed = True, False
         self.points, self.picture, self.image = {}, "", b""
         self._changed.clear()
+        self.stillness.forget()
         await self._do_all([("Network.clearBrowserCookies", {}), ("Page.resetNavigationHistory", {})])
         await self.begin(options)
 
@@ -356,13 +357,19 @@ class Page:
 
         Args:
             quality: of a JPEG, 1 to 100; ``None`` for a PNG, which is lossless.
+
+        Raises:
+            DocumentGone: the page is being replaced.
         """
         lossless = {"format": "png", "optimizeForSpeed": True}
         params = lossless if quality is None else {"format": "jpeg", "quality": quality}
         if self.capture_scale == 1:
             return params
         seconds, (width, height) = self.config.execute_seconds, self.options.viewport
-        metrics = await self.session.call("Page.getLayoutMetrics", reply=LayoutMetrics, seconds=seconds)
+        try:
+            metrics = await self.session.call("Page.getLayoutMetrics", reply=LayoutMetrics, seconds=seconds)
+        except CommandFailed as error:
+            raise DocumentGone(error.message) from error
         view = metrics.css_visual_viewport
         clip = {"x": view.page_x, "y": view.page_y, "width": width, "height": height}
         return params | {"clip": clip | {"scale": self.capture_scale}}

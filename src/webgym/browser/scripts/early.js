@@ -66,13 +66,14 @@
     Boolean(querySelector(root, MOVES)) || getAnimations(root).some(({ playState }) => playState === 'running') ||
     [...querySelectorAll(root, 'iframe, frame')].some(isForeign);
 
-  // Whether nothing is to be painted, and nothing moves. What the page had still to paint is painted by the answer.
+  // [what `observe` tells of the page, null if nothing is `wanted`] if nothing moves, [] if something may. What the page
+  // had still to paint is painted by then.
   const LONGEST = 1000; // ms until a frame comes
-  webgym.isResting = async () => {
+  webgym.rest = async (wanted) => {
     const roots = [...webgym.views().map(({ document }) => document), ...webgym.shadows()];
-    if (!webgym.hideCaret() || roots.some(mayMove) || !(await webgym.frame(LONGEST))) return false;
+    if (!webgym.hideCaret() || roots.some(mayMove) || !(await webgym.frame(LONGEST))) return [];
     await scheduler.postTask(() => {});
-    return true;
+    return [wanted && webgym.observe(wanted, {})];
   };
 
   // No picture is asked for after all.

@@ -1,6 +1,6 @@
 """A real vLLM, on processors: it is published to, read, broken and trained with as a GPU's would be.
 
-One server for all of them, of the tiny policy with output weights of its own, which can be stale.
+One server for all of them but one, of the tiny policy with output weights of its own, which can be stale.
 """
 
 from __future__ import annotations
@@ -281,3 +281,17 @@ async def test_a_training_is_killed_and_goes_on(url: str, model: Path, tmp_path:
     if not lora:
         assert await api.weight_version() == "2"
     await api.close()
+
+
+async def test_a_server_of_ours_that_keeps_a_part_of_the_old_weights_is_restarted_with_the_new_ones(
+    tmp_path: Path,
+) -> None:
+    tied = Path(str(files("webgym.study") / "weights"))
+    one, two = updates(tied, tmp_path)
+    async with VllmServing(VllmConfig.model_validate(STARTED), str(tied), tmp_path) as serving:
+        for version, weights in enumerate((one, two), 1):
+            await serving.publish(weights, str(version))
+            assert await off(serving, weights) < 1e-4
+    # On processors vLLM does not renew its packed copy of output weights that are tied to the embeddings:
+    # after the second update it is off by 5e-4 nats.
+    assert (tmp_path / "vllm.log").read_text().count("startup complete") == 2

@@ -1,7 +1,7 @@
 """An SGLang server: its command line, and its HTTP API besides replies.
 
-Names of flags, endpoints and fields are those of its release 0.5.23. Replies come by the chat API as from vLLM,
-with token ids and the version of the weights.
+Names of flags, endpoints and fields are those of its release 0.5.23. Replies come by the chat API as from
+vLLM, with token ids and the version of the weights.
 """
 
 from __future__ import annotations

@@ -269,7 +269,7 @@ async def test_health_is_503_where_no_browser_comes_up() -> None:
     ):
         pool = server.service.pool
         [slot] = pool.slots
-        slot._executable = slot._executable.with_name("is-no-more")
+        slot.executable = slot.executable.with_name("is-no-more")
         await slot.stop()
         with pytest.raises(BrowserLaunchFailed):
             await client.open()

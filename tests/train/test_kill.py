@@ -24,8 +24,7 @@ from webgym.offline.small import small_vocabulary
 from webgym.run.config import read_config
 from webgym.store.runs import RunReader
 from webgym.study.model import TinyConfig, make_model, save_model
-from webgym.train.folder import TrainingFolder
-from webgym.train.weights import TRAINING
+from webgym.train.folder import TRAINING, TrainingFolder
 
 GIVEN: dict[str, Any] = {
     "learn": {

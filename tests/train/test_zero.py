@@ -18,7 +18,7 @@ from tests.train.updating import CASES, run_case, samples, updater
 
 from webgym.core.errors import TrainingError
 from webgym.train.objectives import FilteredBC
-from webgym.train.weights import TRAINING
+from webgym.train.folder import TRAINING
 
 pytest.importorskip("deepspeed", reason="the extra deepspeed is not installed")
 

@@ -17,8 +17,8 @@ from tests.train.test_update import assert_same
 from tests.train.updating import CASES, run_case, samples, updater
 
 from webgym.core.errors import TrainingError
-from webgym.train.objectives import FilteredBC
 from webgym.train.folder import TRAINING
+from webgym.train.objectives import FilteredBC
 
 pytest.importorskip("deepspeed", reason="the extra deepspeed is not installed")
 

@@ -7,6 +7,7 @@ import hashlib
 import json
 import random
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -21,10 +22,11 @@ from webgym.core.action import BrowserAction
 from webgym.core.errors import JudgeError, NavigationFailed, PolicyTimeout
 from webgym.core.identity import Identity
 from webgym.core.observation import Fault, Notice, Observation, Probed
-from webgym.core.outcome import Ending, outcome_of
-from webgym.core.trajectory import Episode, Reply
+from webgym.core.outcome import Ending, Outcome, outcome_of
+from webgym.core.trajectory import Episode, Reply, Trajectory
 from webgym.core.truth import AnswerTruth, FactTruth, StateCheck, Truth
 from webgym.rollout.attempt import Attempt, AttemptContext
+from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.config import AttemptConfig
 from webgym.rollout.driver import EpisodeContext, EpisodeDriver
 from webgym.rollout.plan import Planned
@@ -216,6 +218,31 @@ async def test_a_start_page_that_does_not_come_whole_is_opened_again(
     if is_lost:
         with pytest.raises(NavigationFailed, match="cannot be opened"):
             await driver.start(Lacking(9, faults=(fault,)))
+
+
+@pytest.mark.parametrize(("statuses", "ending"), [([403, 403], "site_refused"), ([429, 200], "budget_spent")])
+async def test_a_website_that_refuses_its_start_page_twice_is_blocked_before_a_step_is_paid(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, statuses: list[int], ending: str
+) -> None:
+    monkeypatch.setattr("webgym.rollout.driver.INSIST_SECONDS", 0)
+
+    class Refusing(Pages):
+        async def step(self, action: BrowserAction | None = None) -> View:
+            self._status = statuses[self.looks] if self.looks < len(statuses) else 200
+            return await super().step(action)
+
+    episode, pages, _ = await made(Says(ACTS, ACTS, ACTS), pages=Refusing())
+    assert episode.ending == ending
+    if ending == "site_refused":
+        assert (pages.looks, episode.steps) == (2, ())
+        assert outcome_of(episode.ending, None) is Outcome.BLOCKED
+        assert episode.failure is not None
+        assert episode.failure.message.endswith("was refused twice: status 403")
+        blocklist = Blocklist(BlocklistConfig(file=tmp_path / "blocked.jsonl"))
+        blocklist.note("http://a.test/", Trajectory(episode, Outcome.BLOCKED))
+        assert blocklist.is_blocked("http://a.test/")
+    else:
+        assert len(episode.steps) == 3
 
 
 async def test_one_valid_reply_is_enough_to_be_judged() -> None:

@@ -136,6 +136,10 @@ class EgressRefused(NavigationFailed):
     """The beginning of the reason, unless it was the limit."""
 
 
+class SiteRefused(NavigationFailed):
+    """The website refuses its start page persistently, before the agent has done anything."""
+
+
 class ActionFailed(PageError):
     """An action could not be carried out on this page."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from enum import StrEnum
 
-from webgym.core.errors import JudgeError, PolicyError
+from webgym.core.errors import JudgeError, PolicyError, SiteRefused
 from webgym.core.verdict import Verdict
 
 
@@ -48,6 +48,7 @@ class Ending(StrEnum):
     ANSWERED = "answered"
     BUDGET_SPENT = "budget_spent"
     STRAGGLER = "straggler"  # ended by the collector after its grace period
+    SITE_REFUSED = "site_refused"  # the start page, asked for twice by the environment
     ENVIRONMENT_FAILED = "environment_failed"
     POLICY_FAILED = "policy_failed"
     CANCELLED = "cancelled"
@@ -66,6 +67,8 @@ def ending_of(error: BaseException) -> Ending:
     """
     if isinstance(error, asyncio.CancelledError):
         return Ending.CANCELLED
+    if isinstance(error, SiteRefused):
+        return Ending.SITE_REFUSED
     return Ending.POLICY_FAILED if isinstance(error, PolicyError) else Ending.ENVIRONMENT_FAILED
 
 
@@ -81,6 +84,8 @@ def outcome_of(ending: Ending, verdict: Verdict | JudgeError | None) -> Outcome:
         ValueError: an episode that must be judged was not.
     """
     match ending:
+        case Ending.SITE_REFUSED:
+            return Outcome.BLOCKED
         case Ending.ENVIRONMENT_FAILED:
             return Outcome.ENVIRONMENT_ERROR
         case Ending.POLICY_FAILED:

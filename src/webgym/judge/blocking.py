@@ -291,7 +291,7 @@ def _site_observations(task: Task, episode: Episode, suspect_last: bool) -> Iter
     )
     for index in indices:
         observation = observations[index]
-        refusal = _refusal(observation)
+        refusal = refusal_of(observation)
         if not refusal and suspect is not None and _is_similar(observation, suspect):
             refusal = "a page that may be a challenge"
         urls = [url for url in (observation.url, requested[index]) if url and site_or_text(url) in own]
@@ -329,7 +329,8 @@ def _is_request(step: Step, after: Observation) -> bool:
     return is_elsewhere and isinstance(step.action, LeftClick | Type)
 
 
-def _refusal(observation: Observation) -> str:
+def refusal_of(observation: Observation) -> str:
+    """Why a page is a website's refusal; empty if it is none."""
     if reason := challenge(observation):
         return reason
     return f"status {observation.status}" if observation.status in BARE_REFUSALS else ""

@@ -17,6 +17,7 @@ from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Task
 from webgym.core.text import plain
 from webgym.core.trajectory import Step, Trajectory
+from webgym.core.websites import host_or_text
 from webgym.judge.blocking import blocking_host
 from webgym.results.rates import Interval, Successes, over_tasks, pass_at
 from webgym.tasks.selection import splits_in
@@ -281,8 +282,10 @@ def digest_of(trajectory: Trajectory) -> Digest:
 
 def _blocked_by(trajectory: Trajectory) -> str:
     verdict, seen = trajectory.verdict, trajectory.episode.observations
-    if trajectory.outcome is not Outcome.BLOCKED or verdict is None:
+    if trajectory.outcome is not Outcome.BLOCKED:
         return ""
+    if verdict is None:  # its start page was refused
+        return host_or_text(seen[0].url) if seen else UNKNOWN
     return blocking_host(seen[0].url if seen else UNKNOWN, trajectory.episode, verdict.blocked)
 
 

@@ -108,9 +108,14 @@ class Blocklist:
         Raises:
             StoreError: the file cannot be written.
         """
-        if trajectory.outcome is Outcome.BLOCKED and trajectory.verdict is not None:
+        if trajectory.outcome is not Outcome.BLOCKED:
+            return
+        if trajectory.verdict is not None:
             blocked = trajectory.verdict.blocked
             self.add(blocking_host(website, trajectory.episode, blocked), blocked.reason)
+        else:  # its start page
+            failure = trajectory.episode.failure
+            self.add(website, failure.message if failure else "")
 
     def add(self, website: str, reason: str) -> None:
         """Record that a website's host blocked an attempt now.

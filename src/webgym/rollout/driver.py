@@ -18,6 +18,7 @@ Attempts of a run (:mod:`webgym.rollout.attempt`) use it with WebGym's policies,
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import secrets
 import time
@@ -28,7 +29,14 @@ from typing import Any, Final, Protocol
 from webgym.agent.agent import AgentTraits
 from webgym.browser.config import Cookie
 from webgym.core.action import Answer, BrowserAction, Navigate
-from webgym.core.errors import AttemptOverdue, BrowserCrashed, EgressRefused, NavigationFailed, WebGymError
+from webgym.core.errors import (
+    AttemptOverdue,
+    BrowserCrashed,
+    EgressRefused,
+    NavigationFailed,
+    SiteRefused,
+    WebGymError,
+)
 from webgym.core.identity import credentials_of
 from webgym.core.observation import Fault, Observation, Probed
 from webgym.core.outcome import Ending, ending_of
@@ -36,9 +44,13 @@ from webgym.core.settings import set_values
 from webgym.core.storage import StorageState, read_storage
 from webgym.core.trajectory import Episode, Failure, Step
 from webgym.core.websites import host_or_text, site_or_text
+from webgym.judge.blocking import refusal_of
 from webgym.rollout.config import AttemptConfig
 from webgym.rollout.plan import Planned
 from webgym.server.messages import SessionOptions, View
+
+INSIST_SECONDS = 10.0
+"""Pause before a start page that was refused is asked for again."""
 
 _START_TRIES: Final = 2
 """How often the start page is tried before the attempt counts as the environment's failure."""
@@ -241,6 +253,7 @@ class EpisodeDriver:
 
         Raises:
             NavigationFailed: it cannot be opened, which is the environment's failure.
+            SiteRefused: it is refused, also after a pause.
             WebGymError: the browser, the server or the disk failed.
         """
         self._session = session
@@ -256,7 +269,8 @@ class EpisodeDriver:
             if not refused:
                 if seen.status == HTTPStatus.NOT_FOUND and self.planned.task.truth is not None:
                     raise NavigationFailed(f"{url} is not among the websites that are served")
-                self._own.add(site_or_text(seen.url))  # where the start page leads
+                view = await self._insist(view)
+                self._own.add(site_or_text(view.observation.url))  # where the start page leads
                 return await self._record_view(view)
         # For the user alone: the agent sees notices, and this ends the episode before its first request.
         allow = (
@@ -265,6 +279,21 @@ class EpisodeDriver:
             else ""
         )
         raise NavigationFailed(f"{url} cannot be opened: {refused}{allow}")
+
+    async def _insist(self, view: View) -> View:
+        """Ask a website of the web that refuses its start page once more after a pause.
+
+        Raises:
+            SiteRefused: it refuses it again. No agent has done anything that could excuse it.
+        """
+        if self.planned.task.truth is not None or not refusal_of(view.observation):
+            return view
+        await asyncio.sleep(INSIST_SECONDS)
+        view = await self._act(Navigate(self._start_url))
+        if why := refusal_of(view.observation):
+            await self._record_view(view)
+            raise SiteRefused(f"{self._start_url} was refused twice: {why}", url=view.observation.url)
+        return view
 
     async def take(self, step: Step) -> View | None:
         """Record a step, and carry out its action.

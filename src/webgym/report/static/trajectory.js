@@ -67,7 +67,7 @@ function failureCard(it) {
 }
 
 const ENDINGS = { answered: "answered", budget_spent: "step budget spent", straggler: "ended as a straggler",
-  environment_failed: "environment failed", policy_failed: "policy failed", cancelled: "cancelled" };
+  site_refused: "start page refused", environment_failed: "environment failed", policy_failed: "policy failed", cancelled: "cancelled" };
 
 function taskHead(it) {
   const task = it.task;

@@ -57,6 +57,7 @@ def settings(tmp_path: Path) -> Path:
     return file
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(600)  # two launches, each of which loads torch twice, beside others that do
 def test_two_launches_take_the_step_of_a_check_together(tmp_path: Path, settings: Path) -> None:
     first, second = launched_together(settings, "--out", tmp_path / "out", "--check")

@@ -24,6 +24,8 @@ from webgym.train.loop import TrainConfig
 from webgym.train.rehearsal import rehearse
 from webgym.train.start import open_training
 
+pytestmark = pytest.mark.timeout(400)  # real browsers, models and processes, beside others
+
 
 @pytest.fixture
 def given(tmp_path: Path) -> dict[str, Any]:

@@ -27,6 +27,8 @@ from webgym.train.replay import ReplaySample
 from webgym.train.start import follow, open_training
 from webgym.train.stopping import Stop, ends_in_time
 
+pytestmark = pytest.mark.timeout(400)  # real browsers, models and processes, beside others
+
 
 def run(path: Path, world: World, stop: Stop | None = None, **loop: Any) -> list[dict[str, Any]]:
     return asyncio.run(training_of(path, world, config(**loop), TASKS, stop).run())

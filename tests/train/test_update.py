@@ -274,7 +274,7 @@ def test_saved_weights_have_what_a_servers_processor_reads(tmp_path: Path) -> No
     updater(source).save(tmp_path / "saved")
     copied = tmp_path / "saved" / "video_preprocessor_config.json"
     assert copied.read_text() == (source / copied.name).read_text()
-    modes = {path.name: path.stat().st_mode for path in copied.parent.iterdir()}
+    modes = {path.name: path.stat().st_mode for path in copied.parent.rglob("*") if path.is_file()}
     (tmp_path / "any").write_text("")
     assert set(modes.values()) == {(tmp_path / "any").stat().st_mode}, (
         "a server of another user can read them"

@@ -93,8 +93,14 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
 _OWN = 1
 """Frames that a request for a picture paints itself, before it is answered."""
 
-_MOST_FRAMES = 30
-"""Frames since a picture after which no more are reported until the next one: a page that is never still."""
+_MOST_FRAMES = 10
+"""Frames since a picture after which no more are reported until the next one."""
+
+_RESTLESS = 2
+"""Pictures in a row after which a page painted that often: it is never still."""
+
+_UNASKED = 20
+"""Pictures without reports after that."""
 
 _MOST_BYTES = 2 * 1024**2
 """Bytes of pictures that are looked through for one step, which costs about a fifth of a new picture."""
@@ -144,6 +150,10 @@ class Stillness:
         self._session = session
         self._frames = 0
         """Painted since the last picture was asked for."""
+        self._restless = 0
+        """Pictures in a row after which it painted that often."""
+        self._unasked = 0
+        """Pictures for which frames are not reported, which is work: the page is never still."""
         self._picture: tuple[str, bytes] | None = None
         """The last picture, and the loader of the document that it shows; ``None`` if it may be another."""
         self._still: set[str] = set()
@@ -153,8 +163,14 @@ class Stillness:
     def begin_picture(self) -> None:
         """A picture is about to be asked for."""
         self.forget()
+        self._restless = self._restless + 1 if self._frames >= _MOST_FRAMES else 0
+        if self._restless == _RESTLESS:
+            self._unasked, self._restless = _UNASKED, 0
         self._frames = 0
-        self._session.send("LayerTree.enable")
+        if self._unasked:
+            self._unasked -= 1
+        else:
+            self._session.send("LayerTree.enable")
 
     def end_picture(self, loader: str, picture: bytes) -> None:
         """The picture has come; it was asked for when this loader's document was shown. One for which nothing

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from aiohttp import web
 from benchmarks.stand_ins import serving_app
-from tests.conftest import webgym
+from tests.conftest import Commands, webgym
 
 from webgym.core.storage import StoredItem, read_storage
 
@@ -45,3 +45,20 @@ async def test_what_is_signed_in_by_hand_is_saved(tmp_path: Path) -> None:
     [origin] = read_storage(file).origins
     assert (origin.origin, origin.local_storage) == (site, (StoredItem("token", "T-1"),))
     assert file.stat().st_mode & 0o077 == 0
+
+
+@pytest.mark.parametrize(
+    ("website", "file", "told"),
+    [
+        ("shop.example", "a.json", "shop.example is no address"),
+        ("https://shop.example", "none/a.json", "there is no folder"),
+        ("https://shop.example", "a.json", "there is no screen"),
+    ],
+)
+def test_what_cannot_be_saved_is_told_at_once(
+    commands: Commands, tmp_path: Path, website: str, file: str, told: str
+) -> None:
+    code, said = commands.run("login", website, "--save", tmp_path / file, DISPLAY="", WAYLAND_DISPLAY="")
+    assert code != 0
+    assert told in said
+    assert len(said.splitlines()) == 1

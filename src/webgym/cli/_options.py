@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 from typing import Annotated, TypeAlias
 
@@ -149,3 +151,8 @@ def web_options(*options: str, **more: str | Option) -> Options:
     }
     chosen = {name: every[name] for name in options} | more
     return Options(SitesConfig, {f"--{name.replace('_', '-')}": option for name, option in chosen.items()})
+
+
+def has_desktop() -> bool:
+    """Whether a browser would open a window; a text browser would take over the terminal."""
+    return sys.platform == "darwin" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -15,8 +15,9 @@ from webgym.browser.find import find_browser
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.slot import Slot
 from webgym.cli._fields import Given, Options, takes
+from webgym.cli._options import has_desktop
 from webgym.core.action import Navigate
-from webgym.core.errors import BrowserNotFound, ConfigError
+from webgym.core.errors import BrowserNotFound, ConfigError, UsageError
 from webgym.core.settings import validated
 from webgym.core.storage import write_storage
 
@@ -33,6 +34,12 @@ def command(
 
     The file has Playwright's format for storage state. A run uses it by attempt.logins.
     """
+    if not website.startswith(("http://", "https://")):
+        raise UsageError(f"{website} is no address", hint="such as https://shop.example/login")
+    if not (folder := save.absolute().parent).is_dir():
+        raise UsageError(f"there is no folder {folder}", hint="make it, or choose another file")
+    if not has_desktop():
+        raise ConfigError("there is no screen to open a window on", hint="go to a desktop, or set DISPLAY")
     config = validated(BrowserConfig, settings).model_copy(update={"headed": True, "freeze": False})
     asyncio.run(_login(website, config, save))
 

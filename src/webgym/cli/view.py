@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
-import sys
 import webbrowser
 from pathlib import Path
 from typing import Annotated
@@ -14,6 +12,7 @@ import typer
 from rich.console import Console
 
 from webgym.cli._fields import Given, Option, Options, takes
+from webgym.cli._options import has_desktop
 from webgym.cli.tasks._files import has_tasks
 from webgym.core.settings import validated
 from webgym.report.config import ViewConfig
@@ -48,7 +47,7 @@ def command(
     def ready(address: str) -> None:
         status.stop()
         print(address, flush=True)
-        if is_opened and _has_desktop():
+        if is_opened and has_desktop():
             webbrowser.open(address)
 
     config = validated(ViewConfig, settings)
@@ -58,8 +57,3 @@ def command(
         else:
             message = "reading {:,} trajectories of a file for the index"
             asyncio.run(serve_view(what, config, ready, lambda count: status.update(message.format(count))))
-
-
-def _has_desktop() -> bool:
-    """Whether a browser would open a window; a text browser would take over the terminal."""
-    return sys.platform == "darwin" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

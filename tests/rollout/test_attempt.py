@@ -19,10 +19,11 @@ from webgym.agent.config import AgentConfig
 from webgym.agent.policy import BasePolicy, PolicyInput
 from webgym.browser.config import Cookie
 from webgym.core.action import BrowserAction
-from webgym.core.errors import JudgeError, NavigationFailed, PolicyTimeout
+from webgym.core.errors import ConfigError, JudgeError, NavigationFailed, PolicyTimeout
 from webgym.core.identity import Identity
 from webgym.core.observation import Fault, Notice, Observation, Probed
 from webgym.core.outcome import Ending, Outcome, outcome_of
+from webgym.core.storage import StorageState, StoredCookie, write_storage
 from webgym.core.trajectory import Episode, Reply, Trajectory
 from webgym.core.truth import AnswerTruth, FactTruth, StateCheck, Truth
 from webgym.rollout.attempt import Attempt, AttemptContext
@@ -296,7 +297,9 @@ async def test_an_attempt_that_is_made_again_is_another_visitor() -> None:
     assert len(set(visitors)) == 2
 
 
-async def test_a_tasks_identity_goes_before_its_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_tasks_identity_and_log_in_go_before_its_runs(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setenv("LAB", "ann:pass")
     identity = Identity(
         time_zone="Asia/Tokyo", languages=("ja",), credentials={"https://lab.example": "$LAB"}
@@ -307,6 +310,19 @@ async def test_a_tasks_identity_goes_before_its_runs(monkeypatch: pytest.MonkeyP
     options = EpisodeDriver(context, planned, AgentTraits("p", "marks")).options()
     assert options.identity == {"time_zone": "Asia/Tokyo", "languages": ["de"]}
     assert options.credentials == {"https://lab.example": "ann:pass"}
+    login, own = tmp_path / "shop.json", tmp_path / "own.json"
+    for path, value in ((login, "website"), (own, "task")):
+        write_storage(path, StorageState((StoredCookie("sid", value, "a.example"),)))
+    config = AttemptConfig(logins={"www.shop.example": login, "u": own})
+    for name, website, values in (
+        ("t", "https://www.shop.example/a", ["website"]),
+        ("u", "https://www.shop.example/a", ["task"]),
+        ("t", "https://other.example", []),
+    ):
+        known = msgspec.structs.replace(planned.task, id=name, website=website)
+        assert [cookie.value for cookie in config.access.storage_of(known).cookies] == values
+    with pytest.raises(ConfigError, match="cannot read"):
+        _ = AttemptConfig(logins={"shop.example": tmp_path / "none"}).access
     with pytest.raises(ValueError, match=r"identity\.languages"):
         msgspec.structs.replace(planned.task, identity={"languages": ["?"]})
 

@@ -2,15 +2,36 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal, NamedTuple
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
-from webgym.core.identity import Identity
+from webgym.core.identity import Identity, credentials_of
 from webgym.core.settings import Settings
-from webgym.core.task import StepBudget
+from webgym.core.storage import StorageState, read_storage
+from webgym.core.task import StepBudget, Task
+from webgym.core.websites import host_or_text
 from webgym.rollout.sharing import SharingConfig
+
+
+class Access(NamedTuple):
+    """What a run signs in with.
+
+    Attributes:
+        credentials: ``NAME:PASSWORD`` by origin.
+        storage: what websites keep in the browser, by website or task.
+    """
+
+    credentials: dict[str, str]
+    storage: dict[str, StorageState]
+
+    def storage_of(self, task: Task) -> StorageState:
+        """What the task's website keeps in the browser already."""
+        host = host_or_text(task.website)
+        names = (task.id, host, f"www.{host}")
+        return next((self.storage[name] for name in names if name in self.storage), StorageState())
 
 
 class AttemptConfig(Settings):
@@ -36,12 +57,22 @@ class AttemptConfig(Settings):
     identity: Identity = Field(default_factory=Identity)
     """What differs from the browser server's ``browser.identity``; a task's own fields go before it."""
 
-    logins: dict[str, Path] = Field(default_factory=dict)
+    logins: dict[str, Annotated[Path, AfterValidator(Path.absolute)]] = Field(default_factory=dict)
     """Who is signed in where: a website's host, or a task's id, and the file with the log-in, of ``webgym
     login`` or of Playwright's storage state. A task's id goes before its website."""
 
     record_cuts: bool = False
     """Record the lines of each page that are never fully visible, for checks of websites."""
+
+    @cached_property
+    def access(self) -> Access:
+        """What the credentials and log-ins are, read once.
+
+        Raises:
+            ConfigError: a variable or a file is missing, or holds something else.
+        """
+        storage = {name: read_storage(path) for name, path in self.logins.items()}
+        return Access(credentials_of(self.identity), storage)
 
     @property
     def budget(self) -> StepBudget:

@@ -37,11 +37,9 @@ from webgym.core.errors import (
     SiteRefused,
     WebGymError,
 )
-from webgym.core.identity import credentials_of
 from webgym.core.observation import Fault, Observation, Probed
 from webgym.core.outcome import Ending, ending_of
 from webgym.core.settings import set_values
-from webgym.core.storage import StorageState, read_storage
 from webgym.core.trajectory import Episode, Failure, Step
 from webgym.core.websites import host_or_text, site_or_text
 from webgym.judge.blocking import refusal_of
@@ -228,15 +226,9 @@ class EpisodeDriver:
             files=self.planned.task.files if traits.space == "extended" else (),
             keep_dialogs=traits.space == "extended",
             identity=own | self.planned.task.identity,
-            credentials=credentials_of(identity),
-            storage=self._login(),
+            credentials=context.config.access.credentials,
+            storage=context.config.access.storage_of(self.planned.task),
         )
-
-    def _login(self) -> StorageState:
-        """What the task's website keeps in the browser already."""
-        logins, task = self._context.config.logins, self.planned.task
-        path = logins.get(task.id) or logins.get(host_or_text(task.website))
-        return read_storage(path) if path else StorageState()
 
     async def reach_site_state(self) -> None:
         """Ask the offline web for this episode's state, which it does not have yet, to see that it answers.

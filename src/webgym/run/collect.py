@@ -124,6 +124,7 @@ async def collect(
     """
     out = Path(out)
     check_installed(config.trackers)
+    await asyncio.to_thread(lambda: config.attempt.access)
     refuse_taken(out)  # before anything starts; the folder is created later
     if policy is not None:
         own = PolicyChoice(name=policy.name, check=config.policy.check)
@@ -211,6 +212,7 @@ async def resume(
     """
     reader = RunReader(out)
     config, run_id = read_config(reader)
+    await asyncio.to_thread(lambda: config.attempt.access)
     if policy is None and config.policy.name not in POLICY_NAMES:
         raise RunFolderError(
             f"{reader.path} was made with the policy {config.policy.name!r}, which a name does not give",

@@ -385,7 +385,7 @@ async def test_a_group_at_one_task_has_a_browser_each() -> None:
         sites=SitesConfig(collection="small", per_family=1, latency=0),
         collector=CollectorConfig(sessions=2),
     )
-    async with Environment(config=config) as first, first.twin(1) as second, asyncio.timeout(30):
+    async with Environment(config=config) as first, first.twin(1) as second, asyncio.timeout(100):
         (_, one), (_, other) = await first.reset(), await second.reset()
         assert one["task_id"] == other["task_id"]
 

@@ -198,7 +198,7 @@ async def test_an_episode_that_nobody_awaits_any_more_frees_its_place(tmp_path: 
             for _ in range(3):  # closed by the event loop
                 await asyncio.sleep(0)
             assert not given["browsers"].open_now
-        async with asyncio.timeout(10), pool.environment():
+        async with asyncio.timeout(100), pool.environment():
             pass
 
 

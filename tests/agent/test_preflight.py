@@ -174,7 +174,7 @@ async def test_what_the_first_replies_wait_for_is_told(
         given = config(endpoint, policy=PolicyChoice(chat=chat))
     told = asyncio.Queue[str]()
     waiting = asyncio.create_task(collect(given, tmp_path / "run", tell=told.put_nowait))
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(100):
         while "requests are sent again: " not in (line := await told.get()):
             pass
     assert "answered 429 Too Many Requests: slow down" in line

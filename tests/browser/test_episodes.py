@@ -121,7 +121,7 @@ async def test_the_next_episode_finds_nothing(site: Site, shared_slot: Slot) -> 
 
     async def visit() -> dict[str, Any]:
         await shared_slot.step(Navigate(site.url("/marks")))
-        async with asyncio.timeout(30):
+        async with asyncio.timeout(100):
             found = await marks.seen.get()
         assert "error" not in found, found
         return found

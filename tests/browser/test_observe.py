@@ -242,7 +242,7 @@ async def test_marks_are_drawn_where_the_elements_are(site: Site, open_tab: Open
         edge = changed.crop((int(x), int(y - 2), int(x + width), int(y)))
         assert edge.getbbox() is not None, f"no frame around {x, y, width, height}"
     assert look.observation.title == "", "the page did not notice"
-    async with asyncio.timeout(30):  # the marks are gone afterwards, with the next frame of a busy machine
+    async with asyncio.timeout(100):  # the marks are gone afterwards, with the next frame of a busy machine
         while True:
             bare = Image.open(io.BytesIO(await marked.slot.screenshot())).convert("RGB")
             if ImageChops.difference(without, bare).getbbox() is None:

@@ -102,7 +102,7 @@ async def test_it_knows_no_secret_of_ours(
         assert f"TMPDIR={browser.profile}".encode() in given
         monkeypatch.setattr("resource.getrlimit", lambda _: (64, 64))  # as if that had ended it
         os.kill(browser.pid, signal.SIGKILL)
-        async with asyncio.timeout(30):
+        async with asyncio.timeout(100):
             while browser.connection.lost is None:
                 await asyncio.sleep(0.01)
         assert "only 64 files may be open" in str(browser.connection.lost)
@@ -155,7 +155,7 @@ async def test_a_start_that_is_given_up_leaves_nothing(root: ProfileRoot, egress
         starting.cancel()
         with pytest.raises((asyncio.CancelledError, BrowserLaunchFailed)):
             await starting
-        async with asyncio.timeout(30):  # an end goes on though nobody waits for it
+        async with asyncio.timeout(100):  # an end goes on though nobody waits for it
             while root.path.exists() or len(descriptors()) > before or children() != offspring:
                 await asyncio.sleep(0.005)
 

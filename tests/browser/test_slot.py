@@ -99,11 +99,11 @@ async def test_the_sweep_ends_browsers_that_outlived_their_server(executable: Pa
         stderr=DEVNULL,
         start_new_session=True,
     )
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(100):
         while len(group(orphan.pid)) < 3:
             await asyncio.sleep(0.02)
     await asyncio.to_thread(ProfileRoot(tmp_path).sweep)
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(100):
         while group(orphan.pid):
             await asyncio.sleep(0.02)
     await orphan.wait()

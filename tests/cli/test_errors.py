@@ -140,7 +140,7 @@ def test_ctrl_c_in_a_real_process(tmp_path: Path) -> None:
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=30)
+        _, said = process.communicate(timeout=100)
     assert process.returncode == 130
     assert "Traceback" not in said
 

@@ -53,7 +53,7 @@ async def finishing_or_not(finishing: asyncio.Event, presses: int) -> str:
     for _ in range(presses):
         os.kill(os.getpid(), signal.SIGINT)
         await asyncio.sleep(0.05)
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(100):
         await finishing.wait()
     return "finished"
 

@@ -46,7 +46,7 @@ def test_one_sees_iteration_stage_success_and_time_left(
     view = TrainingView(console)
 
     async def until(text: str) -> None:
-        async with asyncio.timeout(30):
+        async with asyncio.timeout(100):
             while text not in shown(console):
                 await asyncio.sleep(0.01)
 

@@ -58,7 +58,7 @@ async def hung_up(sock: socket.socket) -> bytes:
     """What came until the server closed the connection."""
     loop = asyncio.get_running_loop()
     got = b""
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(100):
         try:
             while part := await loop.sock_recv(sock, 65536):
                 got += part

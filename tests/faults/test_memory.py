@@ -97,7 +97,7 @@ async def test_a_watch_that_cannot_look_for_a_while_goes_on(
     watch = MemoryWatch(BrowserConfig(), tuple)
     monkeypatch.setattr(watch, "check", check)
     watching = asyncio.create_task(watch.run())
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(100):
         while looks < 5:
             await asyncio.sleep(0.001)
     watching.cancel()
@@ -117,7 +117,7 @@ async def test_a_renderer_is_known_as_one_also_if_it_was_met_as_it_was_forked(be
         processes = ProcessTable()
         assert processes.sizes([process.pid])[process.pid].renderer is None
         process.stdin.write(b"\n")
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(100):
             while processes.sizes([process.pid])[process.pid].renderer != process.pid:
                 await asyncio.sleep(0.01)
         size = processes.sizes([process.pid])[process.pid]

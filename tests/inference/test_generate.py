@@ -195,14 +195,14 @@ async def test_whoever_waits_is_told_that_the_policy_is_closed(
 
         def slow(*given: Any) -> Any:
             begun.set()
-            may_end.wait(5)
+            may_end.wait(100)
             return [], ""
 
         monkeypatch.setattr(policy, "_generate", slow)
         calls = [asyncio.create_task(policy.reply(turn("task say"), seed)) for seed in range(2)]
-        await asyncio.to_thread(begun.wait, 5)
+        await asyncio.to_thread(begun.wait, 100)
         asyncio.get_running_loop().call_later(0.05, may_end.set)
-    for end in await asyncio.wait_for(asyncio.gather(*calls, return_exceptions=True), 5):
+    for end in await asyncio.wait_for(asyncio.gather(*calls, return_exceptions=True), 100):
         assert isinstance(end, PolicyError)
     with pytest.raises(PolicyError, match="not open"):
         await policy.reply(turn("task say"), 1)

@@ -61,7 +61,7 @@ def test_a_terminal_shows_a_panel_that_is_gone_at_the_end() -> None:
             break
         shown += part
     os.close(ours)
-    assert process.wait(10) == 0
+    assert process.wait(100) == 0
     text = shown.decode()
     assert "10" in text
     assert "/40" in text

@@ -18,7 +18,7 @@ from webgym.store.files import LIVE
 
 
 async def _until(condition: object) -> None:
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(100):
         while not condition():  # type: ignore[operator]
             await asyncio.sleep(0.01)
 
@@ -44,7 +44,7 @@ async def test_no_late_write_leaves_it_behind(tmp_path: Path, monkeypatch: pytes
 
     def slowly(path: Path, data: bytes) -> None:
         begun.set()
-        assert go_on.wait(30)
+        assert go_on.wait(100)
         write(path, data)
 
     monkeypatch.setattr(live_file, "_write", slowly)
@@ -54,7 +54,7 @@ async def test_no_late_write_leaves_it_behind(tmp_path: Path, monkeypatch: pytes
             await asyncio.Event().wait()
 
     running = asyncio.create_task(run())
-    await asyncio.to_thread(begun.wait, 30)
+    await asyncio.to_thread(begun.wait, 100)
     running.cancel()
     await asyncio.sleep(0)
     running.cancel()  # once more, while it waits for the removal

@@ -60,7 +60,7 @@ async def keeper(config: Admission, busy: float = 1.0) -> AsyncIterator[Admissio
 
 
 async def until(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(100):
         while not condition():
             await asyncio.sleep(0.001)
 

@@ -273,7 +273,7 @@ async def test_health_is_503_where_no_browser_comes_up() -> None:
         await slot.stop()
         with pytest.raises(BrowserLaunchFailed):
             await client.open()
-        async with asyncio.timeout(30):
+        async with asyncio.timeout(100):
             while (await client.health()).status == "ok":
                 await asyncio.sleep(0.01)
         async with httpx.AsyncClient(trust_env=False, timeout=60) as http:
@@ -335,7 +335,7 @@ async def test_whoever_watches_hears_of_every_change(http: httpx.AsyncClient, cl
         first = msgspec.json.decode(await anext(lines), type=Watched)
         assert first.sessions == ()
         session = await client.open()
-        async with asyncio.timeout(30):
+        async with asyncio.timeout(100):
             async for line in lines:
                 now = msgspec.json.decode(line, type=Watched)
                 if now.sessions:
@@ -344,7 +344,7 @@ async def test_whoever_watches_hears_of_every_change(http: httpx.AsyncClient, cl
         assert now.slots.leased == 1
         assert (now.asked, now.granted) == (first.asked + 1, first.granted + 1)
         await session.close()
-        async with asyncio.timeout(30):
+        async with asyncio.timeout(100):
             while msgspec.json.decode(await anext(lines), type=Watched).slots.free < 2:
                 pass
 

@@ -284,11 +284,11 @@ async def test_an_update_is_carried_through_when_the_training_is_stopped(tmp_pat
     class Slow(World):
         def learn(self, number: int, draw: ReplaySample, folder: TrainingFolder) -> Mapping[str, Any]:
             begun.set()
-            assert may_end.wait(20)
+            assert may_end.wait(100)
             return super().learn(number, draw, folder)
 
     work = asyncio.create_task(training_of(tmp_path, Slow(), config(evaluate_every=0), TASKS).run())
-    await asyncio.to_thread(begun.wait, 20)
+    await asyncio.to_thread(begun.wait, 100)
     work.cancel()
     await asyncio.wait({work}, timeout=0.1)
     was_done = work.done()

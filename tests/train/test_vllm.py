@@ -489,7 +489,7 @@ def gone(pids: list[int]) -> bool:
 
 
 async def until(holds: Callable[[], bool]) -> None:
-    async with asyncio.timeout(20):
+    async with asyncio.timeout(100):
         while not holds():
             await asyncio.sleep(0.02)
 
@@ -616,7 +616,7 @@ def test_who_is_killed_leaves_no_server_and_no_engine(tmp_path: Path, vllm: str)
     asyncio.run(until(lambda: (tmp_path / "pids").exists() and len(pids(tmp_path)) == 2))
     process.kill()
     process.wait()
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + 100
     while not gone(pids(tmp_path)):
         assert time.monotonic() < deadline
         time.sleep(0.02)

@@ -59,6 +59,27 @@ async def task_group() -> AsyncIterator[asyncio.TaskGroup]:
         raise errors.exceptions[0] from errors
 
 
+async def uninterrupted(work: Coroutine[Any, Any, T]) -> T:
+    """The result of work that goes on though its caller is cancelled, who ends only when the work has ended.
+
+    However often: a task is cancelled by its group and by whoever started it.
+
+    Raises:
+        asyncio.CancelledError: the caller was cancelled meanwhile.
+    """
+    task = asyncio.create_task(work)
+    was_cancelled = False
+    while not task.done():
+        try:
+            await asyncio.wait({task})
+        except asyncio.CancelledError:
+            was_cancelled = True
+    if was_cancelled:
+        task.exception()  # nobody asks for it any more
+        raise asyncio.CancelledError
+    return task.result()
+
+
 async def in_daemon_thread(work: Callable[[], T]) -> T:
     """Do blocking work in a daemon thread, which does not keep the process from ending.
 

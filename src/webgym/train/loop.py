@@ -27,6 +27,7 @@ from pydantic import Field, model_validator
 
 from webgym.agent.policy import Policy
 from webgym.agent.profiles import choose_profile
+from webgym.core.background import uninterrupted
 from webgym.core.errors import ConfigError, TrainingError
 from webgym.core.outcome import Outcome
 from webgym.core.settings import Section
@@ -480,12 +481,8 @@ class Training:
         if self.folder.is_past(number, Stage.UPDATE):
             return
         if draw.steps:
-            learning = asyncio.create_task(asyncio.to_thread(self._learn, number, draw))
-            try:
-                await asyncio.shield(learning)
-            except asyncio.CancelledError:  # a thread cannot be: until it ends the folder stays locked
-                await asyncio.gather(learning, return_exceptions=True)
-                raise
+            # A thread cannot be cancelled: the folder stays locked until it has ended.
+            await uninterrupted(asyncio.to_thread(self._learn, number, draw))
             self._empty_iterations = 0
         else:
             self.folder.finish(number, Stage.UPDATE, {})

@@ -15,8 +15,8 @@ from typing import Final, TypeAlias
 from urllib.parse import quote, urljoin, urlsplit
 
 from webgym.agent.elements import TEXT_ROLES, target_of, usable
+from webgym.agent.formats import render_reply
 from webgym.agent.policy import BasePolicy, PolicyInput
-from webgym.agent.prompts import render_reply
 from webgym.agent.scripted import wrong_answer
 from webgym.agent.solver import Act, Solver
 from webgym.core.action import Answer, Navigate, Type, Wait

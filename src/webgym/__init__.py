@@ -13,8 +13,8 @@ from webgym.core.timeouts import correct_timeouts
 if TYPE_CHECKING:
     from webgym.agent.agent import Agent
     from webgym.agent.config import AgentConfig
+    from webgym.agent.formats import render_reply
     from webgym.agent.policy import BasePolicy, Policy, PolicyInput, PolicySession
-    from webgym.agent.prompts import render_reply
     from webgym.core.action import Action, Answer, GoBack, LeftClick, Navigate, Scroll, Target, Type, Wait
     from webgym.core.errors import UsageError, WebGymError
     from webgym.core.observation import Observation
@@ -49,7 +49,7 @@ _HOMES = {
     "webgym.agent.agent": "Agent",
     "webgym.agent.config": "AgentConfig",
     "webgym.agent.policy": "BasePolicy PolicySession Policy PolicyInput",
-    "webgym.agent.prompts": "render_reply",
+    "webgym.agent.formats": "render_reply",
     "webgym.run.config": "RunConfig TaskChoice",
     "webgym.run.collect": "collect resume",
     "webgym.core.action": "Action Answer GoBack LeftClick Navigate Scroll Target Type Wait",

@@ -13,9 +13,9 @@ from tests.agent.shop import Shop, task
 
 from webgym.agent.agent import Agent, Dialogue
 from webgym.agent.config import AgentConfig
+from webgym.agent.formats import render_reply
 from webgym.agent.policy import PolicyInput, PolicySession
 from webgym.agent.profiles import choose_profile
-from webgym.agent.prompts import render_reply
 from webgym.agent.scripted import RandomPolicy, ScriptedPolicy, create_policy
 from webgym.core.action import Answer, DoubleClick, Drag, Hover, Press, RightClick, Scroll
 from webgym.core.errors import ConfigError, PolicyBadReply, PolicyError, PolicyUnreachable, ProtocolError

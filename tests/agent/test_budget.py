@@ -20,10 +20,11 @@ from tests.llm.endpoint import Endpoint, serve
 
 from webgym.agent.agent import Agent
 from webgym.agent.config import AgentConfig
-from webgym.agent.context import AttemptPosition, Cut, Request, build_request, request_tokens, text_tokens
+from webgym.agent.context import AttemptPosition, Cut, Request, request_tokens, text_tokens
+from webgym.agent.formats import build_request, render_reply
 from webgym.agent.openai_policy import OpenAIPolicy
 from webgym.agent.profiles import all_profiles
-from webgym.agent.prompts import render_reply, system_prompt
+from webgym.agent.prompts import system_prompt
 from webgym.core.action import Scroll
 from webgym.core.errors import PolicyBadReply, PolicyError
 from webgym.core.trajectory import Message, Step

@@ -9,10 +9,11 @@ from msgspec.structs import replace
 from tests.agent.shop import task
 
 from webgym.agent.config import AgentConfig
-from webgym.agent.context import AttemptPosition, Round, build_request, describe, picture_names
-from webgym.agent.parser import parse_reply
+from webgym.agent.context import AttemptPosition, Round, picture_names
+from webgym.agent.formats import build_request, parse_reply, render_reply
 from webgym.agent.profiles import choose_profile
-from webgym.agent.prompts import render_reply, system_prompt, tool_declaration
+from webgym.agent.prompts import system_prompt, tool_declaration
+from webgym.agent.standard import describe
 from webgym.core.action import Answer, GoBack, LeftClick, Scroll, Target
 from webgym.core.observation import Notice, NoticeKind, Observation
 from webgym.core.task import MAX_ATTACHED_BYTES, Attachment
@@ -173,7 +174,7 @@ def test_the_official_prompt_has_no_memory() -> None:
 
 
 def test_long_things_are_cut(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("webgym.agent.context.SUMMARY_LINE_MAX_CHARS", 50)
+    monkeypatch.setattr("webgym.agent.standard.SUMMARY_LINE_MAX_CHARS", 50)
     rounds = [past(0, text=render_reply(Answer("a" * 900), "memory", description="b" * 900))]
     seen = observation(
         1, title="t" * 9000, url="http://h/" + "u" * 9000, notices=(Notice("dialog", "d" * 9000),)

@@ -13,12 +13,10 @@ from msgspec.structs import replace
 from tests.agent.shop import task
 from tests.agent.test_context import observation
 
-from webgym.agent.compact import COMPACT_FORMATS
 from webgym.agent.config import AgentConfig, PromptFormat
-from webgym.agent.context import AttemptPosition, Round, build_request
-from webgym.agent.parser import parse_reply
+from webgym.agent.context import AttemptPosition, Round
+from webgym.agent.formats import build_request, format_of, parse_reply, render_reply
 from webgym.agent.profiles import choose_profile
-from webgym.agent.prompts import render_reply
 from webgym.core.action import Answer, Space
 from webgym.core.observation import Notice
 from webgym.core.task import Attachment
@@ -108,7 +106,7 @@ def request(field: str, text: str, prompt_format: PromptFormat) -> tuple[Message
         revision=Revision(dropped=(at("revision", "a"),)),
         progress={at("progress", "1"): "finished"},
     )
-    space: Space = "paper" if prompt_format in COMPACT_FORMATS else "extended"
+    space: Space = format_of(prompt_format).spaces[-1]
     config = AgentConfig(prompt_format=prompt_format, actions=space)
     return build_request(there, rounds, position, config, choose_profile(None, "test")).messages
 

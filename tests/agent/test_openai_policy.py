@@ -13,9 +13,9 @@ from tests.llm.endpoint import Endpoint, serve
 
 from webgym.agent.agent import Agent
 from webgym.agent.config import AgentConfig
+from webgym.agent.formats import render_reply
 from webgym.agent.openai_policy import OpenAIPolicy
 from webgym.agent.profile import DEFAULT_SAMPLING, PAPER_SAMPLING
-from webgym.agent.prompts import render_reply
 from webgym.core.action import LeftClick, Target
 from webgym.core.errors import PolicyBadReply, PolicyError, PolicyTimeout, PolicyUnreachable
 from webgym.core.observation import Observation

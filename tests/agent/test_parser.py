@@ -13,8 +13,9 @@ from tests.agent.strategies import JSON_OBJECTS, LINES, actions
 
 from webgym.agent.computer_use import keys_of
 from webgym.agent.config import AgentConfig, PromptFormat
-from webgym.agent.parser import ParsedReply, ParseError, parse_reply, without_thinking
-from webgym.agent.prompts import render_reply, tool_declaration
+from webgym.agent.formats import parse_reply, render_reply
+from webgym.agent.parser import ParsedReply, ParseError, without_thinking
+from webgym.agent.prompts import tool_declaration
 from webgym.core.action import (
     Action,
     Answer,

@@ -25,9 +25,9 @@ from tests.llm.endpoint import Endpoint, serve
 from webgym.agent.agent import Agent
 from webgym.agent.computer_use import from_arguments
 from webgym.agent.config import AgentConfig
+from webgym.agent.formats import render_reply
 from webgym.agent.openai_policy import OpenAIPolicy
 from webgym.agent.profiles import all_profiles, choose_profile
-from webgym.agent.prompts import render_reply
 from webgym.browser.aim import point_of
 from webgym.browser.config import BrowserConfig
 from webgym.core.action import LeftClick, Navigate, Target

@@ -16,9 +16,9 @@ from tests.rollout.test_summary import task
 
 from webgym.agent.agent import Agent
 from webgym.agent.config import AgentConfig
+from webgym.agent.formats import render_reply
 from webgym.agent.preflight import check_policy
 from webgym.agent.profiles import choose_profile
-from webgym.agent.prompts import render_reply
 from webgym.agent.scripted import RandomPolicy
 from webgym.core.action import LeftClick, Target
 from webgym.core.errors import ConfigError, JudgeError, RunFolderError, TaskFileError, WebGymError

@@ -19,8 +19,8 @@ from tests.llm.endpoint import Endpoint, serve
 
 from webgym.agent.agent import Agent
 from webgym.agent.config import AgentConfig
+from webgym.agent.formats import render_reply
 from webgym.agent.openai_policy import OpenAIPolicy, request_of
-from webgym.agent.prompts import render_reply
 from webgym.core.action import LeftClick, Target
 from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, Outcome

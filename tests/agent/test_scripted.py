@@ -8,7 +8,8 @@ from tests.agent.shop import Shop, task
 
 from webgym.agent.agent import Agent
 from webgym.agent.config import AgentConfig, PromptFormat
-from webgym.agent.parser import ParsedReply, parse_reply
+from webgym.agent.formats import parse_reply
+from webgym.agent.parser import ParsedReply
 from webgym.agent.scripted import MISTAKES, Mistake, ScriptedPolicy, wrong_answer
 from webgym.core.action import Action, Answer, GoBack, LeftClick, Mode, Scroll, Type, Wait
 from webgym.core.errors import ConfigError, PolicyError

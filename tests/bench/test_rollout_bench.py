@@ -15,7 +15,8 @@ from benchmarks import collector
 from tests.conftest import Calls
 from tests.documented import documented
 
-from webgym.agent.parser import ParsedReply, parse_reply
+from webgym.agent.formats import parse_reply
+from webgym.agent.parser import ParsedReply
 from webgym.bench.rollout.endpoint import Engine, PrefixCache, Script, serving_endpoint
 from webgym.bench.rollout.measure import measure_into
 from webgym.bench.rollout.plan import (

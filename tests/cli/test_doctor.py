@@ -12,7 +12,7 @@ from tests.conftest import Calls
 from tests.documented import documented
 from tests.llm.endpoint import serve
 
-from webgym.agent.prompts import render_reply
+from webgym.agent.formats import render_reply
 from webgym.browser.find import find_browser
 from webgym.cli import doctor
 from webgym.cli.doctor import SAMPLES, SIZE, Check, LaunchCheck, try_browser

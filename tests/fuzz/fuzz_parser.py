@@ -16,7 +16,8 @@ from collections import Counter
 
 from tests.fuzz.replies import Case, Generator, complaint
 
-from webgym.agent.parser import ParseError, parse_reply
+from webgym.agent.formats import parse_reply
+from webgym.agent.parser import ParseError
 
 SLOW_SECONDS = 2.0
 """No reply of this size takes as long, on any machine, to a parser that is linear."""

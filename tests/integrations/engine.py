@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import webgym
-from webgym.agent.prompts import render_reply
+from webgym.agent.formats import render_reply
 from webgym.core.action import Action
 
 if TYPE_CHECKING:  # torch, which only some frameworks bring

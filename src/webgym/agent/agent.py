@@ -8,12 +8,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple, Self
 
-from webgym.agent.compact import COMPACT_FORMATS
 from webgym.agent.config import AgentConfig
-from webgym.agent.context import AttemptPosition, Round, build_request, picture_names, thinking_of
+from webgym.agent.context import AttemptPosition, Round, picture_names, thinking_of
+from webgym.agent.formats import build_request, format_of, parse_reply
 from webgym.agent.image_codec import fit
 from webgym.agent.memory import merge
-from webgym.agent.parser import CALL_TAGS, ParsedReply, ParseError, parse_reply
+from webgym.agent.parser import CALL_TAGS, ParsedReply, ParseError
 from webgym.agent.policy import Policy, PolicyInput
 from webgym.agent.profile import Profile
 from webgym.agent.profiles import choose_profile
@@ -156,9 +156,9 @@ class Dialogue:
             screen=profile.screen(sent),
             space=config.actions,
         )
-        # A compact reply lists new entries only, so a missing one is not a dropped one.
+        # What a reply need not repeat is not dropped by being left out.
         unseen = list(self.memory)
-        if config.prompt_format != "compact":
+        if not format_of(config.prompt_format).adds_memory:
             unseen = unseen[: request.cut.entries]
         self._pending = _PendingRequest(turn, past, available, unseen)
         return turn
@@ -234,15 +234,12 @@ class Dialogue:
                 parsed = ParseError(parsed.kind, "the reply holds nothing but thinking")
             note = "; it was too long and was cut off" if is_cut else ""
             return ParseError(parsed.kind, parsed.message + note)
-        # A compact action has no end of its own: what is left of one may be another action.
-        if turn.prompt_format in COMPACT_FORMATS and (is_cut or ended_by(reply.finish_reason) == "unknown"):
+        has_end = format_of(turn.prompt_format).has_end
+        # What is left of an action without an end of its own may be another action.
+        if not has_end and (is_cut or ended_by(reply.finish_reason) == "unknown"):
             return ParseError("unclosed_tool_call", "the reply was too long and was cut off")
         # A family that no profile knows may think without a tag: then this call is a draft.
-        if (
-            is_cut
-            and turn.prompt_format not in COMPACT_FORMATS
-            and not reply.text.rstrip().endswith(CALL_TAGS[1])
-        ):
+        if is_cut and has_end and not reply.text.rstrip().endswith(CALL_TAGS[1]):
             return ParseError(
                 "unfinished_thinking", "the reply went on after its tool call, was too long and was cut off"
             )

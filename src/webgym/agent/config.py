@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime
-from typing import Final, Literal, Self, TypeAlias
+from typing import Literal, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
@@ -12,10 +12,7 @@ from webgym.core.settings import Settings
 
 PromptFormat: TypeAlias = Literal["memory", "official", "compact", "compact_official"]
 """``memory``: Memory, Progress, Intention, Action, tool call. ``official``: the last two (paper §5). The
-compact formats hold the same in one line, for very small models (:mod:`webgym.agent.compact`)."""
-
-WITH_MEMORY: Final = frozenset[PromptFormat]({"memory", "compact"})
-"""The formats in which a reply states memory, progress and intention."""
+compact formats hold the same in one line, for very small models (:mod:`webgym.study.compact`)."""
 
 
 class AgentConfig(Settings):

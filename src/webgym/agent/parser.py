@@ -12,10 +12,11 @@ does not state explicitly. It is linear in the length of the reply. Its rules:
    ignored, unless it contains another call.
 3. The call is one JSON object, bare or in a code fence, with ``name`` ``"computer_use"`` and an object as
    ``arguments``. Duplicate keys, NaN and infinity are invalid.
-4. The arguments are parsed by :mod:`webgym.agent.computer_use`. The compact formats have a line of text
-   instead of the call (:mod:`webgym.agent.compact`); the other rules apply to them too.
+4. The arguments are parsed by :mod:`webgym.agent.computer_use`.
 5. The sections before the call (Memory, Progress, Intention, Action) do not affect the call: one that is
    missing or invalid is ``None`` or empty.
+
+These are the rules of the standard formats. Rule 1 holds in every format (:mod:`webgym.agent.formats`).
 """
 
 from __future__ import annotations
@@ -26,12 +27,10 @@ from typing import Any, Final, NoReturn
 
 import msgspec
 
-from webgym.agent.compact import COMPACT_FORMATS, parse_compact
 from webgym.agent.computer_use import TOOL_NAME, ParseProblem, Refused, from_arguments
-from webgym.agent.config import WITH_MEMORY, PromptFormat
 from webgym.agent.image_sizing import Size
 from webgym.agent.profile import Thinking
-from webgym.core.action import GRID, Action, Mode, Space
+from webgym.core.action import Action, Mode, Space
 from webgym.core.text import THOUGHT, THOUGHT_END
 
 CALL_TAGS: Final = ("<tool_call>", "</tool_call>")
@@ -81,52 +80,27 @@ class ParseError(msgspec.Struct, frozen=True):
         return f"{self.kind}: {self.message}"
 
 
-def parse_reply(
-    text: str,
-    mode: Mode,
-    prompt_format: PromptFormat,
-    *,
-    screen: Size = (GRID, GRID),
-    thinking: Thinking = "tagged",
-    space: Space = "paper",
-) -> ParsedReply | ParseError:
-    """Parse a reply. Never raises.
+def read_sections(
+    text: str, mode: Mode, screen: Size, thinking: Thinking, space: Space, *, has_memory: bool
+) -> ParsedReply:
+    """A reply in a standard format, with memory, progress and intention or without.
 
-    Args:
-        text: the reply.
-        mode: how a target is named.
-        prompt_format: the format that the prompt asked for.
-        screen: largest x and y of the reply's points.
-        thinking: whether the chat template opens the thinking.
-        space: the action space; the compact formats always have the paper's.
+    Raises:
+        Refused: it contains no valid action.
     """
-    try:
-        if prompt_format in COMPACT_FORMATS:
-            return _read_compact(text, mode, prompt_format, screen, thinking)
-        before, call = _split(text, thinking)
-        action = _read_call(call, mode, screen, space)
-    except Refused as refused:
-        return ParseError(refused.kind, refused.message)
+    before, call = _split(text, thinking)
+    action = _read_call(call, mode, screen, space)
     sections = _sections(before)
-    if prompt_format == "official":
-        return ParsedReply(action, description=_line(sections.get("action", "")))
+    description = _line(sections.get("action", ""))
+    if not has_memory:
+        return ParsedReply(action, description=description)
     return ParsedReply(
         action,
         memory=_object_or_none(sections.get("memory", "")),
         progress=_object_or_none(sections.get("progress", "")),
         intention=_line(sections.get("intention", "")),
-        description=_line(sections.get("action", "")),
+        description=description,
     )
-
-
-def _read_compact(
-    text: str, mode: Mode, prompt_format: PromptFormat, screen: Size, thinking: Thinking
-) -> ParsedReply:
-    start, unfinished = _reply_start(text, thinking)
-    if unfinished is not None:
-        raise Refused("unfinished_thinking", "the reply ended before the thinking did")
-    with_memory = prompt_format in WITH_MEMORY
-    return ParsedReply(*parse_compact(text[start:], mode, with_memory=with_memory, screen=screen))
 
 
 def without_thinking(text: str, thinking: Thinking = "tagged") -> str:
@@ -159,12 +133,21 @@ def _name(tag: str) -> str:
     return "".join(tag.replace("/", "").split()).casefold()
 
 
-def _split(text: str, thinking: Thinking) -> tuple[str, str]:
-    """The text between the thinking and the tool call, and the content of the call."""
+def after_thinking(text: str, thinking: Thinking) -> str:
+    """The reply from the end of its thinking.
+
+    Raises:
+        Refused: the thinking does not end.
+    """
     start, unfinished = _reply_start(text, thinking)
     if unfinished is not None:
         raise Refused("unfinished_thinking", "the reply ended before the thinking did")
-    before, opened, rest = text[start:].partition(_CALL)
+    return text[start:]
+
+
+def _split(text: str, thinking: Thinking) -> tuple[str, str]:
+    """The text between the thinking and the tool call, and the content of the call."""
+    before, opened, rest = after_thinking(text, thinking).partition(_CALL)
     if not opened:
         raise Refused("no_tool_call", "the reply holds no tool_call tag")
     if _CALL in rest:

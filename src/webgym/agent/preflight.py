@@ -14,7 +14,8 @@ from PIL import Image, ImageDraw
 
 from webgym.agent.agent import Agent
 from webgym.agent.context import thinking_of
-from webgym.agent.parser import ParsedReply, parse_reply
+from webgym.agent.formats import parse_reply
+from webgym.agent.parser import ParsedReply
 from webgym.agent.profiles import all_profiles
 from webgym.core.action import GRID, Answer, LeftClick, Target
 from webgym.core.errors import ConfigError

@@ -12,9 +12,8 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any, get_args
 
-from webgym.agent.compact import COMPACT_FORMATS, render_compact
 from webgym.agent.computer_use import TOOL_NAME, keys_of, to_arguments
-from webgym.agent.config import WITH_MEMORY, AgentConfig, PromptFormat
+from webgym.agent.config import AgentConfig
 from webgym.agent.image_sizing import Size
 from webgym.core.action import (
     DIRECTIONS,
@@ -116,15 +115,13 @@ _UNNUMBERED = " A place that carries no number is named by `coordinate` instead.
 
 
 def system_prompt(config: AgentConfig, mode: Mode = "coordinates", screen: Size = (GRID, GRID)) -> str:
-    """The system message of every request.
+    """The system message of every request in a standard format.
 
     Args:
         config: prompt format, actions and date.
         mode: how a target is named.
         screen: largest x and y of points.
     """
-    if config.prompt_format in COMPACT_FORMATS:
-        return "act with memory" if config.prompt_format in WITH_MEMORY else "act"
     parts = [
         _ROLE if config.today is None else f"{_ROLE}\n{_date(config.today)}",
         f"# Tool\n<tools>\n{_declared(mode, screen, config.actions)}\n</tools>",
@@ -206,46 +203,16 @@ def _date(today: datetime.date) -> str:
     return f"Today is {today:%A}, {today.day} {today:%B %Y}."
 
 
-def render_reply(
-    action: Action,
-    prompt_format: PromptFormat,
-    *,
-    description: str,
-    memory: Mapping[str, Any] | None = None,
-    progress: Mapping[str, Any] | None = None,
-    intention: str = "",
-    screen: Size = (GRID, GRID),
+def write_sections(
+    action: Action, *, description: str, stated: Mapping[str, Mapping[str, Any] | str], screen: Size
 ) -> str:
-    """A reply in a prompt format, the inverse of the parser.
-
-    ``intention`` and ``description`` become one line each. The official formats do not contain memory,
-    progress and intention, the compact ones no description; these are left out.
-
-    Args:
-        action: the action.
-        prompt_format: format of the prompt that is replied to.
-        description, intention: one line each.
-        memory, progress: JSON objects; empty if not given.
-        screen: width and height that coordinates are scaled to; 1000 each if not given.
-    """
-    if prompt_format in COMPACT_FORMATS:
-        return render_compact(
-            action,
-            with_memory=prompt_format in WITH_MEMORY,
-            memory=memory or {},
-            progress=progress or {},
-            intention=_line(intention),
-            screen=screen,
-        )
-    lines = []
-    if prompt_format == "memory":
-        lines += [
-            f"Memory: {_json(memory or {})}",
-            f"Progress: {_json(progress or {})}",
-            f"Intention: {_line(intention)}",
-        ]
+    """A reply in a standard format: the sections before the action, by their headings, and the call."""
+    lines = [
+        f"{heading}: {content if isinstance(content, str) else _json(content)}"
+        for heading, content in stated.items()
+    ]
     call = _json({"name": TOOL_NAME, "arguments": to_arguments(action, screen)})
-    lines += [f"Action: {_line(description)}", f"<tool_call>\n{call}\n</tool_call>"]
+    lines += [f"Action: {description}", f"<tool_call>\n{call}\n</tool_call>"]
     return "\n".join(lines)
 
 
@@ -254,5 +221,6 @@ def _json(value: Mapping[str, Any]) -> str:
     return json.dumps(value, ensure_ascii=False).replace("<", "\\u003c")
 
 
-def _line(text: str) -> str:
+def in_one_line(text: str) -> str:
+    """Text for a section of a reply; no tag can open in it."""
     return " ".join(text.replace("<", "‹").split())

@@ -30,9 +30,9 @@ from typing import Any, Final, Literal, Self, SupportsIndex, TypeAlias, get_args
 import msgspec
 
 from webgym.agent.agent import AgentTraits, Dialogue
+from webgym.agent.formats import render_reply
 from webgym.agent.policy import PolicyInput
 from webgym.agent.profiles import choose_profile
-from webgym.agent.prompts import render_reply
 from webgym.core.action import GRID, Action, Answer, GoBack, LeftClick, Scroll, Target, Wait
 from webgym.core.background import BackgroundTasks
 from webgym.core.calls import call_queues

@@ -19,10 +19,9 @@ from typing import Final
 
 import msgspec
 
-from webgym.agent.config import WITH_MEMORY
 from webgym.agent.elements import target_of, usable
+from webgym.agent.formats import format_of, render_reply
 from webgym.agent.policy import BasePolicy, PolicyInput
-from webgym.agent.prompts import render_reply
 from webgym.agent.solver import Solver
 from webgym.core.action import GRID, Action, Answer, GoBack, LeftClick, Target
 from webgym.core.errors import ConfigError, PolicyError
@@ -124,7 +123,7 @@ class _Demonstrator:
         observation = turn.observation
         if observation.elements is None or observation.text is None:
             raise PolicyError("a demonstrator needs the page's elements and text")
-        with_memory = turn.prompt_format in WITH_MEMORY
+        with_memory = format_of(turn.prompt_format).has_memory
         action = self._mistake(turn)
         new: dict[str, str] = {}
         if action is None:

@@ -1,7 +1,7 @@
 """The tiny policy's model: Qwen3-VL's architecture with few layers, and a tokenizer with a token per word.
 
 The vocabulary is closed: the words of the small websites, the keywords of the compact format
-(:mod:`webgym.agent.compact`), numbers, and the coordinates of the screen's cells. Any other word is an
+(:mod:`webgym.study.compact`), numbers, and the coordinates of the screen's cells. Any other word is an
 unknown token. How an instruction asks for the answer, in brackets at its end, is left out: on the small
 websites it is always the same. Special tokens and chat template follow Qwen's.
 """

@@ -20,7 +20,7 @@ from typing import Any, Final, Generic, TypeVar
 import msgspec
 from aiohttp import web
 
-from webgym.agent.prompts import render_reply
+from webgym.agent.formats import render_reply
 from webgym.core.action import Action, Answer, LeftClick, Navigate, Scroll, Target
 from webgym.core.task import Task
 from webgym.simulate.config import Costs

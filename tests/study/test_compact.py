@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.agent.strategies import actions
 
-from webgym.agent.compact import render_compact
-from webgym.agent.parser import ParsedReply, ParseError, parse_reply
+from webgym.agent.formats import parse_reply, render_reply
+from webgym.agent.parser import ParsedReply, ParseError
 from webgym.core.action import Action, Answer, LeftClick, Target
 
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=12)
@@ -18,9 +18,10 @@ KEYS = TEXTS.filter(lambda text: bool(text.strip()))
 
 
 def test_a_reply_is_one_line_of_words() -> None:
-    text = render_compact(
+    text = render_reply(
         LeftClick(Target(coordinate=(375, 437))),
-        with_memory=True,
+        "compact",
+        description="",
         memory={"1": "7", "2": "red moon"},
         progress={"1": "finished", "2": "not finished"},
         intention="2 red moon",
@@ -33,11 +34,11 @@ def test_a_reply_is_one_line_of_words() -> None:
 @given(actions("coordinates"), st.dictionaries(KEYS, TEXTS, max_size=3), st.dictionaries(KEYS, st.booleans()))
 def test_what_is_written_is_read_back(action: Action, memory: dict[str, str], done: dict[str, bool]) -> None:
     progress = {key: "finished" if value else "not finished" for key, value in done.items()}
-    text = render_compact(action, with_memory=True, memory=memory, progress=progress, intention="1")
+    text = render_reply(action, "compact", description="", memory=memory, progress=progress, intention="1")
     parsed = parse_reply(text, "coordinates", "compact")
     call = text.rpartition(" ; intention 1 ; ")[2]
     alone = parse_reply(
-        render_compact(action, with_memory=False, memory={}, progress={}, intention=""),
+        render_reply(action, "compact_official", description=""),
         "coordinates",
         "compact_official",
     )
@@ -46,7 +47,7 @@ def test_what_is_written_is_read_back(action: Action, memory: dict[str, str], do
     assert parsed.memory == memory
     assert parsed.progress == progress
     assert parsed.action == alone.action
-    again = render_compact(parsed.action, with_memory=False, memory={}, progress={}, intention="")
+    again = render_reply(parsed.action, "compact_official", description="")
     assert again.split() == call.split()
 
 

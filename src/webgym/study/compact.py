@@ -16,14 +16,22 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
-from typing import Any, Final
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final
 
 from webgym.agent.computer_use import Refused, from_arguments, to_arguments
+from webgym.agent.config import AgentConfig
+from webgym.agent.context import AttemptPosition, Cut, Round, picture_of, shown_reply
+from webgym.agent.formats import Format
 from webgym.agent.image_sizing import Size
-from webgym.core.action import GRID, Action, Mode
-
-COMPACT_FORMATS: Final = frozenset({"compact", "compact_official"})
+from webgym.agent.parser import ParsedReply, ParseError, after_thinking
+from webgym.agent.profile import Profile, Thinking
+from webgym.core.action import GRID, Action, Mode, Space
+from webgym.core.observation import Observation
+from webgym.core.task import Task
+from webgym.core.text import visible
+from webgym.core.trajectory import Message, TextPart
 
 _SECTION = re.compile(r"\s*(memory|progress|intention)(?=\s|;|$)", re.ASCII)
 _QUOTED = r'"(?:[^"\\]|\\.)*"'
@@ -36,35 +44,94 @@ _ELEMENT = re.compile(r"(\S+)(?:\s+(.*))?", re.DOTALL)
 _TEXT_ARGUMENT: Final = {"scroll": "direction", "wait": "time", "navigate": "url", "answer": "text"}
 
 
-def render_compact(
-    action: Action,
-    *,
-    with_memory: bool,
-    memory: Mapping[str, Any],
-    progress: Mapping[str, Any],
-    intention: str,
-    screen: Size = (GRID, GRID),
-) -> str:
-    """A reply in the compact format, the inverse of :func:`parse_compact`.
+@dataclass(frozen=True)
+class CompactFormat(Format):
+    """One line of text beside each picture, and a reply of one line; the paper's actions only."""
 
-    Args:
-        action: the action.
-        with_memory: whether memory and progress precede intention and action.
-        memory: entries to add; values that are not strings are written as JSON.
-        progress: state of each subtask: ``"finished"`` or anything else.
-        intention: the current subtask, and the target of the action.
-        screen: largest x and y of points.
-    """
-    sections = [_render_action(action, screen)]
-    if intention or with_memory:
-        sections.insert(0, f"intention {_quoted(intention, spaces=True)}" if intention else "intention")
-    if with_memory:
-        notes = f"memory {memory_line(memory)}".rstrip(), f"progress {progress_line(progress)}".rstrip()
-        sections = [*notes, *sections]
-    return " ; ".join(sections)
+    has_memory: bool
+    adds_memory = True
+    has_end = False
+    spaces: ClassVar[Sequence[Space]] = ("paper",)
+
+    def messages(
+        self,
+        task: Task,
+        past: Sequence[Round],
+        now: AttemptPosition,
+        config: AgentConfig,
+        profile: Profile,
+        cut: Cut,
+    ) -> tuple[Message, ...]:
+        """The request: each picture comes first, and the task is in the last message."""
+        rounds = min(config.rounds, len(past)) - cut.rounds
+        screen = profile.screen(profile.picture_size(now.observation.picture_size, config.image_max_side))
+        blind = cut.pictures - cut.rounds
+        messages = [Message("system", (TextPart("act with memory" if self.has_memory else "act"),))]
+        for number, shown in enumerate(past[len(past) - rounds :]):
+            picture = () if number < blind else (picture_of(shown.step.observation, config, profile),)
+            said = TextPart(f"step {shown.step.index + 1} of {now.budget}")
+            messages += [Message("user", (*picture, said)), shown_reply(shown.step.reply, profile)]
+        lines = [f"task {task.instruction}"]
+        if self.has_memory:
+            lines.append(f"memory {_memory_line(dict(list(now.memory.items())[cut.entries :]))}".rstrip())
+            lines.append(f"progress {_progress_line(now.progress)}".rstrip())
+        lines.append(_last_line(past[-1] if past else None, screen))
+        lines += [f"note {kind}" for kind in _notices(now.observation)]
+        lines.append(f"step {now.index + 1} of {now.budget}")
+        shown_now = (picture_of(now.observation, config, profile), TextPart(visible("\n".join(lines))))
+        return (*messages, Message("user", shown_now))
+
+    def read(
+        self,
+        text: str,
+        mode: Mode,
+        screen: Size,
+        thinking: Thinking,
+        space: Space,  # noqa: ARG002
+    ) -> ParsedReply:
+        """A section that is missing or invalid is ``None`` or empty; the action is parsed all the same."""
+        text = after_thinking(text, thinking)
+        sections: dict[str, str] = {}
+        at = 0
+        while (heading := _SECTION.match(text, at)) and (self.has_memory or heading[1] == "intention"):
+            content = _TO_SEMICOLON.match(text, heading.end())
+            end = content.end() if content else heading.end()
+            if text[end : end + 1] != ";":
+                raise Refused("no_tool_call", "the reply ends before its action")
+            sections[heading[1]] = text[heading.end() : end].strip()
+            at = end + 1
+        return ParsedReply(
+            _read_action(text[at:], mode, screen),
+            memory=_entries(sections["memory"]) if "memory" in sections else None,
+            progress=_subtasks(sections["progress"]) if "progress" in sections else None,
+            intention=str(_value(sections.get("intention", ""))),
+        )
+
+    def write(
+        self,
+        action: Action,
+        *,
+        description: str,  # noqa: ARG002
+        memory: Mapping[str, Any],
+        progress: Mapping[str, Any],
+        intention: str,
+        screen: Size = (GRID, GRID),
+    ) -> str:
+        """Values of the memory that are not strings are written as JSON; there is no description."""
+        sections = [_render_action(action, screen)]
+        if intention or self.has_memory:
+            sections.insert(0, f"intention {_quoted(intention, spaces=True)}" if intention else "intention")
+        if self.has_memory:
+            notes = f"memory {_memory_line(memory)}".rstrip(), f"progress {_progress_line(progress)}".rstrip()
+            sections = [*notes, *sections]
+        return " ; ".join(sections)
 
 
-def memory_line(memory: Mapping[str, Any]) -> str:
+COMPACT: Final = CompactFormat(has_memory=True)
+COMPACT_OFFICIAL: Final = CompactFormat(has_memory=False)
+
+
+def _memory_line(memory: Mapping[str, Any]) -> str:
     """Memory entries in the form of requests and replies: ``1 = 7 , 2 = red moon``."""
     entries = (
         f"{_quoted(key, spaces=True)} = {_quoted(value, spaces=True)}" for key, value in memory.items()
@@ -72,7 +139,7 @@ def memory_line(memory: Mapping[str, Any]) -> str:
     return " , ".join(entries)
 
 
-def progress_line(progress: Mapping[str, Any]) -> str:
+def _progress_line(progress: Mapping[str, Any]) -> str:
     """Subtasks in the form of requests and replies: ``1 + 2 -``."""
     return " ".join(
         f"{_quoted(key, spaces=False)} {'+' if state == 'finished' else '-'}"
@@ -80,37 +147,21 @@ def progress_line(progress: Mapping[str, Any]) -> str:
     )
 
 
-def action_line(action: Action, screen: Size = (GRID, GRID)) -> str:
-    """The action in the form of a reply."""
-    return _render_action(action, screen)
+def _last_line(before: Round | None, screen: Size) -> str:
+    match before.parsed if before else None:
+        case None:
+            return "last nothing"
+        case ParseError():
+            return "last unreadable"
+        case ParsedReply(action=action):
+            assert before is not None
+            effect = "changed" if before.step.changed else "unchanged"
+            return f"last {_render_action(action, screen)} {effect}"
 
 
-def parse_compact(
-    text: str, mode: Mode, *, with_memory: bool, screen: Size = (GRID, GRID)
-) -> tuple[Action, dict[str, Any] | None, dict[str, Any] | None, str]:
-    """Action, memory, progress and intention of a reply without its thinking.
-
-    A section that is missing or invalid is ``None`` or empty; the action is parsed all the same.
-
-    Raises:
-        Refused: the reply contains no valid action.
-    """
-    sections: dict[str, str] = {}
-    at = 0
-    while (heading := _SECTION.match(text, at)) and (with_memory or heading[1] == "intention"):
-        content = _TO_SEMICOLON.match(text, heading.end())
-        end = content.end() if content else heading.end()
-        if text[end : end + 1] != ";":
-            raise Refused("no_tool_call", "the reply ends before its action")
-        sections[heading[1]] = text[heading.end() : end].strip()
-        at = end + 1
-    action = _read_action(text[at:], mode, screen)
-    return (
-        action,
-        _entries(sections["memory"]) if "memory" in sections else None,
-        _subtasks(sections["progress"]) if "progress" in sections else None,
-        str(_value(sections.get("intention", ""))),
-    )
+def _notices(observation: Observation) -> list[str]:
+    kinds = {notice.kind for notice in observation.notices} - {"unchanged", "no_effect", "reply_unreadable"}
+    return sorted(kinds)
 
 
 def _render_action(action: Action, screen: Size) -> str:

@@ -27,11 +27,11 @@ from webgym.core.storage import StorageState, StoredCookie, write_storage
 from webgym.core.trajectory import Episode, Reply, Trajectory
 from webgym.core.truth import AnswerTruth, FactTruth, StateCheck, Truth
 from webgym.rollout.attempt import Attempt, AttemptContext
-from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.config import AttemptConfig
 from webgym.rollout.driver import EpisodeContext, EpisodeDriver
 from webgym.rollout.plan import Planned
 from webgym.rollout.progress import Progress
+from webgym.rollout.site_health import HealthConfig, SiteHealth
 from webgym.server.messages import SessionOptions, View
 
 CALL = '{"name": "computer_use", "arguments": {"action": "wait", "time": 1}}'
@@ -239,9 +239,9 @@ async def test_a_website_that_refuses_its_start_page_twice_is_blocked_before_a_s
         assert outcome_of(episode.ending, None) is Outcome.BLOCKED
         assert episode.failure is not None
         assert episode.failure.message.endswith("was refused twice: status 403")
-        blocklist = Blocklist(BlocklistConfig(file=tmp_path / "blocked.jsonl"))
-        blocklist.note("http://a.test/", Trajectory(episode, Outcome.BLOCKED))
-        assert blocklist.is_blocked("http://a.test/")
+        health = SiteHealth(HealthConfig(file=tmp_path / "sites.jsonl"), identity="desktop")
+        health.note("http://a.test/", Trajectory(episode, Outcome.BLOCKED))
+        assert list(health.blocked()) == ["a.test"]
     else:
         assert len(episode.steps) == 3
 

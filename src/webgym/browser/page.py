@@ -483,12 +483,11 @@ class Page:
         """
         self.note("navigation_failed", error.message)
         if error.url and not isinstance(error, EgressRefused):
-            self._add_fault(
-                "connection", error.url, error.message, self.next_is_typed if is_typed is None else is_typed
-            )
+            is_typed = self.next_is_typed if is_typed is None else is_typed
+            self._add_fault("connection", error.url, error.message, is_typed, error.error)
 
-    def _add_fault(self, kind: FaultKind, url: str, why: str, is_typed: bool) -> None:
-        self.notices.add_fault(Fault(kind, url[:ADDRESS_CHARACTERS], why, is_typed))
+    def _add_fault(self, kind: FaultKind, url: str, why: str, is_typed: bool, error: str = "") -> None:
+        self.notices.add_fault(Fault(kind, url[:ADDRESS_CHARACTERS], why, is_typed, error))
 
     def take_faults(self) -> tuple[Fault, ...]:
         """The faults since the last call."""
@@ -616,7 +615,9 @@ class Page:
             self.session.send("Page.stopLoading")
             failed = self.traffic.document_url(self._leaving_for) or url
             raise NavigationFailed(
-                f"{quoted_url} gave no answer within {self.config.navigate_seconds:g} s", url=failed
+                f"{quoted_url} gave no answer within {self.config.navigate_seconds:g} s",
+                url=failed,
+                error="net::ERR_TIMED_OUT",
             ) from None
         except CommandFailed as error:
             raise NavigationFailed(f"{quoted_url}: {error.message}", url=url) from error
@@ -636,7 +637,7 @@ class Page:
         """Handle a certificate that was refused: Chromium only says that what asked for it was given up."""
         if url != urldefrag(self.traffic.document_url(self._leaving_for)).url:
             return
-        failure = NavigationFailed(f"{url[:_QUOTED_LENGTH]}: net::{error}", url=url)
+        failure = NavigationFailed(f"{url[:_QUOTED_LENGTH]}: net::{error}", url=url, error=f"net::{error}")
         if self._is_navigating:
             self._untrusted = failure
         else:
@@ -664,7 +665,8 @@ class Page:
         quoted_url = url[:_QUOTED_LENGTH]
         if urldefrag(failed).url != urldefrag(url).url:
             quoted_url = f"{quoted_url} (which leads to {failed[:_QUOTED_LENGTH]})"
-        return (EgressRefused if is_refused else NavigationFailed)(f"{quoted_url}: {why}", url=failed)
+        kind = EgressRefused if is_refused else NavigationFailed
+        return kind(f"{quoted_url}: {why}", url=failed, error=why)
 
     def _explain(self, url: str, error: str) -> tuple[str, bool]:
         """The reason for a browser's error, and whether the egress policy refused the connection."""
@@ -763,7 +765,7 @@ class Page:
             failure = self._failures.get(frame.loader_id, "it could not be opened")
             why, is_refused = self._explain(self.url, failure)
             kind = EgressRefused if is_refused else NavigationFailed
-            self.fail(kind(f"{self.url[:_QUOTED_LENGTH]}: {why}", url=self.url))
+            self.fail(kind(f"{self.url[:_QUOTED_LENGTH]}: {why}", url=self.url, error=why))
         self._statuses.clear()
         self._failures.clear()
         self.changes = -1
@@ -813,7 +815,8 @@ class Page:
         self._failures[event.request_id] = event.error_text
         if event.request_id == self.loader and not event.canceled:
             why = f"{self.url[:_QUOTED_LENGTH]}: the page broke off, {event.error_text}"
-            self.fail(NavigationFailed(why, url=self.url), is_typed=self.is_typed)
+            failure = NavigationFailed(why, url=self.url, error=event.error_text)
+            self.fail(failure, is_typed=self.is_typed)
 
     def _on_download(self, event: DownloadWillBegin) -> None:
         self.leads_nowhere |= self.is_new_window

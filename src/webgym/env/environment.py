@@ -431,7 +431,11 @@ class _Episode:
         self._collector = config.collector
         self._pictures = _Pictures()
         context = EpisodeContext(
-            store=self._pictures, config=config.attempt, site_state=services.site_state, seed=env._seed
+            store=self._pictures,
+            config=config.attempt,
+            site_state=services.site_state,
+            seed=env._seed,
+            identity=config.browser.identity,
         )
         mode = env.profile.mode
         traits = AgentTraits("external", mode, config.agent.actions, elements=mode == "marks")

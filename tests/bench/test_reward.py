@@ -21,9 +21,9 @@ from webgym.judge.factory import open_judge
 from webgym.judge.offline import compare
 from webgym.offline.config import SitesConfig
 from webgym.offline.web import OfflineWeb
-from webgym.rollout.site_health import HealthConfig, SiteHealth
 from webgym.rollout.config import AttemptConfig, CollectorConfig
 from webgym.rollout.rejudge import judge_run
+from webgym.rollout.site_health import HealthConfig, SiteHealth
 from webgym.run.collect import collect
 from webgym.run.config import RunConfig, TaskChoice
 from webgym.store.runs import RunReader, verdicts_of

@@ -173,7 +173,7 @@ async def found(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Found
         rules = [f"{name}.forms.test={place}" for name, place in own.items()]
         names = ("*.forms.test", "*.hugedomains.com", "*.sedoparking.com")
         rules += [f"{name}=127.0.0.1:{websites.port}" for name in names]
-        browser = BrowserConfig(navigate_seconds=3, settle_seconds=2).allowing(*rules)
+        browser = BrowserConfig(navigate_seconds=5, settle_seconds=2).allowing(*rules)
         server = await stack.enter_async_context(running_server(ServerConfig(slots=3, browser=browser)))
         client = await stack.enter_async_context(BrowserClient(server.url, token=server.token))
         context = AttemptContext(

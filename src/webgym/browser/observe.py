@@ -171,6 +171,7 @@ def _observation(
 ) -> Observation:
     page.points = {element.number: _middle(element.box) for element in content.elements or ()}
     page.pictured(name, content.scroll[0])
+    sent, limited = page.take_usage()
     notices = (*page.notices.take(), *content.notices(page))
     page.told |= {(page.loader, number) for number, _ in content.said}
     return Observation(
@@ -190,6 +191,8 @@ def _observation(
         cuts=content.cuts,
         elements=content.elements,
         has_login=content.login,
+        bytes=sent,
+        limited=limited,
         milliseconds=milliseconds,
     )
 

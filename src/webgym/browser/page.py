@@ -48,6 +48,7 @@ from webgym.browser.traffic import AUTO_ATTACH, Traffic, Workers
 from webgym.core.errors import BrowserTimeout, EgressRefused, NavigationFailed
 from webgym.core.identity import credentials_of, origin_of
 from webgym.core.observation import Fault, FaultKind, NoticeKind
+from webgym.core.websites import site_or_text
 
 log = logging.getLogger(__name__)
 
@@ -73,6 +74,9 @@ _SIGN_IN = (
     "the website asks for a user name and a password before it shows this page; with them its address is "
     "http://NAME:PASSWORD@host/path"
 )
+
+_NAMED_HOSTS = 3
+"""Most hosts that a notice names."""
 
 _SCHEMES = ("http://", "https://")
 _NAVIGABLE_SCHEMES = frozenset({"", "http", "https", "about", "blob", "javascript"})
@@ -326,6 +330,7 @@ class Page:
         self.begin_action()
         self.notices.take()
         self.take_faults()
+        self.take_usage()
         self.is_first, self.is_typed = True, False
         self.points, self.picture, self.image = {}, "", b""
         self._changed.clear()
@@ -495,6 +500,15 @@ class Page:
         parts = [Fault("part", url, f"{url}: {why}") for url, why, is_refused in explained if not is_refused]
         return (*self.notices.take_faults(), *parts)
 
+    def take_usage(self) -> tuple[dict[str, int], dict[str, int]]:
+        """Bytes, and connections that our own limits refused, by host, since the last call; with a notice of
+        those, unless one says already that the page could not be opened."""
+        sent, limited = self._listener.budget.counted()
+        if limited and self.status is not None:
+            hosts = ", ".join(f"{host} ({count})" for host, count in list(limited.items())[:_NAMED_HOSTS])
+            self.note("limited", f"{hosts}. The website did not refuse them: wait, and open the page again")
+        return sent, limited
+
     def pictured(self, name: str, scrolled: float) -> None:
         """Record the name of a new screenshot, and how far the page is scrolled. If they are unchanged, the
         action may have had no effect."""
@@ -605,6 +619,7 @@ class Page:
         if not url.lower().startswith(_SCHEMES):
             raise NavigationFailed(_not_opened_message(url))
         self._leaving_for = ""
+        self._listener.budget.site = site_or_text(url)
         self._is_navigating = True
         unload = asyncio.create_task(self._end_unload())
         try:
@@ -654,6 +669,7 @@ class Page:
         if event.frame_id != self.target_id:
             return
         self._leaving_for = event.loader_id
+        self._listener.budget.site = site_or_text(event.url)
         self._typed_url = event.url if self.next_is_typed else ""
         if not self.has_scripts:  # before the next document is asked for, whose scripts are to run
             self._switch_scripts(on=True)

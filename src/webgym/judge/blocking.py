@@ -12,8 +12,8 @@ another host, such as a search engine's, does not. An attempt was blocked if the
 - showed nothing after that, and, if the agent answered, showed nothing at all;
 - had not been hammered: pages that it had shown, opened :data:`HAMMERING` times in a row by their addresses.
 
-The environment finds out before the first action whether a website refuses (:mod:`webgym.rollout.driver`); this
-is for what websites refuse later.
+The environment finds out before the first action whether a website refuses (:mod:`webgym.rollout.arrival`);
+this is for what websites refuse later.
 
 :func:`challenge` recognises the pages of common bot-protection services by address, title, words and status.
 A mistake of the agent, a missing page, a slow page, a server error and an empty result are not refusals, nor
@@ -47,7 +47,7 @@ PERSISTENT: Final = 2
 """Fewest refused requests of a blocked attempt: a single one may be temporary, or concern one page only."""
 
 HAMMERING: Final = 4
-"""Fewest openings in a row of pages that the website had shown, after which a refusal is the agent's doing."""
+"""Fewest openings in a row of pages that had been shown, after which a refusal is the agent's doing."""
 
 SHORT_CHARS: Final = 1_500
 """Longest challenge page, characters; a longer text with a challenge's words is about something else."""

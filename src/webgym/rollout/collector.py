@@ -152,6 +152,7 @@ class Collector:
                 await self._unrecorded.acquire()
         finally:
             self._places.release()
+            await plan.leave(planned)
         try:
             await self._conclude(plan, attempt, episode)
         finally:

@@ -1,8 +1,8 @@
 """Which websites answer: ``sites.jsonl``, from which the sampler learns whom to leave out for a while.
 
 Rows are sums of visits, so the file is both a log and a table: every visit appends a row, and rows of the
-same host, identity and route add up, whoever wrote them. :meth:`SiteHealth.tidy` leaves one row of each. Hosts
-are compared, not websites: another host of the same website may refuse nobody.
+same host, identity and route add up, whoever wrote them. :meth:`SiteHealth.tidy` leaves one row of each.
+Hosts are compared, not websites: another host of the same website may refuse nobody.
 
 A website that refused is left out for 12 h (paper §4; the authors' code), and one that was dead for a time
 that grows with every visit that finds it dead again.
@@ -13,11 +13,11 @@ from __future__ import annotations
 import fcntl
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Final, Literal, TypeAlias
+from typing import Annotated, Any, Final, Literal, TypeAlias
 
 import msgspec
 from pydantic import AfterValidator, Field
@@ -161,6 +161,11 @@ class SiteHealth:
             StoreError: as for :meth:`rows`.
         """
         return {row.host: row for row in self.rows().values() if self._until(row) > self._now()}
+
+    def asked_since(self, rows: Mapping[Any, SiteRow], hours: float | None) -> set[str]:
+        """The hosts that this identity asked within so many hours; or ever, if there is no number."""
+        since = self._now() - hours * 3600 if hours is not None else 0.0
+        return {row.host for row in rows.values() if row.identity == self._identity and row.seen > since}
 
     def _until(self, row: SiteRow) -> float:
         is_refused = row.refused_at and row.identity in ("", self._identity)

@@ -377,6 +377,7 @@ def _plan(
         retry_errors=retry_errors,
         hardest_first=config.collector.order == "hardest_first",
         claims=claims,
+        per_website=config.collector.sessions_per_website,
     )
 
 

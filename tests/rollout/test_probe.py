@@ -9,16 +9,19 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, Response
+from starlette.types import Receive, Scope, Send
+from tests.conftest import Calls
 from tests.rollout.test_attempt import Pages
 from tests.rollout.test_summary import task
-from typer.testing import CliRunner
+from tests.serving import serving
 
-from webgym.cli import app
+from webgym.browser.config import BrowserConfig
 from webgym.core.action import BrowserAction
 from webgym.core.errors import BrowserCrashed
 from webgym.core.observation import Fault
-from webgym.core.task import Task
-from webgym.rollout.site_health import HealthConfig
+from webgym.rollout.site_health import HealthConfig, SiteHealth
 from webgym.run import probe as module
 from webgym.run.config import RunConfig
 from webgym.run.probe import probe
@@ -105,14 +108,16 @@ async def test_every_host_is_asked_once_and_a_website_never_twice_at_a_time(
     assert sorted(slots.asked) == sorted(website.split("/")[2] for website in WEBSITES)
     assert slots.most == 1
     assert shown[-1] == (6, 6)
-    assert found.hosts == {"answers": 4, "name gone": 1, "not asked": 1}
-    assert found.tasks == {"answers": 5, "name gone": 1, "not asked": 1}
-    assert ("answers", "4", "66.7%", "5", "71.4%") in found.table().rows
+    assert found.rows == [
+        ("answers", "4", "66.7%", "5", "71.4%"),
+        ("name gone", "1", "16.7%", "1", "14.3%"),
+        ("not asked", "1", "16.7%", "1", "14.3%"),
+    ]
     slots.asked.clear()
     slots.lost.clear()
     found = await probe(TASKS, config(tmp_path), per_second=1000)  # the same again asks what is missing
     assert slots.asked == ["crashes.test"]
-    assert found.hosts == {"answers": 5, "name gone": 1}
+    assert [row[:2] for row in found.rows] == [("answers", "5"), ("name gone", "1")]
     await probe(TASKS, config(tmp_path), per_second=1000, older_than_hours=0)
     assert len(slots.asked) == 7
 
@@ -143,23 +148,53 @@ async def test_start_pages_are_opened_at_a_rate(slots: Slots, tmp_path: Path) ->
     assert loop.time() - began >= 5 / 20
 
 
+ROBOTS = {
+    "closed": "User-agent: *\nDisallow: /\n",
+    "closed-to-us": "User-agent: webgym\nDisallow: /\n\nUser-agent: *\nAllow: /\n",
+    "inside": "User-agent: *\nDisallow: /admin\n",
+    "none": "",
+}
+
+
 @pytest.mark.browser
-def test_the_command_asks_in_browsers_and_reports(tmp_path: Path) -> None:
-    tasks: list[Task] = [
-        task("a", 1, website="http://gone-1.test"),
-        task("b", 1, website="http://gone-2.test"),
-    ]
+async def test_a_robots_txt_is_respected_if_that_is_asked_for(tmp_path: Path) -> None:
+    asked: list[str] = []
+
+    async def website(scope: Scope, receive: Receive, send: Send) -> None:
+        url = Request(scope).url
+        name = (url.hostname or "").partition(".")[0]
+        asked.append(f"{name}{url.path}")
+        robots = Response(ROBOTS[name], 200 if ROBOTS[name] else 404, media_type="text/plain")
+        await (robots if url.path == "/robots.txt" else HTMLResponse("Welcome"))(scope, receive, send)
+
+    async with serving(lambda port: port, lambda _: website) as port:
+        browser = BrowserConfig().allowing(f"*.robots.test=127.0.0.1:{port}")
+        run = config(tmp_path).model_copy(update={"browser": browser})
+        run.collector.sessions = 1
+        tasks = [task(name, 1, website=f"http://{name}.robots.test/") for name in ROBOTS]
+        found = await probe(tasks, run, per_second=100, robots=True)
+    assert [row[:2] for row in found.rows] == [("answers", "2"), ("robots", "2")]
+    assert not {"closed/", "closed-to-us/"} & set(asked)
+    assert {"inside/", "none/"} <= set(asked)
+    health = SiteHealth(run.health, identity="desktop", now=lambda: 1e12)
+    assert set(health.blocked()) == {"closed.robots.test", "closed-to-us.robots.test"}
+    assert "closed.robots.test for good" in health.description()
+
+
+@pytest.mark.browser
+def test_the_command_asks_in_browsers_and_reports(calls: Calls, tmp_path: Path) -> None:
+    tasks = [task(name, 1, website=f"http://{name}.test") for name in ("gone-1", "gone-2")]
     write_tasks(tmp_path / "tasks.jsonl", tasks)
     (tmp_path / "live.yaml").write_text("browser: {egress: {allow: ['*.test=nowhere']}}\n")
     out = tmp_path / "sites.jsonl"
-    command = ["tasks", "probe", str(tmp_path / "tasks.jsonl"), "--out", str(out), "--rate", "50"]
-    result = CliRunner().invoke(app, [*command, "--config", str(tmp_path / "live.yaml"), "--sessions", "1"])
-    assert result.exit_code == 0, result.output
-    assert "name gone" in result.stdout
-    assert "2 of 2 hosts asked" in result.stderr
+    command = ["tasks", "probe", tmp_path / "tasks.jsonl", "--config", tmp_path / "live.yaml"]
+    code, printed, told = calls.apart(*command, "--out", out, "--rate", "50", "--sessions", "1")
+    assert code == 0, told
+    assert "name gone" in printed
+    assert "2 of 2 hosts asked" in told
     rows = [msgspec.json.decode(line) for line in out.read_bytes().splitlines()]
     assert {(row["host"], row["dead"], row["code"]) for row in rows} == {
         (f"gone-{number}.test", 1, "name_gone") for number in (1, 2)
     }
-    result = CliRunner().invoke(app, command[:3])
-    assert result.exit_code != 0
+    code, _, told = calls.apart(*command)
+    assert (code, "give --out" in told) == (2, True)

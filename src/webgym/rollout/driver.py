@@ -173,6 +173,9 @@ class EpisodeDriver:
         ending: why it stopped; ``CANCELLED`` until it does.
         failure: the error that stopped it.
         started_at, started: when the session was opened: Unix time, and on the monotonic clock, seconds.
+        start_url: address of the start page.
+        identity: name of the browser's identity.
+        arrival: what was found at the start page; ``None`` so far.
     """
 
     def __init__(self, context: EpisodeContext, planned: Planned, traits: AgentTraits) -> None:
@@ -191,7 +194,7 @@ class EpisodeDriver:
         self._final_state: dict[str, Any] | None = None
         self._answer: str | None = None
         website = planned.task.website
-        self._start_url = website if "://" in website else f"https://{website}"
+        self.start_url = website if "://" in website else f"https://{website}"
         hosts = planned.task.truth.hosts if planned.task.truth is not None else ()
         self._own = {site_or_text(each) for each in (website, *hosts)}
         """The task's own website; on the offline web, all that it is about."""
@@ -202,9 +205,9 @@ class EpisodeDriver:
         self._is_suspect = False
         """Whether our own limits refused connections to the website, so that the page may lack parts."""
         self._session: BrowserSession | None = None
-        self._arrival: Arrival | None = None
+        self.arrival: Arrival | None = None
         own_identity = set_values(context.config.identity) | planned.task.identity
-        self._identity = context.identity.over(own_identity).label
+        self.identity = context.identity.over(own_identity).label
         # New for every episode: a killed attempt that is made again finds nothing of its first time.
         self.visitor = secrets.token_hex(16)
         # Without the retry: a retried attempt has the same seed.
@@ -264,8 +267,8 @@ class EpisodeDriver:
         seen, state = view.observation, found.state
         if state is not None:
             code = found.dead if state == "dead" else ""
-            wall = state == "open" and has_login_wall(self._start_url, seen)
-            self._arrival = Arrival(state, code, found.why, wall, seconds, self._identity)
+            wall = state == "open" and has_login_wall(self.start_url, seen)
+            self.arrival = Arrival(state, code, found.why, wall, seconds, self.identity)
         if found.is_open or found.is_of_page:
             await self._record_view(view)
         self._refuse(found, seen)
@@ -277,7 +280,7 @@ class EpisodeDriver:
         """Open the start page until it is certain what it shows: that, and the longest time that it took."""
         seconds, refusals, nth = 0.0, 0, 0
         while True:
-            view = await self._act(Navigate(self._start_url))
+            view = await self._act(Navigate(self.start_url))
             found = self._find(view.observation)
             seconds, nth = max(seconds, view.observation.own_seconds), nth + 1
             refusals += found.is_refused
@@ -285,7 +288,7 @@ class EpisodeDriver:
             if found.is_open or found.is_lasting or is_enough:
                 return found, view, seconds
             if found.dead == "no_answer" and "://" not in self.planned.task.website:
-                self._start_url = f"http://{self.planned.task.website}"  # it may have no HTTPS
+                self.start_url = f"http://{self.planned.task.website}"  # it may have no HTTPS
             if found.is_of_page:
                 await asyncio.sleep(INSIST_SECONDS)
 
@@ -300,11 +303,11 @@ class EpisodeDriver:
         if problem:
             error = next((fault.error for fault in seen.faults if fault.kind == "connection"), "")
             return Finding(dead=dead_by_error(error), why=problem)
-        return finding_of(self._start_url, seen)
+        return finding_of(self.start_url, seen)
 
     def _refuse(self, found: Finding, seen: Observation) -> None:
         """Raise if no attempt can be made at the start page."""
-        url = self._start_url
+        url = self.start_url
         if found.is_refused:
             raise SiteRefused(f"{url} was refused twice: {found.why}", url=seen.url)
         if found.dead:
@@ -443,12 +446,12 @@ class EpisodeDriver:
             WebGymError: the server or the offline web does not answer.
         """
         assert self._session is not None
-        probed, is_offline = await self._session.probe(self._start_url), self.planned.task.truth is not None
+        probed, is_offline = await self._session.probe(self.start_url), self.planned.task.truth is not None
         problem, site_state = probed.problem, self._context.site_state
         if is_offline and (probed.status or 0) >= HTTPStatus.INTERNAL_SERVER_ERROR:
-            problem = f"{self._start_url}: HTTP status {probed.status}"
+            problem = f"{self.start_url}: HTTP status {probed.status}"
         if is_offline and site_state is not None and not problem:
-            is_known = await site_state.state(self.visitor, host_or_text(self._start_url)) is not None
+            is_known = await site_state.state(self.visitor, host_or_text(self.start_url)) is not None
             problem = "" if is_known else "the offline web was started again during the attempt"
         if problem:
             raise NavigationFailed(f"the website failed during the attempt: {failed}; probed: {problem}")
@@ -477,5 +480,5 @@ class EpisodeDriver:
             final_state=self._final_state,
             failure=self.failure,
             session=self._session.id if self._session else "",
-            arrival=self._arrival,
+            arrival=self.arrival,
         )

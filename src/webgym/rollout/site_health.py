@@ -11,13 +11,14 @@ that grows with every visit that finds it dead again.
 from __future__ import annotations
 
 import fcntl
+import math
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, TypeAlias
+from typing import Annotated, Final, Literal
 
 import msgspec
 from pydantic import AfterValidator, Field
@@ -50,9 +51,6 @@ class HealthConfig(Settings):
     """How long a website is left out after it refused an attempt, hours."""
 
 
-SiteState: TypeAlias = Literal["open", "refused", "dead"]
-
-
 class SiteRow(msgspec.Struct, frozen=True, omit_defaults=True):
     """Visits of a host with one identity and route.
 
@@ -82,7 +80,7 @@ class SiteRow(msgspec.Struct, frozen=True, omit_defaults=True):
     slow: int = 0
     has_login_wall: bool = False
     bytes: int = 0
-    state: SiteState = "open"
+    state: Literal["open", "refused", "dead"] = "open"
     code: str = ""
     why: str = ""
     dead_in_a_row: int = 0
@@ -98,6 +96,8 @@ class SiteRow(msgspec.Struct, frozen=True, omit_defaults=True):
     @property
     def dead_until(self) -> float:
         """Until when it counts as dead, Unix time, seconds; 0 if it is not."""
+        if self.dead_in_a_row and self.code == "robots":
+            return math.inf  # a wish does not pass by itself
         nth = min(self.dead_in_a_row, len(DEAD_HOURS))
         return self.dead_at + DEAD_HOURS[nth - 1] * 3600 if nth else 0.0
 
@@ -162,10 +162,11 @@ class SiteHealth:
         """
         return {row.host: row for row in self.rows().values() if self._until(row) > self._now()}
 
-    def asked_since(self, rows: Mapping[Any, SiteRow], hours: float | None) -> set[str]:
+    def asked(self, hours: float | None) -> set[str]:
         """The hosts that this identity asked within so many hours; or ever, if there is no number."""
         since = self._now() - hours * 3600 if hours is not None else 0.0
-        return {row.host for row in rows.values() if row.identity == self._identity and row.seen > since}
+        rows = self.rows().values()
+        return {row.host for row in rows if row.identity == self._identity and row.seen > since}
 
     def _until(self, row: SiteRow) -> float:
         is_refused = row.refused_at and row.identity in ("", self._identity)
@@ -178,8 +179,7 @@ class SiteHealth:
             StoreError: as for :meth:`rows`.
         """
         rows = sorted(self.blocked().values(), key=lambda row: -row.seen)
-        ends = [datetime.fromtimestamp(self._until(row), UTC) for row in rows[:_SHOWN]]
-        items = [f"{row.host} until {end:%Y-%m-%d %H:%M} UTC" for row, end in zip(rows, ends, strict=False)]
+        items = [f"{row.host} {_ends(self._until(row))}" for row in rows[:_SHOWN]]
         others = [f"and {len(rows) - _SHOWN:,} others"] if len(rows) > _SHOWN else []
         return ", ".join(items + others)
 
@@ -254,6 +254,12 @@ class SiteHealth:
             if file.exists():
                 with disk_errors(f"writing {file}"), _locked(file):
                     write_lines(file, (msgspec.json.encode(row) + b"\n" for row in _read(file).values()))
+
+
+def _ends(until: float) -> str:
+    return (
+        "for good" if until == math.inf else f"until {datetime.fromtimestamp(until, UTC):%Y-%m-%d %H:%M} UTC"
+    )
 
 
 def _read(file: Path) -> dict[tuple[str, str, str], SiteRow]:

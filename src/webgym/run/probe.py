@@ -10,79 +10,69 @@ import asyncio
 import random
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from typing import Final, cast
+from urllib.parse import urljoin
+from urllib.robotparser import RobotFileParser
 
 import msgspec
 
 from webgym.agent.agent import AgentTraits
+from webgym.browser.document import ReadRequest
+from webgym.core.action import Navigate
 from webgym.core.calls import call_queues
 from webgym.core.errors import BrowserError, LeaseLost, NavigationFailed
 from webgym.core.outcome import Outcome
 from webgym.core.tables import Table
 from webgym.core.task import Task
-from webgym.core.trajectory import Trajectory
+from webgym.core.trajectory import Arrival, Trajectory
 from webgym.core.websites import host_or_text, site_or_text
-from webgym.rollout.driver import Browsers, EpisodeContext, EpisodeDriver, NoStore
+from webgym.rollout.driver import Browsers, BrowserSession, EpisodeContext, EpisodeDriver, NoStore
 from webgym.rollout.plan import Planned
 from webgym.rollout.sessions import patiently
 from webgym.rollout.site_health import SiteHealth, SiteRow
 from webgym.run.choice import health_of
 from webgym.run.config import RunConfig, Secrets, Tell, say
 from webgym.run.services import open_services
+from webgym.server.client import Session
+
+_ROBOT: Final = "WebGym"
+"""Name to which a robots.txt may speak."""
+
+_ROBOTS_LINES: Final = 10_000
 
 
-class Classes(NamedTuple):
-    """How many websites of a task set answer.
+def table_of(tasks: Sequence[Task], rows: Iterable[SiteRow]) -> Table:
+    """How many websites of a task set answer, and why the others do not, by what was last found there.
 
-    Attributes:
-        hosts: number of hosts by what was last found: ``answers``, ``refused``, why they are dead, or ``not
-            asked``; and of those that answer, the ones that are ``slow`` or want an account (``log-in``).
-        tasks: number of tasks on them.
+    Args:
+        tasks: the set.
+        rows: what was found.
     """
-
-    hosts: Counter[str]
-    tasks: Counter[str]
-
-    def table(self) -> Table:
-        """For people."""
-        total, all_tasks = (
-            sum(count for name, count in counts.items() if name not in ("slow", "log-in"))
-            for counts in (self.hosts, self.tasks)
-        )
-        order = sorted(self.hosts, key=lambda name: (name != "answers", name in ("slow", "log-in"), name))
-        rows = [
-            (
-                f"  of them {name}" if name in ("slow", "log-in") else name,
-                f"{self.hosts[name]:,}",
-                f"{self.hosts[name] / total:.1%}",
-                f"{self.tasks[name]:,}",
-                f"{self.tasks[name] / all_tasks:.1%}",
-            )
-            for name in order
-        ]
-        return Table("", ("websites", "hosts", "", "tasks", ""), rows)
-
-
-def classes_of(tasks: Iterable[Task], rows: Iterable[SiteRow]) -> Classes:
-    """Count the websites of tasks by what was last found at them."""
-    last: dict[str, SiteRow] = {}
-    for row in sorted(rows, key=lambda row: row.seen):
-        last[row.host] = row
-    on_host = Counter(host_or_text(task.website) for task in tasks)
-    hosts, of_tasks = Counter[str](), Counter[str]()
-    for host, count in on_host.items():
-        for name in _names(last.get(host)):
+    last = {row.host: row for row in sorted(rows, key=lambda row: row.seen)}
+    tasks_on = Counter(host_or_text(task.website) for task in tasks)
+    hosts, on_them = Counter[str](), Counter[str]()
+    for host, count in tasks_on.items():
+        for name in _classes(last.get(host)):
             hosts[name] += 1
-            of_tasks[name] += count
-    return Classes(hosts, of_tasks)
+            on_them[name] += count
+    order = sorted(hosts, key=lambda name: (not name.startswith("answers"), name))
+    counts = ((name, (hosts[name], len(tasks_on)), (on_them[name], len(tasks))) for name in order)
+    rows_of_text = [
+        (name, f"{some:,}", f"{some / all_:.1%}", f"{few:,}", f"{few / total:.1%}")
+        for name, (some, all_), (few, total) in counts
+    ]
+    return Table("", ("websites", "hosts", "share", "tasks", "share"), rows_of_text)
 
 
-def _names(row: SiteRow | None) -> list[str]:
+def _classes(row: SiteRow | None) -> list[str]:
     if row is None:
         return ["not asked"]
     if row.state != "open":
         return [row.code.replace("_", " ") or row.state]
-    return ["answers", *["slow"] * (row.slow > 0), *["log-in"] * row.has_login_wall]
+    more = {"answers slowly": row.slow, "answers, and wants an account": row.has_login_wall}
+    return ["answers", *(name for name, is_so in more.items() if is_so)]
 
 
 async def probe(
@@ -91,10 +81,11 @@ async def probe(
     *,
     per_second: float,
     older_than_hours: float | None = None,
+    robots: bool = False,
     secrets: Secrets | None = None,
     tell: Tell | None = None,
     advance: Callable[[int, int], object] = lambda _done, _total: None,
-) -> Classes:
+) -> Table:
     """Open one start page of every host of a task set; of hosts of one website, one after the other.
 
     Args:
@@ -102,32 +93,37 @@ async def probe(
         config: ``health.file`` is the file, ``collector.sessions`` the number of browsers.
         per_second: start pages that are opened per second, of all browsers together.
         older_than_hours: ask hosts again that were last asked so long ago; by default, none.
+        robots: open no start page that its robots.txt asks WebGym, or all robots, not to open.
         secrets: tokens of servers that run elsewhere.
         tell: called with each line that the user should read.
         advance: called with the number of hosts asked so far, and of all to ask.
+
+    Returns:
+        How many websites answer.
 
     Raises:
         WebGymError: the browsers cannot be started or reached, or the file cannot be written. What was found
             is on disk.
     """
-    live = [task for task in tasks if task.truth is None]
-    health = health_of(config)
-    rows = await asyncio.to_thread(health.rows)
-    sites = _due(live, health.asked_since(rows, older_than_hours))
-    total = sum(map(len, sites))
-    if rows:
-        say(tell, f"{len({row.host for row in rows.values()}):,} hosts were asked before")
-    calls = call_queues(dict(config.limits.calls))
-    chosen = [task for hosts in sites for task in hosts]
+    live, health = [task for task in tasks if task.truth is None], health_of(config)
+    sites = _due(live, await asyncio.to_thread(health.asked, older_than_hours))
+    chosen, calls = [task for hosts in sites for task in hosts], call_queues(dict(config.limits.calls))
     if chosen:
-        async with open_services(config, secrets or Secrets(), chosen, tell, calls, attempts=total) as (
-            _,
-            client,
-        ):
-            await _Probing(config, client, health, per_second, tell, advance, total).run(sites)
+        opened = open_services(config, secrets or Secrets(), chosen, tell, calls, attempts=len(chosen))
+        async with opened as (_, client), asyncio.TaskGroup() as group:
+            probing = _Probing(config, client, health, 1 / per_second, robots, tell)
+            waiting = iter(sites)  # shared: whoever is free takes the next website
+
+            async def work() -> None:
+                for hosts in waiting:
+                    for task in hosts:
+                        await probing.ask(task)
+                        advance(probing.done, len(chosen))
+
+            for _ in range(config.collector.sessions):
+                group.create_task(work())
     await asyncio.to_thread(health.tidy)
-    found = await asyncio.to_thread(health.rows)
-    return classes_of(live, found.values())
+    return table_of(live, (await asyncio.to_thread(health.rows)).values())
 
 
 def _due(tasks: Iterable[Task], asked: set[str]) -> list[list[Task]]:
@@ -135,8 +131,7 @@ def _due(tasks: Iterable[Task], asked: set[str]) -> list[list[Task]]:
     a machine."""
     by_site: defaultdict[str, dict[str, Task]] = defaultdict(dict)
     for task in tasks:
-        host = host_or_text(task.website)
-        if host not in asked:
+        if (host := host_or_text(task.website)) not in asked:
             of_run = msgspec.structs.replace(task, identity={})
             by_site[site_or_text(task.website)].setdefault(host, of_run)
     sites = [list(hosts.values()) for _, hosts in sorted(by_site.items())]
@@ -144,72 +139,63 @@ def _due(tasks: Iterable[Task], asked: set[str]) -> list[list[Task]]:
     return sites
 
 
+@dataclass
 class _Probing:
-    """A probe in progress."""
+    """A probe in progress.
 
-    def __init__(
-        self,
-        config: RunConfig,
-        client: Browsers,
-        health: SiteHealth,
-        per_second: float,
-        tell: Tell | None,
-        advance: Callable[[int, int], object],
-        total: int,
-    ) -> None:
-        self._config = config
-        self._client = client
-        self._health = health
-        self._pause = 1 / per_second
-        self._tell = tell
-        self._advance = advance
-        self._total = total
-        self._done = 0
-        self._next = 0.0
+    Attributes:
+        pause: from one start page to the next, seconds.
+        robots: whether robots.txt is respected.
+        done: number of hosts asked.
+        next_at: when the next may be asked, event loop time.
+    """
 
-    async def run(self, sites: Sequence[Sequence[Task]]) -> None:
-        waiting = iter(sites)
+    config: RunConfig
+    client: Browsers
+    health: SiteHealth
+    pause: float
+    robots: bool
+    tell: Tell | None
+    done: int = field(default=0, init=False)
+    next_at: float = field(default=0.0, init=False)
 
-        async def work() -> None:
-            for hosts in waiting:  # shared: whoever is free takes the next website
-                for task in hosts:
-                    await self._turn()
-                    await self._ask(task)
-                    self._done += 1
-                    self._advance(self._done, self._total)
-
-        async with asyncio.TaskGroup() as group:
-            for _ in range(min(self._config.collector.sessions, len(sites))):
-                group.create_task(work())
-
-    async def _turn(self) -> None:
+    async def ask(self, task: Task) -> None:
+        """Open a start page when it is its turn, and record what was found; nothing, if the browser was
+        lost."""
         now = asyncio.get_running_loop().time()
-        self._next = max(self._next + self._pause, now)
-        await asyncio.sleep(self._next - now)
-
-    async def _ask(self, task: Task) -> None:
-        """Open a start page, and record what was found; nothing, if the browser was lost."""
-        config = self._config
+        self.next_at = max(self.next_at + self.pause, now)
+        await asyncio.sleep(self.next_at - now)
+        config, told = self.config, self.tell
+        identity, limits, seed = config.browser.identity, config.attempt, config.seed
         context = EpisodeContext(
-            store=NoStore(),
-            config=config.attempt,
-            site_state=None,
-            seed=config.seed,
-            identity=config.browser.identity,
+            store=NoStore(), config=limits, site_state=None, seed=seed, identity=identity
         )
         driver = EpisodeDriver(context, Planned(task, 0), AgentTraits("probe", "coordinates"))
 
-        async def open_and_start() -> None:
-            session = await self._client.open(driver.options())
+        async def start() -> None:
+            session = await self.client.open(driver.options())
             try:
-                await driver.start(session)
+                if not self.robots or await _may_open(session, driver):
+                    await driver.start(session)
             except (NavigationFailed, BrowserError, LeaseLost) as error:
                 driver.fail(error)
             finally:
                 await session.close()
 
-        await patiently(
-            open_and_start, config.collector, tell=lambda why: say(self._tell, why) if why else None
-        )
+        await patiently(start, config.collector, tell=lambda why: say(told, why) if why else None)
         found = Trajectory(driver.episode(), Outcome.CANCELLED)
-        await asyncio.to_thread(self._health.note, task.website, found)
+        await asyncio.to_thread(self.health.note, task.website, found)
+        self.done += 1
+
+
+async def _may_open(session: BrowserSession, driver: EpisodeDriver) -> bool:
+    """Whether a website's robots.txt lets robots open the start page. Without one, they may."""
+    seen = (await session.step(Navigate(urljoin(driver.start_url, "/robots.txt")))).observation
+    if seen.status != HTTPStatus.OK:
+        return True
+    rules = RobotFileParser()
+    rules.parse((await cast(Session, session).read(ReadRequest(lines=_ROBOTS_LINES))).text.splitlines())
+    if rules.can_fetch(_ROBOT, driver.start_url):
+        return True
+    driver.arrival = Arrival("dead", "robots", "its robots.txt says so", identity=driver.identity)
+    return False

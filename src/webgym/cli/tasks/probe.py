@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from pathlib import Path
 from typing import Final
@@ -42,6 +41,9 @@ def probe(
         help="Ask again what was last asked so many hours ago.",
         show_default=False,
     ),
+    robots: bool = typer.Option(
+        False, "--robots", help="Open no start page that its robots.txt asks robots not to open."
+    ),
     config: _options.Config = None,
     token_file: _options.TokenFile = None,
 ) -> None:
@@ -56,13 +58,13 @@ def probe(
     chosen = _run.settings(config or (), settings)
     if chosen.health.file is None:
         raise UsageError("there is no file to write to", hint="give --out, such as --out sites.jsonl")
-    tasks, console = read_unique(files), Console(stderr=True)
-    last = [0.0]
+    tasks, console, last = read_unique(files), Console(stderr=True), 0.0
 
     def advance(done: int, total: int) -> None:
-        if done == total or time.monotonic() - last[0] > _LINE_SECONDS:
-            last[0] = time.monotonic()
-            print(f"{done:,} of {total:,} hosts asked", file=sys.stderr, flush=True)
+        nonlocal last
+        if done == total or time.monotonic() - last > _LINE_SECONDS:
+            last = time.monotonic()
+            say(f"{done:,} of {total:,} hosts asked", console)
 
     found = _run.run(
         lambda: run(
@@ -70,10 +72,11 @@ def probe(
             chosen,
             per_second=rate,
             older_than_hours=older_than,
+            robots=robots,
             secrets=_run.secrets(token_file),
             tell=lambda line: say(line, console),
             advance=advance,
         ),
         kept=f"what was found is in {chosen.health.file}",
     )
-    put(found.table(), Console())
+    put(found, Console())

@@ -21,8 +21,8 @@ from webgym.browser.egress.budget import Budget, BudgetExceeded
 from webgym.browser.egress.config import EgressConfig
 from webgym.browser.egress.dial import Dialer, NotConnected, Reason
 from webgym.browser.egress.hosts import read_host
-from webgym.browser.egress.lists import blocked_names
 from webgym.browser.egress.resolver import CACHE_NAMES, Machine
+from webgym.browser.egress.rules import blocked_names
 from webgym.browser.egress.socks import (
     CONNECT,
     FAILED,

@@ -253,7 +253,7 @@ class Training:
         unchecked = config.rollout.policy.model_copy(update={"check": False})  # before the training began
         self._rollout = config.rollout.model_copy(update={"server": where, "policy": unchecked})
         health = self._rollout.health
-        if health.file is None:  # what an iteration finds is for the next ones
+        if health.file is None and self._rollout.tasks.file is not None:  # what is found is for later draws
             health = health.model_copy(update={"file": folder.path / SITES})
             self._rollout = self._rollout.model_copy(update={"health": health})
         sampling = config.sampler.model_copy(update={"seed": config.seed})

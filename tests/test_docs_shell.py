@@ -88,6 +88,7 @@ NOT_RUN = {
     "webgym judge agreement runs/om2w": "as webgym eval --benchmark",
     "webgym judge runs/om2w": "as webgym eval --benchmark",
     "webgym rollout --config live.yaml": "it needs websites of others",
+    "webgym tasks probe": "it needs websites of others; tests/rollout/test_probe.py has one",
     "webgym serve --cgroup": "as chown; tests/browser/test_cgroups.py starts a browser in a cgroup",
     "webgym serve --host": "it ends with its machine; tests/train/test_slurm.py has one",
 }

@@ -16,6 +16,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, ClassVar
 
+import msgspec
 import pytest
 
 import webgym
@@ -29,13 +30,16 @@ from webgym.core.errors import (
     NoCapacity,
     ServerError,
     ServerUnreachable,
+    SiteRefused,
     UsageError,
     WebGymError,
 )
 from webgym.core.trajectory import Reply
 from webgym.offline.config import SitesConfig
 from webgym.rollout.config import CollectorConfig
+from webgym.rollout.site_health import HealthConfig, SiteHealth
 from webgym.run.config import RunConfig, TaskChoice
+from webgym.server.messages import View
 from webgym.testing import check_environment, stand_in_environment, stand_in_pool
 from webgym.testing import environments as conformance
 
@@ -237,6 +241,39 @@ async def test_a_server_that_is_away_is_waited_for_and_costs_no_task(
         assert "waits for a browser: nothing answers" in caplog.text
     async with Environment(given["name"], browsers=browsers, judge=given["judge"], config=config) as env:
         assert drawn[60] == drawn[0] == [(await env.reset())[1]["task_id"] for _ in range(4)]
+
+
+async def test_what_episodes_find_at_their_websites_is_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("webgym.rollout.driver.INSIST_SECONDS", 0)
+    given = stand_in_pool(tmp_path)
+    opens, status = given["browsers"].open, [200]
+
+    async def open_(options: Any = None) -> Any:
+        session = await opens(options)
+        steps = session.step
+
+        async def step(action: Any = None) -> Any:
+            view = await steps(action)
+            return View(msgspec.structs.replace(view.observation, status=status[0]), view.image)
+
+        session.step = step
+        return session
+
+    given["browsers"].open = open_
+    health = HealthConfig(file=tmp_path / "sites.jsonl")
+    config = given["config"].model_copy(update={"health": health})
+    async with Environment(
+        given["name"], browsers=given["browsers"], judge=given["judge"], config=config
+    ) as env:
+        await env.reset()
+        assert (await env.step(Answer("right")))[1] == 1
+        status[0] = 403
+        with pytest.raises(SiteRefused, match="twice"):
+            await env.reset()
+    [row] = SiteHealth(health).rows().values()
+    assert (row.host, row.opened, row.refused) == ("check.test", 1, 1)
 
 
 async def test_an_episode_without_a_reward_may_be_an_error() -> None:

@@ -21,9 +21,9 @@ from webgym.judge.factory import open_judge
 from webgym.judge.offline import compare
 from webgym.offline.config import SitesConfig
 from webgym.offline.web import OfflineWeb
-from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.config import AttemptConfig, CollectorConfig
 from webgym.rollout.rejudge import judge_run
+from webgym.rollout.site_health import HealthConfig, SiteHealth
 from webgym.run.collect import collect
 from webgym.run.config import RunConfig, TaskChoice
 from webgym.store.runs import RunReader, verdicts_of
@@ -51,13 +51,13 @@ async def test_no_hack_gains_with_either_judge(tmp_path: Path) -> None:
     chosen = sorted(tasks, key=lambda task: len(task.truth.moves) if task.truth else 0)[: len(HACKS)]
     ways = {task.id: way for task, way in zip(chosen, HACKS, strict=True)}
     write_tasks(tmp_path / "tasks.jsonl", chosen)
-    kept = BlocklistConfig(file=tmp_path / "blocked.jsonl")
+    kept = HealthConfig(file=tmp_path / "sites.jsonl")
     config = RunConfig(
         sites=SITES,
         tasks=TaskChoice(file=tmp_path / "tasks.jsonl", split="all"),
         attempt=AttemptConfig(budget_easy=10),
         collector=CollectorConfig(sessions=2),
-        blocklist=kept,
+        health=kept,
     )
     policy = HackingPolicy(lambda task: ways[task.id], challenge_of(web))
     await collect(config, tmp_path / "run", policy=policy)
@@ -71,7 +71,7 @@ async def test_no_hack_gains_with_either_judge(tmp_path: Path) -> None:
         assert trajectory.outcome is expected, way
         for seen in trajectory.episode.observations:
             texts[seen.screenshot] = seen.text or ""
-    assert Blocklist(kept).blocked() == {}  # a challenge elsewhere lists nothing
+    assert SiteHealth(kept).blocked() == {}  # a challenge elsewhere lists nothing
 
     async with serve_judge(Strict(reader.tasks, texts)) as model:
         choice = JudgeChoice(name="rubric", rubric=model.config(reference_rule="required"))

@@ -161,6 +161,7 @@ KEPT_OUT = {
     "where its front page led": trip(
         wall("https://shop-moved.example/"), (Navigate(HOME), wall("https://shop-moved.example/"))
     ),
+    "its front page was opened more than once": trip(page(), *[(Navigate(HOME), page())] * 3, *[AGAIN] * 9),
     "its doors closed for good": trip(
         page(), (CLICK, page(ITEM)), (CLICK, wall("https://shop.example/p/2")), AGAIN, (WAIT, wall())
     ),
@@ -206,6 +207,7 @@ NOT_KEPT_OUT = {
         (SEARCH, wall(f"{HOME}search")),
         (CLICK, wall(f"{HOME}oops")),
     ),
+    "it was hammered until it refused": trip(page(), *[(Navigate(HOME), page())] * 4, *[AGAIN] * 9),
     "a missing page is shown": trip(page(f"{HOME}a", status=404), AGAIN, AGAIN, answer=ANSWER),
     "a navigation that failed shows the old page": trip(
         wall(), (Navigate(ITEM), wall(notices=(Notice("navigation_failed", "reset"),)))

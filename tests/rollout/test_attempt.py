@@ -27,11 +27,11 @@ from webgym.core.storage import StorageState, StoredCookie, write_storage
 from webgym.core.trajectory import Episode, Reply, Trajectory
 from webgym.core.truth import AnswerTruth, FactTruth, StateCheck, Truth
 from webgym.rollout.attempt import Attempt, AttemptContext
-from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.config import AttemptConfig
 from webgym.rollout.driver import EpisodeContext, EpisodeDriver
 from webgym.rollout.plan import Planned
 from webgym.rollout.progress import Progress
+from webgym.rollout.site_health import HealthConfig, SiteHealth
 from webgym.server.messages import SessionOptions, View
 
 CALL = '{"name": "computer_use", "arguments": {"action": "wait", "time": 1}}'
@@ -239,9 +239,9 @@ async def test_a_website_that_refuses_its_start_page_twice_is_blocked_before_a_s
         assert outcome_of(episode.ending, None) is Outcome.BLOCKED
         assert episode.failure is not None
         assert episode.failure.message.endswith("was refused twice: status 403")
-        blocklist = Blocklist(BlocklistConfig(file=tmp_path / "blocked.jsonl"))
-        blocklist.note("http://a.test/", Trajectory(episode, Outcome.BLOCKED))
-        assert blocklist.is_blocked("http://a.test/")
+        health = SiteHealth(HealthConfig(file=tmp_path / "sites.jsonl"), identity="desktop")
+        health.note("http://a.test/", Trajectory(episode, Outcome.BLOCKED))
+        assert list(health.blocked()) == ["a.test"]
     else:
         assert len(episode.steps) == 3
 
@@ -415,3 +415,37 @@ async def test_who_is_right_half_of_the_time_gains_nothing_by_addresses_that_fai
                 break
             rewards.pop()
     assert sum(rewards) == sum(first for first, *_ in coins)
+
+
+RELOADS = ACTS.replace('"wait", "time": 1', '"navigate", "url": "http://a.test/2"')
+
+
+@pytest.mark.parametrize(
+    ("replies", "host", "is_lost"),
+    [
+        ([answers("price: unknown")], "api.a.test", False),  # before it
+        ([ACTS, answers("price: unknown")], "api.a.test", True),
+        ([ACTS, answers("$9")], "api.a.test", True),  # whether it is right or not: no second chance
+        ([ACTS, ACTS, answers("price: unknown")], "api.a.test", True),  # the same page still
+        ([ACTS, RELOADS, answers("$9")], "api.a.test", False),
+        ([ACTS, ACTS, ACTS], "api.a.test", True),
+        ([ACTS, answers("$9")], "adverts.test", False),
+    ],
+)
+async def test_no_answer_counts_that_rests_on_a_page_that_our_own_limits_cut(
+    replies: list[str], host: str, is_lost: bool
+) -> None:
+    class Limited(Pages):
+        async def step(self, action: BrowserAction | None = None) -> View:
+            view = await super().step(action)
+            limited = {host: 2} if self.looks == 2 else {}
+            seen = msgspec.structs.replace(view.observation, url="http://a.test/2", limited=limited)
+            return View(seen, view.image)
+
+    episode, _, _ = await made(Says(*replies), pages=Limited())
+    assert (episode.ending is Ending.ENVIRONMENT_FAILED) == is_lost
+    assert episode.steps[-1].reply.text == replies[-1]
+    if is_lost:
+        assert episode.failure is not None
+        assert episode.failure.code == "egress_refused"
+        assert "browser.egress.rate" in episode.failure.message

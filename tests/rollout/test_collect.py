@@ -30,9 +30,9 @@ from webgym.offline.app import serving
 from webgym.offline.config import SitesConfig
 from webgym.offline.web import OfflineWeb
 from webgym.results.summary import Summary
-from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.config import AttemptConfig, CollectorConfig
 from webgym.rollout.progress import Progress
+from webgym.rollout.site_health import HealthConfig, SiteHealth
 from webgym.run.collect import Show, collect, print_on_stderr, resume
 from webgym.run.config import (
     PolicyChoice,
@@ -161,15 +161,15 @@ async def test_websites_that_misbehave_end_as_they_should(tmp_path: Path, served
         fitting = [task for task in web.tasks_of(host) if task.truth and task.truth.expects == end]
         picked.append(min(fitting, key=lambda task: len(task.truth.moves) if task.truth else 0))
     write_tasks(tmp_path / "tasks.jsonl", picked)
-    kept = BlocklistConfig(file=tmp_path / "blocked.jsonl")
-    settings = config(tmp_path / "tasks.jsonl", sites=LARGE, retries=0, blocklist=kept)
+    kept = HealthConfig(file=tmp_path / "sites.jsonl")
+    settings = config(tmp_path / "tasks.jsonl", sites=LARGE, retries=0, health=kept)
     await collect_there(served_large, settings, tmp_path / "run")
     trajectories = add_up(tmp_path / "run")
     assert not list(unexpected(RunReader(tmp_path / "run").tasks, trajectories))
     summary = RunReader(tmp_path / "run").summary
     assert summary is not None
     assert summary["blocked_hosts"] == {host_of(picked[0].website): 1}
-    assert set(Blocklist(kept).blocked()) == {host_of(picked[0].website)}
+    assert set(SiteHealth(kept).blocked()) == {host_of(picked[0].website)}
     assert {each.outcome for each in trajectories} == {
         Outcome.BLOCKED,
         Outcome.ENVIRONMENT_ERROR,

@@ -196,3 +196,29 @@ async def test_a_closed_plan_hands_nothing_out_and_a_final_end_is_not_made_again
     assert (plan.done, plan.waiting) == (1, 4)
     await plan.close()
     assert await plan.take() is None
+
+
+async def test_no_more_attempts_at_a_website_than_it_takes_and_others_go_first() -> None:
+    def at(number: int, website: str) -> Task:
+        return msgspec.structs.replace(task(number), website=website)
+
+    tasks = [*(at(number, f"https://{number}.busy.test") for number in range(3)), at(3, "https://calm.test")]
+    plan = Plan(tasks, samples=1, retries=0, per_website=2)
+    first, second, third = [await plan.take() for _ in range(3)]
+    assert first is not None
+    assert second is not None
+    assert third is not None
+    assert [planned.task.id for planned in (first, second, third)] == ["t0", "t1", "t3"]
+    assert await plan.take(wait=False) is None
+    waiting = asyncio.create_task(plan.take())
+    await asyncio.sleep(0)
+    await plan.leave(third)
+    await asyncio.sleep(0)
+    assert not waiting.done()
+    await plan.leave(first)  # its browser is given back; its verdict may take a while
+    last = await waiting
+    assert last is not None
+    assert last.task.id == "t2"
+    for planned in (first, second, third, last):
+        await plan.settle(planned, Outcome.SUCCESS)
+    assert await plan.take() is None

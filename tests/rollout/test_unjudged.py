@@ -31,10 +31,10 @@ from webgym.llm.config import ChatConfig, Sampling
 from webgym.report.live import view_app
 from webgym.results.summary import Summary, digest_of, summarise
 from webgym.rollout.attempt import AttemptContext
-from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.config import AttemptConfig, CollectorConfig
 from webgym.rollout.judging import judge_again, judge_episode
 from webgym.rollout.progress import Progress
+from webgym.rollout.site_health import HealthConfig, SiteHealth
 from webgym.store.runs import RunReader, RunWriter
 
 FACTS: dict[Level, int] = {"easy": 2, "medium": 5, "hard": 9}
@@ -247,7 +247,7 @@ async def test_a_run_that_is_resumed_judges_again_what_has_no_verdict(tmp_path: 
     run, judge = tmp_path / "run", Doubtful(2, blocked=True)
     await judged(run, judge, CollectorConfig(judge_again=0), 1)
     tasks, progress = RunReader(run).tasks, Progress(total=3)
-    kept = Blocklist(BlocklistConfig(file=tmp_path / "blocked.jsonl"))
+    kept = SiteHealth(HealthConfig(file=tmp_path / "sites.jsonl"))
     for trajectory in RunReader(run).trajectories():
         progress.recorded(digest_of(trajectory))
     for outcome in (Outcome.JUDGE_ERROR, Outcome.BLOCKED):

@@ -49,6 +49,7 @@ _NOTICES: dict[NoticeKind, str] = {
     "shortened": "The page has more than is told of it; this was cut",
     "changed": "The page changed before the last action landed",
     "no_effect": "The last action had no effect",
+    "limited": "Parts of the page may be missing, because the browser limits its connections",
     "unchanged": "The screen is the same as before your last action",
 }
 

@@ -87,6 +87,7 @@ class PageContent(msgspec.Struct, frozen=True):
     """The content of a document; other fields as in :class:`~webgym.core.observation.Observation`.
 
     Attributes:
+        login: whether a form for a name or a password is shown.
         frames: the frames of other origins in its viewport.
         missing: those of them whose content was not provided.
         unknown: whether it contains frames or shadow roots that were not entered yet.
@@ -101,6 +102,7 @@ class PageContent(msgspec.Struct, frozen=True):
     fields: tuple[str, ...] = ()
     cuts: tuple[tuple[str, str], ...] = ()
     elements: tuple[Element, ...] | None = None
+    login: bool = False
     frames: frozenset[str] = frozenset()
     missing: frozenset[str] = frozenset()
     unknown: bool = False
@@ -169,6 +171,7 @@ def _observation(
 ) -> Observation:
     page.points = {element.number: _middle(element.box) for element in content.elements or ()}
     page.pictured(name, content.scroll[0])
+    sent, limited = page.take_usage()
     notices = (*page.notices.take(), *content.notices(page))
     page.told |= {(page.loader, number) for number, _ in content.said}
     return Observation(
@@ -187,6 +190,9 @@ def _observation(
         fields=content.fields,
         cuts=content.cuts,
         elements=content.elements,
+        has_login=content.login,
+        bytes=sent,
+        limited=limited,
         milliseconds=milliseconds,
     )
 

@@ -48,6 +48,7 @@ from webgym.browser.traffic import AUTO_ATTACH, Traffic, Workers
 from webgym.core.errors import BrowserTimeout, EgressRefused, NavigationFailed
 from webgym.core.identity import credentials_of, origin_of
 from webgym.core.observation import Fault, FaultKind, NoticeKind
+from webgym.core.websites import site_or_text
 
 log = logging.getLogger(__name__)
 
@@ -73,6 +74,9 @@ _SIGN_IN = (
     "the website asks for a user name and a password before it shows this page; with them its address is "
     "http://NAME:PASSWORD@host/path"
 )
+
+_NAMED_HOSTS = 3
+"""Most hosts that a notice names."""
 
 _SCHEMES = ("http://", "https://")
 _NAVIGABLE_SCHEMES = frozenset({"", "http", "https", "about", "blob", "javascript"})
@@ -326,6 +330,7 @@ class Page:
         self.begin_action()
         self.notices.take()
         self.take_faults()
+        self.take_usage()
         self.is_first, self.is_typed = True, False
         self.points, self.picture, self.image = {}, "", b""
         self._changed.clear()
@@ -483,18 +488,26 @@ class Page:
         """
         self.note("navigation_failed", error.message)
         if error.url and not isinstance(error, EgressRefused):
-            self._add_fault(
-                "connection", error.url, error.message, self.next_is_typed if is_typed is None else is_typed
-            )
+            is_typed = self.next_is_typed if is_typed is None else is_typed
+            self._add_fault("connection", error.url, error.message, is_typed, error.error)
 
-    def _add_fault(self, kind: FaultKind, url: str, why: str, is_typed: bool) -> None:
-        self.notices.add_fault(Fault(kind, url[:ADDRESS_CHARACTERS], why, is_typed))
+    def _add_fault(self, kind: FaultKind, url: str, why: str, is_typed: bool, error: str = "") -> None:
+        self.notices.add_fault(Fault(kind, url[:ADDRESS_CHARACTERS], why, is_typed, error))
 
     def take_faults(self) -> tuple[Fault, ...]:
         """The faults since the last call."""
         explained = ((url, *self._explain(url, error)) for url, error in self.traffic.take_broken())
         parts = [Fault("part", url, f"{url}: {why}") for url, why, is_refused in explained if not is_refused]
         return (*self.notices.take_faults(), *parts)
+
+    def take_usage(self) -> tuple[dict[str, int], dict[str, int]]:
+        """Bytes, and connections that our own limits refused, by host, since the last call; with a notice of
+        those, unless one says already that the page could not be opened."""
+        sent, limited = self._listener.budget.counted()
+        if limited and self.status is not None:
+            hosts = ", ".join(f"{host} ({count})" for host, count in list(limited.items())[:_NAMED_HOSTS])
+            self.note("limited", f"{hosts}. The website did not refuse them: wait, and open the page again")
+        return sent, limited
 
     def pictured(self, name: str, scrolled: float) -> None:
         """Record the name of a new screenshot, and how far the page is scrolled. If they are unchanged, the
@@ -606,6 +619,7 @@ class Page:
         if not url.lower().startswith(_SCHEMES):
             raise NavigationFailed(_not_opened_message(url))
         self._leaving_for = ""
+        self._listener.budget.site = site_or_text(url)
         self._is_navigating = True
         unload = asyncio.create_task(self._end_unload())
         try:
@@ -616,7 +630,9 @@ class Page:
             self.session.send("Page.stopLoading")
             failed = self.traffic.document_url(self._leaving_for) or url
             raise NavigationFailed(
-                f"{quoted_url} gave no answer within {self.config.navigate_seconds:g} s", url=failed
+                f"{quoted_url} gave no answer within {self.config.navigate_seconds:g} s",
+                url=failed,
+                error="net::ERR_TIMED_OUT",
             ) from None
         except CommandFailed as error:
             raise NavigationFailed(f"{quoted_url}: {error.message}", url=url) from error
@@ -636,7 +652,7 @@ class Page:
         """Handle a certificate that was refused: Chromium only says that what asked for it was given up."""
         if url != urldefrag(self.traffic.document_url(self._leaving_for)).url:
             return
-        failure = NavigationFailed(f"{url[:_QUOTED_LENGTH]}: net::{error}", url=url)
+        failure = NavigationFailed(f"{url[:_QUOTED_LENGTH]}: net::{error}", url=url, error=f"net::{error}")
         if self._is_navigating:
             self._untrusted = failure
         else:
@@ -653,6 +669,7 @@ class Page:
         if event.frame_id != self.target_id:
             return
         self._leaving_for = event.loader_id
+        self._listener.budget.site = site_or_text(event.url)
         self._typed_url = event.url if self.next_is_typed else ""
         if not self.has_scripts:  # before the next document is asked for, whose scripts are to run
             self._switch_scripts(on=True)
@@ -664,7 +681,8 @@ class Page:
         quoted_url = url[:_QUOTED_LENGTH]
         if urldefrag(failed).url != urldefrag(url).url:
             quoted_url = f"{quoted_url} (which leads to {failed[:_QUOTED_LENGTH]})"
-        return (EgressRefused if is_refused else NavigationFailed)(f"{quoted_url}: {why}", url=failed)
+        kind = EgressRefused if is_refused else NavigationFailed
+        return kind(f"{quoted_url}: {why}", url=failed, error=why)
 
     def _explain(self, url: str, error: str) -> tuple[str, bool]:
         """The reason for a browser's error, and whether the egress policy refused the connection."""
@@ -763,7 +781,7 @@ class Page:
             failure = self._failures.get(frame.loader_id, "it could not be opened")
             why, is_refused = self._explain(self.url, failure)
             kind = EgressRefused if is_refused else NavigationFailed
-            self.fail(kind(f"{self.url[:_QUOTED_LENGTH]}: {why}", url=self.url))
+            self.fail(kind(f"{self.url[:_QUOTED_LENGTH]}: {why}", url=self.url, error=why))
         self._statuses.clear()
         self._failures.clear()
         self.changes = -1
@@ -813,7 +831,8 @@ class Page:
         self._failures[event.request_id] = event.error_text
         if event.request_id == self.loader and not event.canceled:
             why = f"{self.url[:_QUOTED_LENGTH]}: the page broke off, {event.error_text}"
-            self.fail(NavigationFailed(why, url=self.url), is_typed=self.is_typed)
+            failure = NavigationFailed(why, url=self.url, error=event.error_text)
+            self.fail(failure, is_typed=self.is_typed)
 
     def _on_download(self, event: DownloadWillBegin) -> None:
         self.leads_nowhere |= self.is_new_window

@@ -9,7 +9,10 @@
     │   └── RunFolderError     the folder is not a run, or not the run that was asked for
     ├── PageError              of a page or an action; the agent is informed and the attempt continues
     │   ├── NavigationFailed   DNS, TLS, refused connection, reset, deadline
-    │   │   └── EgressRefused  refused by the egress policy or its limit on connections to a host
+    │   │   ├── EgressRefused  refused by the egress policy or its limit on connections to a host
+    │   │   ├── SiteRefused    the task's website refuses its start page
+    │   │   └── SiteDead       the task's website has no start page to show: SiteNameGone, SiteTls,
+    │   │                      SiteNoAnswer, SiteServerError, SiteRegion, SiteParked, SiteRobots
     │   └── ActionFailed       no such element, nothing to go back to
     ├── BrowserError           a browser process failed
     │   ├── BrowserNotFound    no Chromium on this machine
@@ -122,11 +125,14 @@ class NavigationFailed(PageError):
 
     Args:
         url: what was asked for last, redirects followed; empty if nothing was.
+        error: Chromium's name of the error of the network, such as ``ERR_NAME_NOT_RESOLVED``; empty if there
+            was none.
     """
 
-    def __init__(self, message: str, *, hint: str = "", url: str = "") -> None:
+    def __init__(self, message: str, *, hint: str = "", url: str = "", error: str = "") -> None:
         super().__init__(message, hint=hint)
         self.url = url
+        self.error = error.removeprefix("net::") if error.startswith("net::") else ""
 
 
 class EgressRefused(NavigationFailed):
@@ -138,6 +144,39 @@ class EgressRefused(NavigationFailed):
 
 class SiteRefused(NavigationFailed):
     """The website refuses its start page persistently, before the agent has done anything."""
+
+
+class SiteDead(NavigationFailed):
+    """The website has no start page to show, before the agent has done anything. Another attempt soon would
+    find the same."""
+
+
+class SiteNameGone(SiteDead):
+    """Its name does not exist."""
+
+
+class SiteTls(SiteDead):
+    """Its certificate, or its TLS, is refused."""
+
+
+class SiteNoAnswer(SiteDead):
+    """There is no connection, or one that gives no answer."""
+
+
+class SiteServerError(SiteDead):
+    """It answers with a 5xx status."""
+
+
+class SiteRegion(SiteDead):
+    """It answers with 451, or a notice that it does not serve this region."""
+
+
+class SiteParked(SiteDead):
+    """The domain is for sale."""
+
+
+class SiteRobots(SiteDead):
+    """Its robots.txt asks robots not to open the page, and the run respects that."""
 
 
 class ActionFailed(PageError):

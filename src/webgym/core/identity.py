@@ -5,6 +5,8 @@ A run's server has one (``browser.identity``); a session and a task may set sing
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import re
 from collections.abc import Mapping
@@ -113,6 +115,13 @@ class Identity(Settings):
             if not re.fullmatch(r"\$\w+", variable):
                 raise ValueError("credentials name an environment variable, such as $STAGING")
         return {origin_of(origin): variable for origin, variable in value.items()}
+
+    @property
+    def label(self) -> str:
+        """A short name of what websites are told: the profile, and a digest of what else is set."""
+        own = self.model_dump(mode="json", exclude={"profile", "credentials"}, exclude_defaults=True)
+        digest = hashlib.sha256(json.dumps(own, sort_keys=True).encode()).hexdigest()[:8]
+        return f"{self.profile}-{digest}" if own else self.profile
 
     def over(self, fields: Mapping[str, Any]) -> Identity:
         """A copy with these fields.

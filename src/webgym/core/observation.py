@@ -22,6 +22,7 @@ NoticeKind: TypeAlias = Literal[
     "shortened",  # something was too long to be observed in full
     "changed",  # the page changed between the picture and the action, where it landed
     "no_effect",  # nothing on the page reacted to a click or a scroll
+    "limited",  # our own limits refused connections of the page, parts of which may be missing
     "unchanged",  # the screen is the same as before the action
 ]
 
@@ -49,12 +50,15 @@ class Fault(msgspec.Struct, frozen=True, omit_defaults=True):
         is_typed: whether it was asked for by the address of a ``navigate`` action, and not by the page itself
             (a link, a form, a script); of a renderer, whether such an address opened the page. The address
             that opens a session's first page is its owner's, and not typed.
+        error: of a connection, Chromium's name of the error, such as ``ERR_NAME_NOT_RESOLVED``; empty if
+            there is none.
     """
 
     kind: FaultKind
     url: str
     why: str
     is_typed: bool = False
+    error: str = ""
 
 
 class Probed(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -123,6 +127,10 @@ class Observation(msgspec.Struct, frozen=True, omit_defaults=True):
         cuts: the lines of the whole document of which a part is never visible, wherever the page is
             scrolled, as ``(whole, shown)``; empty if not requested.
         elements: the interactive elements; ``None`` if not requested (always there in marks mode).
+        has_login: whether a form for a name or a password is in view, by the fields' types.
+        bytes: sent and received since the last observation, by host.
+        limited: number of connections that our own limits refused since then, by host. The observation is
+            suspect: parts of the page may be missing that the website would have given.
         milliseconds: wall time per operation (``execute``, ``navigate``, ``settle``, ``screenshot``,
             ``metadata``), and how long the step waited in the server's queues: to act (``queued``) and to be
             observed (``queued_screenshot``).
@@ -143,6 +151,9 @@ class Observation(msgspec.Struct, frozen=True, omit_defaults=True):
     fields: tuple[str, ...] = ()
     cuts: tuple[tuple[str, str], ...] = ()
     elements: tuple[Element, ...] | None = None
+    has_login: bool = False
+    bytes: dict[str, int] = {}
+    limited: dict[str, int] = {}
     milliseconds: dict[str, float] = {}
 
     def seconds(self, *operations: str) -> float:

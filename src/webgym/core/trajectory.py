@@ -173,6 +173,33 @@ class Failure(msgspec.Struct, frozen=True):
     message: str
 
 
+DeadCode: TypeAlias = Literal["name_gone", "tls", "no_answer", "server_error", "region", "parked", "robots"]
+"""Why a website is dead: the codes of :class:`webgym.core.errors.SiteDead`'s kinds, without ``site_``."""
+
+
+class Arrival(msgspec.Struct, frozen=True, omit_defaults=True):
+    """What the environment found at the task's website before the agent acted.
+
+    Attributes:
+        state: ``open``: the attempt began. ``refused``: the start page was refused twice. ``dead``: there is
+            none.
+        code: why it is dead; else empty.
+        why: the same, or why it was refused, for people.
+        has_login_wall: whether it asks for an account: 401, or a redirect to a form for one.
+        seconds: from the request to the observation of the page; the longest time, if there were several.
+        identity: who the browser said that it was (:attr:`webgym.core.identity.Identity.label`).
+        route: the way that its connections took.
+    """
+
+    state: Literal["open", "refused", "dead"]
+    code: DeadCode | Literal[""] = ""
+    why: str = ""
+    has_login_wall: bool = False
+    seconds: float = 0.0
+    identity: str = ""
+    route: str = "direct"
+
+
 class Episode(msgspec.Struct, frozen=True, omit_defaults=True):
     """The record of one attempt at one task, before it is judged.
 
@@ -194,6 +221,7 @@ class Episode(msgspec.Struct, frozen=True, omit_defaults=True):
             not queried.
         failure: the error that stopped it.
         session: lease and slot, for tracing a fault.
+        arrival: what was found at the start page; ``None`` if no browser came so far.
     """
 
     attempt_id: str
@@ -211,6 +239,7 @@ class Episode(msgspec.Struct, frozen=True, omit_defaults=True):
     final_state: dict[str, Any] | None = None
     failure: Failure | None = None
     session: str = ""
+    arrival: Arrival | None = None
 
     @property
     def observations(self) -> list[Observation]:

@@ -1,4 +1,4 @@
-"""Which website a URL belongs to, for all code that compares websites: split, blocklist, judge and others.
+"""Which website a URL belongs to, for all code that compares websites: split, site health, judge and others.
 
 A website is a *registrable domain*: ``shop.example.co.uk`` and ``www.example.co.uk`` are the same website,
 ``example.co.uk``. Comparing hosts would let a test website into training under another of its host names

@@ -41,10 +41,11 @@ from webgym.core.errors import (
     BrowserTimeout,
     ConfigError,
     EpisodeLost,
+    NavigationFailed,
     ProtocolError,
     UsageError,
 )
-from webgym.core.outcome import Ending
+from webgym.core.outcome import Ending, outcome_of
 from webgym.core.task import Task
 from webgym.core.text import visible
 from webgym.core.trajectory import Reply, Trajectory
@@ -55,7 +56,7 @@ from webgym.rollout.driver import Browsers, BrowserSession, EpisodeContext, Epis
 from webgym.rollout.judging import judge_episode
 from webgym.rollout.plan import Planned
 from webgym.rollout.sessions import patiently
-from webgym.run.choice import choose_tasks
+from webgym.run.choice import choose_tasks, health_of
 from webgym.run.config import RunConfig, Secrets, resolved
 from webgym.run.services import open_services
 from webgym.server.messages import View
@@ -431,11 +432,16 @@ class _Episode:
         self._collector = config.collector
         self._pictures = _Pictures()
         context = EpisodeContext(
-            store=self._pictures, config=config.attempt, site_state=services.site_state, seed=env._seed
+            store=self._pictures,
+            config=config.attempt,
+            site_state=services.site_state,
+            seed=env._seed,
+            identity=config.browser.identity,
         )
         mode = env.profile.mode
         traits = AgentTraits("external", mode, config.agent.actions, elements=mode == "marks")
         self._driver = EpisodeDriver(context, planned, traits)
+        self._health = health_of(config)
         # A policy must not see how success is verified.
         public_task = msgspec.structs.replace(planned.task, truth=None)
         self._dialogue = Dialogue(public_task, self._driver.budget, config.agent, env.profile)
@@ -456,8 +462,17 @@ class _Episode:
         # An environment that is garbage-collected closes its browser session.
         self._finalizer = weakref.finalize(self, _close_later, asyncio.get_running_loop(), session)
         self._finalizer.atexit = False
-        await self._see(await self._driver.start(session))
+        try:
+            view = await self._driver.start(session)
+        except NavigationFailed as error:
+            self._driver.fail(error)
+            await self._note(Trajectory(self._driver.episode(), outcome_of(self._driver.ending, None)))
+            raise
+        await self._see(view)
         return self.view
+
+    async def _note(self, found: Trajectory) -> None:
+        await asyncio.to_thread(self._health.note, self._driver.planned.task.website, found)
 
     async def step(self, reply: Reply | None) -> bool:
         """Apply a reply, and return whether the episode is over; ``None`` ends it as a spent budget does."""
@@ -492,6 +507,7 @@ class _Episode:
         seconds = self._collector.judge_seconds
         judged = await judge_episode(self._services.judge, task, episode, self._picture, seconds)
         self._trajectory = judged.of(episode)
+        await self._note(self._trajectory)
 
     async def _picture(self, name: str) -> bytes:
         return self._pictures.by_name[name]

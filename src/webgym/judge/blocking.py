@@ -9,7 +9,11 @@ another host, such as a search engine's, does not. An attempt was blocked if the
 - refused a page that it should have shown: its front page or, if it had shown pages before, one of those that
   the agent opened again by its address, so that an agent cannot be "blocked" by addresses of its own
   invention;
-- showed nothing after that, and, if the agent answered, showed nothing at all.
+- showed nothing after that, and, if the agent answered, showed nothing at all;
+- had not been hammered: pages that it had shown, opened :data:`HAMMERING` times in a row by their addresses.
+
+The environment finds out before the first action whether a website refuses (:mod:`webgym.rollout.arrival`);
+this is for what websites refuse later.
 
 :func:`challenge` recognises the pages of common bot-protection services by address, title, words and status.
 A mistake of the agent, a missing page, a slow page, a server error and an empty result are not refusals, nor
@@ -19,7 +23,7 @@ is an article about robots or a form with a CAPTCHA in it.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple, TypeAlias
 from urllib.parse import urlsplit
@@ -41,6 +45,9 @@ BARE_REFUSALS: Final = frozenset({403, 429})
 
 PERSISTENT: Final = 2
 """Fewest refused requests of a blocked attempt: a single one may be temporary, or concern one page only."""
+
+HAMMERING: Final = 4
+"""Fewest openings in a row of pages that had been shown, after which a refusal is the agent's doing."""
 
 SHORT_CHARS: Final = 1_500
 """Longest challenge page, characters; a longer text with a challenge's words is about something else."""
@@ -234,6 +241,8 @@ def find_block(task: Task, episode: Episode, *, suspect_last: bool = False) -> J
     ]
     if not refused:
         return Judgement(False, "the task's website refused nothing at the end")
+    if _is_hammered(let_in):
+        return Judgement(False, "the task's website refused after the agent had hammered it")
     if len(refused) < PERSISTENT:
         return Judgement(False, "the task's website refused a single request, which is not persistent")
     shown_addresses = frozenset[_Address]().union(*(observation.addresses for observation in let_in))
@@ -249,6 +258,16 @@ def find_block(task: Task, episode: Episode, *, suspect_last: bool = False) -> J
         f"the task's website refused every request {when} ({len(refused)}): {refused[-1].refusal}",
         tuple(observation.index for observation in refused),
     )
+
+
+def _is_hammered(let_in: Sequence[_SiteObservation]) -> bool:
+    """Whether the last pages that were shown had been shown before and were opened again and again."""
+    in_a_row, shown = 0, frozenset[_Address]()
+    for observation in let_in:
+        is_again = observation.is_opened and observation.addresses & shown
+        in_a_row = in_a_row + 1 if is_again else 0
+        shown |= observation.addresses
+    return in_a_row >= HAMMERING
 
 
 def blocking_host(website: str, episode: Episode, blocked: Judgement) -> str:

@@ -9,5 +9,5 @@ sharing.py    one task list for several collectors (merging.py: their runs as on
 progress.py   what is going on right now (live.py: in a terminal; live_file.py: for other processes)
 judging.py    one episode judged, whatever the judge does; stored ones judged again
 rejudge.py    a stored run judged by another judge, and judges compared
-blocklist.py  websites that kept the agent out
+site_health.py  which websites answer
 """

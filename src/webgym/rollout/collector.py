@@ -22,6 +22,7 @@ from webgym.core.calls import LoopLag
 from webgym.core.errors import (
     BrowserCrashed,
     BrowserTimeout,
+    EgressRefused,
     JudgeError,
     PolicyError,
     ServerError,
@@ -32,13 +33,13 @@ from webgym.core.outcome import Ending, Outcome, outcome_of
 from webgym.core.trajectory import Episode, Failure, Trajectory
 from webgym.judge.base import Judge, Pictures
 from webgym.rollout.attempt import Attempt, AttemptContext
-from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.config import CollectorConfig
 from webgym.rollout.driver import BrowserSession
 from webgym.rollout.judging import TAKEN_OVER, JudgedEpisode, judge_episode
 from webgym.rollout.plan import Plan, Planned
 from webgym.rollout.progress import queues_of
 from webgym.rollout.sessions import is_of_server, longest_pause, patiently
+from webgym.rollout.site_health import SiteHealth
 from webgym.store.runs import RunWriter
 
 _RESUMED: Final = "what was collected is kept; fix the cause, then resume with --resume"
@@ -52,7 +53,7 @@ class Collector:
         judge: turns episodes into verdicts.
         pictures: gives the judge the screenshots.
         config: limits.
-        blocklist: is told of websites that kept the agent out.
+        health: is told of what attempts found at their websites.
     """
 
     def __init__(
@@ -61,9 +62,9 @@ class Collector:
         judge: Judge,
         pictures: Pictures,
         config: CollectorConfig,
-        blocklist: Blocklist | None = None,
+        health: SiteHealth | None = None,
     ) -> None:
-        self._blocklist = blocklist
+        self._health = health
         self._context = context
         self._judge = judge
         self._pictures = pictures
@@ -151,6 +152,7 @@ class Collector:
                 await self._unrecorded.acquire()
         finally:
             self._places.release()
+            await plan.leave(planned)
         try:
             await self._conclude(plan, attempt, episode)
         finally:
@@ -219,11 +221,11 @@ class Collector:
             recorded = await self._record(episode, judged)
         finally:
             progress.move("judging", None, planned.attempt_id)
-        if self._blocklist is not None:
-            await asyncio.to_thread(self._blocklist.note, planned.task.website, recorded)
+        if self._health is not None:
+            await asyncio.to_thread(self._health.note, planned.task.website, recorded)
         if episode.ending.is_regular:
             self._lengths.append(episode.seconds)
-        is_final = is_lost or episode.ending is Ending.STRAGGLER
+        is_final = is_lost or episode.ending is Ending.STRAGGLER or _is_futile(episode)
         await plan.settle(planned, judged.outcome, is_final=is_final)
         progress.done = plan.done
         self._end_stragglers(plan)
@@ -326,6 +328,13 @@ class Collector:
 async def _close(plan: Plan, finishing: asyncio.Event) -> None:
     await finishing.wait()
     await plan.close()
+
+
+def _is_futile(episode: Episode) -> bool:
+    """Whether another attempt now would find the same website dead; or would be the agent's second chance for
+    having answered before a page that may have lacked parts."""
+    is_dead = episode.arrival is not None and episode.arrival.state == "dead"
+    return is_dead or (episode.failure is not None and episode.failure.code == EgressRefused.code)
 
 
 def _unjudged(episode: Episode) -> JudgedEpisode:

@@ -86,6 +86,9 @@ class CollectorConfig(Settings):
     sessions: int = Field(default=16, ge=1)
     """Browser sessions, and therefore attempts, at the same time."""
 
+    sessions_per_website: int | None = Field(default=None, ge=1)
+    """Most attempts of this run at the same time at one website of the web; others go first."""
+
     schedule: Literal["async", "step_barrier", "episode_barrier"] = "async"
     """``async``: attempts are independent. ``step_barrier`` and ``episode_barrier`` are the paper's baselines
     (§4).

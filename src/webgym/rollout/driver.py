@@ -22,7 +22,7 @@ import asyncio
 import hashlib
 import secrets
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from http import HTTPStatus
 from typing import Any, Final, Protocol
 
@@ -36,13 +36,15 @@ from webgym.core.errors import (
     NavigationFailed,
     SiteRefused,
     WebGymError,
+    error_from_code,
 )
+from webgym.core.identity import Identity
 from webgym.core.observation import Fault, Observation, Probed
 from webgym.core.outcome import Ending, ending_of
 from webgym.core.settings import set_values
-from webgym.core.trajectory import Episode, Failure, Step
+from webgym.core.trajectory import Arrival, Episode, Failure, Step
 from webgym.core.websites import host_or_text, site_or_text
-from webgym.judge.blocking import refusal_of
+from webgym.rollout.arrival import Finding, dead_by_error, finding_of, has_login_wall
 from webgym.rollout.config import AttemptConfig
 from webgym.rollout.plan import Planned
 from webgym.server.messages import SessionOptions, View
@@ -139,12 +141,14 @@ class EpisodeContext:
         config: limits of an attempt.
         site_state: server states of the offline web; ``None`` for other tasks.
         seed: seed of the run.
+        identity: of the browsers, as far as it is known.
     """
 
     store: ImageStore
     config: AttemptConfig
     site_state: SiteState | None
     seed: int
+    identity: Identity = field(default_factory=Identity)
 
 
 class EpisodeDriver:
@@ -169,6 +173,9 @@ class EpisodeDriver:
         ending: why it stopped; ``CANCELLED`` until it does.
         failure: the error that stopped it.
         started_at, started: when the session was opened: Unix time, and on the monotonic clock, seconds.
+        start_url: address of the start page.
+        identity: name of the browser's identity.
+        arrival: what was found at the start page; ``None`` so far.
     """
 
     def __init__(self, context: EpisodeContext, planned: Planned, traits: AgentTraits) -> None:
@@ -187,7 +194,7 @@ class EpisodeDriver:
         self._final_state: dict[str, Any] | None = None
         self._answer: str | None = None
         website = planned.task.website
-        self._start_url = website if "://" in website else f"https://{website}"
+        self.start_url = website if "://" in website else f"https://{website}"
         hosts = planned.task.truth.hosts if planned.task.truth is not None else ()
         self._own = {site_or_text(each) for each in (website, *hosts)}
         """The task's own website; on the offline web, all that it is about."""
@@ -195,7 +202,12 @@ class EpisodeDriver:
         """Whether the agent has typed an address."""
         self._is_doubted = False
         """Whether what was last asked of the task's own website did not come."""
+        self._is_suspect = False
+        """Whether our own limits refused connections to the website, so that the page may lack parts."""
         self._session: BrowserSession | None = None
+        self.arrival: Arrival | None = None
+        own_identity = set_values(context.config.identity) | planned.task.identity
+        self.identity = context.identity.over(own_identity).label
         # New for every episode: a killed attempt that is made again finds nothing of its first time.
         self.visitor = secrets.token_hex(16)
         # Without the retry: a retried attempt has the same seed.
@@ -246,46 +258,67 @@ class EpisodeDriver:
         Raises:
             NavigationFailed: it cannot be opened, which is the environment's failure.
             SiteRefused: it is refused, also after a pause.
+            SiteDead: there is none.
             WebGymError: the browser, the server or the disk failed.
         """
         self._session = session
         self.started_at, self.started = time.time(), time.monotonic()
-        url, refused = self._start_url, ""
-        for _ in range(_START_TRIES):
-            view = await self._act(Navigate(url))
-            seen = view.observation
-            failed = (it for it in seen.faults if it.kind == "renderer" or self._is_of_website(it))
-            refused = next((fault.why for fault in failed), "")
-            if not refused and seen.status is None:
-                refused = next((it.text for it in seen.notices if it.kind == "navigation_failed"), "")
-            if not refused:
-                if seen.status == HTTPStatus.NOT_FOUND and self.planned.task.truth is not None:
-                    raise NavigationFailed(f"{url} is not among the websites that are served")
-                view = await self._insist(view)
-                self._own.add(site_or_text(view.observation.url))  # where the start page leads
-                return await self._record_view(view)
-        # For the user alone: the agent sees notices, and this ends the episode before its first request.
-        allow = (
-            "; browser.egress.allow, or webgym serve --allow-host, allows it"
-            if EgressRefused.by_policy in refused
-            else ""
-        )
-        raise NavigationFailed(f"{url} cannot be opened: {refused}{allow}")
-
-    async def _insist(self, view: View) -> View:
-        """Ask a website of the web that refuses its start page once more after a pause.
-
-        Raises:
-            SiteRefused: it refuses it again. No agent has done anything that could excuse it.
-        """
-        if self.planned.task.truth is not None or not refusal_of(view.observation):
-            return view
-        await asyncio.sleep(INSIST_SECONDS)
-        view = await self._act(Navigate(self._start_url))
-        if why := refusal_of(view.observation):
+        found, view, seconds = await self._look_at_start()
+        seen, state = view.observation, found.state
+        if state is not None:
+            code = found.dead if state == "dead" else ""
+            wall = state == "open" and has_login_wall(self.start_url, seen)
+            self.arrival = Arrival(state, code, found.why, wall, seconds, self.identity)
+        if found.is_open or found.is_of_page:
             await self._record_view(view)
-            raise SiteRefused(f"{self._start_url} was refused twice: {why}", url=view.observation.url)
+        self._refuse(found, seen)
+        self._own.add(site_or_text(seen.url))  # where the start page leads
+        self._suspect(seen, None, None)
         return view
+
+    async def _look_at_start(self) -> tuple[Finding, View, float]:
+        """Open the start page until it is certain what it shows: that, and the longest time that it took."""
+        seconds, refusals, nth = 0.0, 0, 0
+        while True:
+            view = await self._act(Navigate(self.start_url))
+            found = self._find(view.observation)
+            seconds, nth = max(seconds, view.observation.own_seconds), nth + 1
+            refusals += found.is_refused
+            is_enough = nth >= _START_TRIES and (refusals >= _START_TRIES or not found.is_refused)
+            if found.is_open or found.is_lasting or is_enough:
+                return found, view, seconds
+            if found.dead == "no_answer" and "://" not in self.planned.task.website:
+                self.start_url = f"http://{self.planned.task.website}"  # it may have no HTTPS
+            if found.is_of_page:
+                await asyncio.sleep(INSIST_SECONDS)
+
+    def _find(self, seen: Observation) -> Finding:
+        """What a look at the start page shows."""
+        failed = (it for it in seen.faults if it.kind == "renderer" or self._is_of_website(it))
+        problem = next((fault.why for fault in failed), "")
+        if not problem and seen.status is None:
+            problem = next((it.text for it in seen.notices if it.kind == "navigation_failed"), "")
+        if self.planned.task.truth is not None:  # the offline web is a part of the environment
+            return Finding(why=problem)
+        if problem:
+            error = next((fault.error for fault in seen.faults if fault.kind == "connection"), "")
+            return Finding(dead=dead_by_error(error), why=problem)
+        return finding_of(self.start_url, seen)
+
+    def _refuse(self, found: Finding, seen: Observation) -> None:
+        """Raise if no attempt can be made at the start page."""
+        url = self.start_url
+        if found.is_refused:
+            raise SiteRefused(f"{url} was refused twice: {found.why}", url=seen.url)
+        if found.dead:
+            raise error_from_code(f"site_{found.dead}", f"{url} cannot be opened: {found.why}")
+        if not found.is_open:
+            # For the user alone: the agent sees notices, and this ends the episode before its first request.
+            hint = "; browser.egress.allow, or webgym serve --allow-host, allows it"
+            allow = hint if EgressRefused.by_policy in found.why else ""
+            raise NavigationFailed(f"{url} cannot be opened: {found.why}{allow}")
+        if seen.status == HTTPStatus.NOT_FOUND and self.planned.task.truth is not None:
+            raise NavigationFailed(f"{url} is not among the websites that are served")
 
     async def take(self, step: Step) -> View | None:
         """Record a step, and carry out its action.
@@ -303,6 +336,7 @@ class EpisodeDriver:
             self.ending = Ending.ANSWERED
             return None
         view = await self._act(step.action)
+        self._suspect(view.observation, before, step.action)
         await self._check_website(view.observation, before, is_typed=isinstance(step.action, Navigate))
         await self._record_view(view)
         self.steps[-1] = step.followed_by(view.observation)
@@ -316,6 +350,9 @@ class EpisodeDriver:
         if self.ending.is_regular:
             ended, self.ending = self.ending, Ending.CANCELLED  # until what judges need is known
             try:
+                if self._is_suspect:
+                    why = "our own limits refused connections of the last page, which may lack parts"
+                    raise EgressRefused(f"{why}; browser.egress.rate and burst are the limits")
                 if self._is_doubted:
                     await self._check_up("the last page that was asked for did not come")
                 await self._read_site_state()
@@ -356,6 +393,13 @@ class EpisodeDriver:
         await self._context.store.put_image(view.observation.screenshot, view.image)
         self._final = view.observation  # recorded even if no reply follows
         return view
+
+    def _suspect(self, seen: Observation, before: Observation | None, action: BrowserAction | None) -> None:
+        """Note whether what the page shows may be due to our own limits, until another page is opened."""
+        if any(site_or_text(host) in self._own for host in seen.limited):
+            self._is_suspect = True
+        elif before is None or before.url != seen.url or isinstance(action, Navigate):
+            self._is_suspect = False
 
     def _is_of_website(self, fault: Fault) -> bool:
         """Whether the task's own website failed. On the web, a part of a page may always be missing, and a
@@ -402,12 +446,12 @@ class EpisodeDriver:
             WebGymError: the server or the offline web does not answer.
         """
         assert self._session is not None
-        probed, is_offline = await self._session.probe(self._start_url), self.planned.task.truth is not None
+        probed, is_offline = await self._session.probe(self.start_url), self.planned.task.truth is not None
         problem, site_state = probed.problem, self._context.site_state
         if is_offline and (probed.status or 0) >= HTTPStatus.INTERNAL_SERVER_ERROR:
-            problem = f"{self._start_url}: HTTP status {probed.status}"
+            problem = f"{self.start_url}: HTTP status {probed.status}"
         if is_offline and site_state is not None and not problem:
-            is_known = await site_state.state(self.visitor, host_or_text(self._start_url)) is not None
+            is_known = await site_state.state(self.visitor, host_or_text(self.start_url)) is not None
             problem = "" if is_known else "the offline web was started again during the attempt"
         if problem:
             raise NavigationFailed(f"the website failed during the attempt: {failed}; probed: {problem}")
@@ -436,4 +480,5 @@ class EpisodeDriver:
             final_state=self._final_state,
             failure=self.failure,
             session=self._session.id if self._session else "",
+            arrival=self.arrival,
         )

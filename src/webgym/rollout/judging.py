@@ -26,9 +26,9 @@ from webgym.core.verdict import Verdict
 from webgym.judge.base import Judge, Pictures
 from webgym.llm.health import collect_cut_off
 from webgym.rollout.attempt import AttemptContext
-from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.config import CollectorConfig
 from webgym.rollout.plan import Plan
+from webgym.rollout.site_health import SiteHealth
 from webgym.store.runs import RunReader, RunWriter
 
 
@@ -159,7 +159,7 @@ async def judge_again(
     judge: Judge,
     pictures: Pictures,
     config: CollectorConfig,
-    blocklist: Blocklist | None = None,
+    health: SiteHealth | None = None,
     plan: Plan | None = None,
     finishing: asyncio.Event | None = None,
 ) -> None:
@@ -174,7 +174,7 @@ async def judge_again(
         judge: the same as in the collection.
         pictures: reads screenshots for the judge.
         config: limits.
-        blocklist: gets the websites that blocked the agent.
+        health: is told of websites that blocked the agent.
         plan: of the run. Samples that another collector has taken over are recorded as cancelled here.
         finishing: once it is set, no more attempts are judged; the rest are when the run is resumed.
 
@@ -204,8 +204,8 @@ async def judge_again(
         recorded = msgspec.structs.replace(judged.of(trajectory.episode), judge_seconds=seconds)
         await store.append(recorded)
         progress.judged_again(trajectory, recorded)
-        if blocklist is not None:
-            await asyncio.to_thread(blocklist.note, by_id[trajectory.episode.task_id].website, recorded)
+        if health is not None:
+            await asyncio.to_thread(health.note_block, by_id[trajectory.episode.task_id].website, recorded)
 
     by_id = {task.id: task for task in tasks}
     waiting = [entry.attempt_id for entry in store.attempts.values() if entry.outcome is Outcome.JUDGE_ERROR]

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 from webgym.core.outcome import Outcome
 from webgym.core.task import Level, Task
+from webgym.core.websites import site_or_text
 from webgym.rollout.sharing import Claim, Claims
 from webgym.store.records import Entry
 
@@ -44,6 +45,10 @@ def _has_failed(outcome: Outcome) -> bool:
     return outcome.is_retried and outcome is not Outcome.CANCELLED
 
 
+def _website(planned: Planned) -> str:
+    return site_or_text(planned.task.website)
+
+
 def _parse_id(attempt_id: str) -> tuple[str, int, int]:
     """Task, sample and retry from an attempt id; sample -1 if the id has another format."""
     task_id, _, number = attempt_id.rpartition("#")
@@ -68,6 +73,7 @@ class Plan:
         retry_errors: reset the retries of samples whose last attempt ended in an error.
         hardest_first: hand out the tasks with the most facts first.
         claims: for tasks shared with other collectors, whose samples count as done.
+        per_website: most attempts at once at one website of the web; ``None`` for any number.
 
     Attributes:
         done_by_level: number of samples that are done by difficulty.
@@ -85,8 +91,12 @@ class Plan:
         retry_errors: bool = False,
         hardest_first: bool = False,
         claims: Claims | None = None,
+        per_website: int | None = None,
     ) -> None:
         self._retries = retries
+        self._per_website = per_website
+        self._at: Counter[str] = Counter()
+        """Attempts that have a browser, or are about to, by website."""
         self._is_closed = False
         self._claims = claims
         self._check_seconds = claims.config.look_seconds if claims else None
@@ -152,6 +162,7 @@ class Plan:
                 claim = await asyncio.to_thread(self._claims.claim, planned.task.id, planned.sample)
             if claim is Claim.OURS:
                 return planned
+            await self.leave(planned)
             async with self._changed:
                 self._in_flight -= 1
                 if claim is Claim.TAKEN:
@@ -164,7 +175,7 @@ class Plan:
 
     async def _next_waiting(self, *, wait: bool) -> Planned | None:
         async with self._changed:
-            while wait and not (self._is_closed or self._waiting):
+            while wait and not self._is_closed and self._first_free() is None:
                 if not self._in_flight and not self._claimed_elsewhere:
                     return None
                 try:
@@ -173,10 +184,28 @@ class Plan:
                 except TimeoutError:
                     self._waiting.extend(self._claimed_elsewhere)
                     self._claimed_elsewhere.clear()
-            if self._is_closed or not self._waiting:
+            free = self._first_free()
+            if self._is_closed or free is None:
                 return None
+            planned = self._waiting[free]
+            del self._waiting[free]
             self._in_flight += 1
-            return self._waiting.popleft()
+            self._at[_website(planned)] += 1
+            return planned
+
+    def _first_free(self) -> int | None:
+        """Index of the first waiting attempt whose website takes another."""
+        most = self._per_website
+        if most is None:
+            return 0 if self._waiting else None
+        free = (nth for nth, it in enumerate(self._waiting) if it.task.truth or self._at[_website(it)] < most)
+        return next(free, None)
+
+    async def leave(self, planned: Planned) -> None:
+        """Say that an attempt that was taken has given its browser back, once."""
+        async with self._changed:
+            self._at[_website(planned)] -= 1
+            self._changed.notify_all()
 
     async def holds(self, task_id: str, sample: int) -> bool:
         """Whether a sample that this collector claimed has not been taken over by another.

@@ -17,10 +17,11 @@ import msgspec
 from msgspec.structs import replace
 
 from webgym.core.errors import ConfigError
+from webgym.core.settings import set_values
 from webgym.core.task import Task
 from webgym.offline.web import COLLECTIONS, OfflineWeb, digest_of_code
 from webgym.offline.website import Split
-from webgym.rollout.blocklist import Blocklist
+from webgym.rollout.site_health import SiteHealth
 from webgym.run.config import RunConfig, Tell, say
 from webgym.store.files import write_whole
 from webgym.tasks.benchmarks import read_benchmark
@@ -61,7 +62,7 @@ def choose_tasks(config: RunConfig, tell: Tell | None = None) -> Chosen:
     choice = config.tasks
     split = choice.split if choice.split in ("train", "test") else None
     available = _read(config, split, tell)
-    selected = select(available.tasks, choice, Blocklist(config.blocklist).blocked())
+    selected = select(available.tasks, choice, health_of(config).blocked())
     if not selected.tasks:
         why = selected.told() or f"none of {config.sites.per_family} websites per family is for it"
         raise ConfigError(
@@ -76,6 +77,17 @@ def choose_tasks(config: RunConfig, tell: Tell | None = None) -> Chosen:
             replace(task, split=None) if leak else task for task, leak in zip(tasks, is_leak, strict=True)
         ]
     return Chosen(tasks, available.broken, available.set_aside, selected)
+
+
+def health_of(config: RunConfig, own: Path | None = None) -> SiteHealth:
+    """The record of which websites answer a run's browsers.
+
+    Args:
+        config: of the run.
+        own: the run's own file.
+    """
+    identity = config.browser.identity.over(set_values(config.attempt.identity))
+    return SiteHealth(config.health, own, identity.label)
 
 
 def all_tasks(config: RunConfig, tell: Tell | None = None) -> list[Task]:

@@ -49,7 +49,6 @@ from webgym.llm.health import report_problems, watch_clients
 from webgym.results.run_index import RunIndex
 from webgym.results.summary import Summary, oracle_notes, summarise
 from webgym.rollout.attempt import AttemptContext
-from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.collector import Collector
 from webgym.rollout.driver import Browsers, SiteState
 from webgym.rollout.judging import judge_again
@@ -61,7 +60,7 @@ from webgym.rollout.progress import Progress
 from webgym.rollout.sessions import KeptLeases
 from webgym.rollout.sharing import Claims, sharing
 from webgym.rollout.trackers import check_installed, tracking
-from webgym.run.choice import choose_tasks, given_tasks, tell_left_out
+from webgym.run.choice import choose_tasks, given_tasks, health_of, tell_left_out
 from webgym.run.config import (
     PolicyChoice,
     RunConfig,
@@ -76,7 +75,7 @@ from webgym.run.config import (
 )
 from webgym.run.services import open_services
 from webgym.server.client import BrowserClient
-from webgym.store.files import LEASES, METRICS
+from webgym.store.files import LEASES, METRICS, SITES
 from webgym.store.runs import RunReader, RunWriter, refuse_taken
 from webgym.tasks.files import NEEDS_PICTURES
 from webgym.tasks.selection import BLOCKED
@@ -150,7 +149,7 @@ async def collect(
             f"{len(selected.tasks):,} tasks to draw from, split {selected.split!r}; left out: {excluded}",
         )
     if BLOCKED in selected.left_out:
-        say(tell, f"left alone: {await asyncio.to_thread(Blocklist(config.blocklist).description)}")
+        say(tell, f"left alone: {await asyncio.to_thread(health_of(config).description)}")
     if requested is None and config.tasks.count is None and len(tasks) < len(selected.tasks):
         drawn = f"{len(tasks):,} of {len(selected.tasks):,} tasks are drawn"
         say(tell, f"{drawn}; --limit (tasks.count) takes another number, or all")
@@ -378,6 +377,7 @@ def _plan(
         retry_errors=retry_errors,
         hardest_first=config.collector.order == "hardest_first",
         claims=claims,
+        per_website=config.collector.sessions_per_website,
     )
 
 
@@ -414,6 +414,7 @@ async def _collected(
         progress=progress,
         site_state=run_services.site_state,
         seed=config.seed,
+        identity=config.browser.identity,
         calls=run_services.calls,
         lockstep=Lockstep() if config.collector.schedule == "step_barrier" else None,
     )
@@ -432,10 +433,11 @@ async def _collected(
                 feeding(progress, store.path),
                 show(progress) if show else nullcontext(),
             ):
-                blocklist = Blocklist(config.blocklist)
-                await Collector(context, judge, pictures, config.collector, blocklist).run(plan, finishing)
-                again = (context, tasks, judge, pictures, config.collector, blocklist, plan, finishing)
+                health = health_of(config, store.path / SITES)
+                await Collector(context, judge, pictures, config.collector, health).run(plan, finishing)
+                again = (context, tasks, judge, pictures, config.collector, health, plan, finishing)
                 await judge_again(*again)
+                await asyncio.to_thread(health.tidy)
     except BaseException:
         # A stopped run gets a summary of what is on disk, too, if it can be written.
         with suppress(Exception):

@@ -22,8 +22,8 @@ from webgym.core.settings import Settings, set_values, validated
 from webgym.judge.config import JudgeChoice
 from webgym.llm.config import ChatConfig
 from webgym.offline.config import SitesConfig, collection_of
-from webgym.rollout.blocklist import BlocklistConfig
 from webgym.rollout.config import AttemptConfig, CollectorConfig
+from webgym.rollout.site_health import HealthConfig
 from webgym.rollout.trackers import TrackerName
 from webgym.server.config import ClientLimits, Queues
 from webgym.store.files import CONFIG
@@ -174,8 +174,8 @@ class RunConfig(Settings):
     collector: CollectorConfig = CollectorConfig()
     """How many attempts at once, and when the run gives up."""
 
-    blocklist: BlocklistConfig = BlocklistConfig()
-    """For how long websites that blocked the agent are left alone."""
+    health: HealthConfig = HealthConfig()
+    """Which websites refuse or are dead, and are left alone for now."""
 
     limits: ClientLimits = ClientLimits()
     """Limits of the client of the browser server."""

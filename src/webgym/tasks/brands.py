@@ -3,7 +3,7 @@
 Websites are usually compared by registrable domain (:func:`webgym.core.websites.site_of`). For keeping
 training and test apart that is too fine: a brand's website looks and works alike in every country. So the
 split, the check for leaks and the weights that spread draws over websites compare brands. Counts, duplicates
-and the blocklist compare websites: ``amazon.de`` may block an agent where ``amazon.com`` does not.
+and the record of health compare websites: ``amazon.de`` may block an agent where ``amazon.com`` does not.
 
 **The rule.** Two registrable domains are one brand if they differ only in an *open* suffix: a
 top-level domain (``.com``, ``.de``, ``.shop``), or a commercial second level of a country (``co.uk``,

@@ -148,7 +148,7 @@ class Sampler:
             tasks are drawn, unless the config selects another split (:mod:`webgym.tasks.selection`).
         config: which tasks are drawn, and in which shares.
         blocked: called before every draw; returns the websites from which nothing is drawn for now, such as
-            those of a blocklist whose entries expire (:meth:`webgym.rollout.blocklist.Blocklist.blocked`).
+            those that refuse or are dead (:meth:`webgym.rollout.site_health.SiteHealth.blocked`).
         weigh: weights of the tasks, computed for every pass; ``None`` for equal ones.
         anew: draw from all tasks every time, not only from those that are left in the pass; for weights that
             change over time. A task may then occur in the next draw again, but not twice in the same.

@@ -28,7 +28,7 @@ from pydantic import Field, model_validator
 from webgym.agent.policy import Policy
 from webgym.agent.profiles import choose_profile
 from webgym.core.background import uninterrupted
-from webgym.core.errors import ConfigError, TrainingError
+from webgym.core.errors import ConfigError, SiteDead, TrainingError, error_from_code
 from webgym.core.outcome import Outcome
 from webgym.core.settings import Section
 from webgym.core.task import Task
@@ -37,12 +37,12 @@ from webgym.inference.vllm import EXPLICIT, VllmConfig
 from webgym.judge.factory import name_of
 from webgym.llm.config import Sampling
 from webgym.results.summary import Summary
-from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.progress import Progress
 from webgym.rollout.trackers import TrackerName
+from webgym.run.choice import health_of
 from webgym.run.collect import collect, resume
 from webgym.run.config import RunConfig, Secrets, ServerChoice, read_config
-from webgym.store.files import CONFIG, EVALUATIONS
+from webgym.store.files import CONFIG, EVALUATIONS, SITES
 from webgym.store.runs import RunReader
 from webgym.tasks.sampling import Sampler, SamplerConfig
 from webgym.tasks.split import refuse_leaks
@@ -253,13 +253,16 @@ class Training:
         self._track: Track = lambda _row: None
         unchecked = config.rollout.policy.model_copy(update={"check": False})  # before the training began
         self._rollout = config.rollout.model_copy(update={"server": where, "policy": unchecked})
-        blocklist = Blocklist(config.rollout.blocklist)
+        health = self._rollout.health
+        if health.file is None and self._rollout.tasks.file is not None:  # what is found is for later draws
+            health = health.model_copy(update={"file": folder.path / SITES})
+            self._rollout = self._rollout.model_copy(update={"health": health})
         sampling = config.sampler.model_copy(update={"seed": config.seed})
         frontier = config.learn.frontier
         self._frontier = Frontier(frontier) if frontier is not None else None
         weigh = self._frontier.weigh if self._frontier is not None else None
         self._sampler = Sampler(
-            tasks, sampling, blocked=blocklist.blocked, weigh=weigh, anew=weigh is not None
+            tasks, sampling, blocked=health_of(self._rollout).blocked, weigh=weigh, anew=weigh is not None
         )
         self._test = [task for task in tasks if task.split == "test"]
         if self._sampler.selected.split != "train":
@@ -415,6 +418,11 @@ class Training:
         summary = await self._attempts(out, config, tasks, self._serving.policy, self._secrets, self._show)
         planned = summary["planned"]["overall"]
         lost = summary["lost_samples"] + summary["outcomes"][Outcome.JUDGE_ERROR]
+        lost -= sum(  # whoever keeps websites cannot be waited for
+            loss["count"]
+            for code, loss in summary["losses"].items()
+            if isinstance(error_from_code(code, ""), SiteDead)
+        )
         if lost > self.config.loop.most_lost * planned and not self._is_stopping():
             losses = summary["losses"].values()
             of_faults = (each for each in losses if any(Outcome(name).is_error for name in each["outcomes"]))

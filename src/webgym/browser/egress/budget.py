@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from webgym.browser.egress.config import EgressConfig
+from webgym.core.websites import site_or_text
 
 
 class BudgetExceeded(Exception):
@@ -20,6 +22,7 @@ class Budget:
 
     Attributes:
         bytes: bytes forwarded so far, in both directions.
+        site: the website of the page that was opened last, as from :func:`webgym.core.websites.site_of`.
     """
 
     def __init__(self, config: EgressConfig) -> None:
@@ -28,6 +31,9 @@ class Budget:
         self._names: set[str] = set()
         self._connections = 0
         self.bytes = 0
+        self.site = ""
+        self._bytes_of: Counter[str] = Counter()
+        self._limited: Counter[str] = Counter()
 
     def enter(self) -> None:
         """Count a new connection, until :meth:`leave`.
@@ -63,7 +69,31 @@ class Budget:
         finally:
             self._lookups -= 1
 
-    def take(self, size: int) -> bool:
-        """Count forwarded bytes; returns whether more may be forwarded."""
+    def take(self, size: int, host: str) -> bool:
+        """Count bytes forwarded to or from a host; returns whether more may be forwarded."""
         self.bytes += size
-        return self.bytes < self._config.session_bytes
+        self._bytes_of[host] += size
+        may_go_on = self.bytes < self._config.session_bytes
+        if not may_go_on:
+            self.limit(host)
+        return may_go_on
+
+    def limit(self, host: str) -> None:
+        """Count a connection to a host that our own limits refused or ended."""
+        self._limited[host] += 1
+
+    def bucket(self, host: str) -> str:
+        """What a new connection to a host counts as for the limit on its rate.
+
+        A host of the page's own website is one for all sessions. Another, such as a CDN that websites share,
+        is one for all sessions at this website: otherwise popular websites would use up what others need.
+        """
+        is_own = not self.site or site_or_text(host) == self.site
+        return host if is_own else f"{host} for {self.site}"
+
+    def counted(self) -> tuple[dict[str, int], dict[str, int]]:
+        """Bytes, and connections that our own limits refused, by host, since the last call."""
+        counts = dict(self._bytes_of), dict(self._limited)
+        self._bytes_of.clear()
+        self._limited.clear()
+        return counts

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from pydantic import Field, field_validator
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import AfterValidator, Field, field_validator
 
 from webgym.browser.egress.rules import read_rule
 from webgym.core.settings import Settings
@@ -20,6 +23,10 @@ class EgressConfig(Settings):
     whatever address it has. ``=HOST:PORT`` redirects a name to that address instead, for every port;
     ``=nowhere`` makes it a name that does not exist.
     """
+
+    block_lists: tuple[Annotated[Path, AfterValidator(Path.absolute)], ...] = ()
+    """Files with hosts that no page may connect to, such as of trackers and adverts, in the hosts format
+    (``0.0.0.0 ads.example``), on the machine of the browsers. They go before ``allow``."""
 
     ports: tuple[int, ...] = (80, 443, 8080, 8443)
     """Ports that pages may connect to on hosts that no rule allows; an empty list allows all."""
@@ -52,7 +59,8 @@ class EgressConfig(Settings):
     # --- politeness -------------------------------------------------------------------------------
 
     rate: float = Field(default=20.0, gt=0)
-    """Average rate of new connections to one host, per second, of all sessions together. Hosts that a rule
+    """Average rate of new connections to one host, per second, of all sessions together; to a host that does
+    not belong to the page's website, such as a shared CDN, of all sessions at that website. Hosts that a rule
     allows are exempt."""
 
     burst: int = Field(default=120, gt=0)

@@ -221,7 +221,7 @@ class Dialer:
             raise NotConnected("too_many", f"refused: {error}") from None
         self._refuse_own_ports(admitted, route)
         if not admitted.is_allowed:
-            await self._wait_for_rate(str(host))
+            await self._wait_for_rate(str(host), budget)
         return await self._connect(admitted.addresses, route.place.port, protocol)
 
     # --- names --------------------------------------------------------------------------------------
@@ -255,8 +255,8 @@ class Dialer:
 
     # --- connections --------------------------------------------------------------------------------
 
-    async def _wait_for_rate(self, host: str) -> None:
-        delay = self._politeness.delay(host, asyncio.get_running_loop().time())
+    async def _wait_for_rate(self, host: str, budget: Budget) -> None:
+        delay = self._politeness.delay(budget.bucket(host), asyncio.get_running_loop().time())
         if delay is None:
             raise NotConnected("too_many", f"too many new connections to {host} at the moment; try later")
         if delay:

@@ -22,6 +22,7 @@ from webgym.browser.egress.config import EgressConfig
 from webgym.browser.egress.dial import Dialer, NotConnected, Reason
 from webgym.browser.egress.hosts import read_host
 from webgym.browser.egress.resolver import CACHE_NAMES, Machine
+from webgym.browser.egress.rules import blocked_names
 from webgym.browser.egress.socks import (
     CONNECT,
     FAILED,
@@ -41,7 +42,7 @@ from webgym.browser.egress.socks import (
 )
 from webgym.browser.egress.splice import BrowserEnd, Connections, ServerEnd
 from webgym.core.background import BackgroundTasks
-from webgym.core.errors import BrowserLaunchFailed
+from webgym.core.errors import BrowserLaunchFailed, EgressRefused
 from webgym.core.observation import Probed
 
 _LOOPBACK = "127.0.0.1"
@@ -83,6 +84,7 @@ class Egress:
 
     def __init__(self, config: EgressConfig | None = None, machine: Machine | None = None) -> None:
         self.config = config or EgressConfig()
+        self._blocked = blocked_names(self.config.block_lists)
         self._dialer = Dialer(self.config, machine or Machine())
         self._connections = Connections(self.config)
         self._main: ProxyListener | None = None
@@ -174,15 +176,21 @@ class Egress:
         is_counted = False
         try:
             try:
+                if _normalised(host) in self._blocked:
+                    raise NotConnected("forbidden", f"{EgressRefused.by_policy}: {host} is on a block list")
                 budget.enter()
             except BudgetExceeded as error:
                 raise NotConnected("too_many", f"refused: {error}") from None
             is_counted = True
-            server = await self._dialer.dial(host, port, budget, lambda: ServerEnd(self._connections, budget))
+            server = await self._dialer.dial(
+                host, port, budget, lambda: ServerEnd(self._connections, budget, host)
+            )
             result = "connected"
             return server
         except NotConnected as failure:
             result = failure.reason
+            if result == "too_many":
+                budget.limit(host)
             key = (_normalised(host), port)
             self._failures[key] = failure
             self._failures.move_to_end(key)
@@ -373,7 +381,7 @@ class _Handshake(asyncio.Protocol):
             server.transport.abort()
             return
         self._deadline.cancel()
-        browser = BrowserEnd(self._connections, budget)
+        browser = BrowserEnd(self._connections, budget, request.host)
         browser.connection_made(self._transport)
         self._transport.set_protocol(browser)
         self._transport.write(reply(SUCCEEDED))

@@ -1,12 +1,15 @@
-"""Parses the operator's rules: ``PATTERN[:PORT][=TARGET]``."""
+"""Parses the operator's rules, ``PATTERN[:PORT][=TARGET]``, and lists of hosts that are blocked."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from ipaddress import IPv4Network, IPv6Network, ip_network
+from pathlib import Path
 
 from webgym.browser.egress.addresses import plain
 from webgym.browser.egress.hosts import Address, Host, read_host
+from webgym.core.errors import ConfigError
 
 NOWHERE = "nowhere"
 _ANY = "*"
@@ -78,6 +81,26 @@ def read_rule(text: str) -> Rule:
         return Rule(rule.name, port=rule.port, target=Place(read_host(host), port))
     except ValueError as error:
         raise ValueError(f"{text!r} is not a rule PATTERN[:PORT][=HOST:PORT]: {error}") from None
+
+
+def blocked_names(files: Iterable[Path]) -> frozenset[str]:
+    """The names in files of the hosts format: an address and names, or a name alone, per line.
+
+    Names without a dot, such as ``localhost``, are left out; names below a listed one are not blocked.
+
+    Raises:
+        ConfigError: a file cannot be read.
+    """
+    names = set[str]()
+    for file in files:
+        try:
+            lines = file.read_text().lower().splitlines()
+        except (OSError, ValueError) as error:
+            raise ConfigError(f"cannot read the block list {file}: {error}") from error
+        for line in lines:
+            first, *others = line.partition("#")[0].split() or [""]
+            names.update(name for name in others or [first] if "." in name)
+    return frozenset(names)
 
 
 def _pattern(text: str) -> Rule:

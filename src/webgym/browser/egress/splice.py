@@ -61,9 +61,10 @@ class _End(asyncio.Protocol):
     transport: asyncio.Transport
     """Set by :meth:`connection_made`."""
 
-    def __init__(self, connections: Connections, budget: Budget) -> None:
+    def __init__(self, connections: Connections, budget: Budget, host: str) -> None:
         self._connections = connections
         self._budget = budget
+        self._host = host
         self.other: _End | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -78,7 +79,7 @@ class _End(asyncio.Protocol):
 
     def _forward(self, data: bytes, other: _End) -> None:
         """Write to the other end. If the session exceeds its budget, both connections are aborted."""
-        if self._budget.take(len(data)):
+        if self._budget.take(len(data), self._host):
             other.transport.write(data)
         else:
             other.transport.abort()
@@ -127,8 +128,8 @@ class ServerEnd(_End):
 
     other: BrowserEnd | None
 
-    def __init__(self, connections: Connections, budget: Budget) -> None:
-        super().__init__(connections, budget)
+    def __init__(self, connections: Connections, budget: Budget, host: str) -> None:
+        super().__init__(connections, budget, host)
         self._early: list[bytes] = []
         self._is_over = False
         self._error: Exception | None = None

@@ -4,7 +4,7 @@
   if (webgym.observe) return;
   const {
     nodeType, nodeName, parentNode, childNodes, firstChild, localName, nextElementSibling, firstElementChild, scrollHeight,
-    getBoundingClientRect, closest, title, documentElement, scrollingElement, isContentEditable,
+    getBoundingClientRect, closest, title, documentElement, scrollingElement, isContentEditable, querySelectorAll,
   } = webgym.dom;
   const { fold, rootOf, frameIn, isFrame, shorten } = webgym;
   const { roleOf, valueOf, writtenOn } = webgym.roles;
@@ -503,6 +503,8 @@
     return [...gathering.items, ...said, ...webgym.takeShortened().map((kind) => ['shortened', kind])];
   };
 
+  const LOGIN = 'input[type=password], input[autocomplete~=username], input[autocomplete~=current-password]';
+
   // {text, cuts, elements}: what is wanted.
   webgym.observe = (wanted, frames) => {
     webgym.attach();
@@ -523,7 +525,11 @@
     if (wanted.aimed) return { missing: look.missing, aimed: webgym.aim(wanted.aimed, look.shown) };
     webgym.picture(look.shown);
     const read = look.wantsText
-      ? { text: shorten(look.lines.lines.join('\n'), 'text'), fields: firstOf(look.fields.lines) }
+      ? {
+          text: shorten(look.lines.lines.join('\n'), 'text'),
+          fields: firstOf(look.fields.lines),
+          login: [...querySelectorAll(document, LOGIN)].some(isShown),
+        }
       : {};
     const cuts = wanted.cuts ? { cuts: firstOf(walkAll(new Cuts(), true).cut) } : {};
     return {

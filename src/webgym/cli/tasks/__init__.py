@@ -9,6 +9,7 @@ from typer.core import TyperGroup
 
 from webgym.cli._fields import SettingsCommand
 from webgym.cli.tasks.check import check, stats, validate
+from webgym.cli.tasks.probe import probe
 from webgym.cli.tasks.show import show
 from webgym.cli.tasks.sources import sources
 from webgym.cli.tasks.write import convert, offline, push, sample, split
@@ -35,5 +36,5 @@ def _build() -> None:
     """Build a task set: import, websites, rubrics, decomposition, duplicates, split, statistics."""
 
 
-for _command in (offline, check, show, convert, sources, split, validate, sample, stats, push):
+for _command in (offline, check, show, convert, sources, split, validate, sample, stats, probe, push):
     app.command()(_command)

@@ -18,11 +18,12 @@ from webgym.cli._options import web_options
 from webgym.cli._push import Public
 from webgym.cli.tasks._files import print_set_aside, read_unique
 from webgym.core.errors import ConfigError
+from webgym.core.identity import Identity
 from webgym.core.settings import validated
 from webgym.core.tables import Table, show
 from webgym.core.task import LEVELS
 from webgym.core.text import plain
-from webgym.rollout.blocklist import Blocklist, BlocklistConfig
+from webgym.rollout.site_health import HealthConfig, SiteHealth
 from webgym.tasks.files import whole_file
 from webgym.tasks.formats import Format, read_tasks, write_tasks
 from webgym.tasks.sampling import SamplerConfig, parse_ratio
@@ -172,13 +173,13 @@ SAMPLER = Options(
         "--seed": "seed",
     },
 )
-BLOCKED = Options(BlocklistConfig, {"--blocklist": "file", "--blocked-hours": "hours"})
+HEALTH = Options(HealthConfig, {"--health": "file", "--refused-hours": "refused_hours"})
 
 
-@takes(settings=SAMPLER, blocked=BLOCKED)
+@takes(settings=SAMPLER, health=HEALTH)
 def sample(
     settings: Given,
-    blocked: Given,
+    health: Given,
     files: list[Path] = typer.Argument(..., help="Task files, or folders of them."),
     count: int = typer.Option(1_024, "--count", min=1, help="Number of tasks to draw."),
     out: Path | None = typer.Option(None, "--out", help="Task file to write.", show_default="print ids only"),
@@ -212,7 +213,7 @@ def sample(
     if near:
         weigh = near_success(_results(near), target=target)
     config = validated(SamplerConfig, settings | _shard(shard))
-    websites = Blocklist(validated(BlocklistConfig, blocked))
+    websites = SiteHealth(validated(HealthConfig, health), identity=Identity().label)
     sampler = Sampler(read_unique(files), config, blocked=websites.blocked, weigh=weigh, anew=bool(near))
     if left_out := sampler.selected.told():
         print(f"{len(sampler.selected.tasks):,} tasks to draw from; left out: {left_out}", file=sys.stderr)

@@ -120,7 +120,7 @@ function aboutCard(it) {
 }
 
 const NOTICES = { navigation_failed: "Navigation failed", download_refused: "Download refused", action_failed: "Action failed", dialog: "Dialog",
-  popup: "Popup", still_loading: "Still loading", crashed: "Crashed", reply_unreadable: "Reply unreadable", shortened: "Shortened", changed: "Changed since the picture", unchanged: "Nothing changed", no_effect: "No effect" };
+  popup: "Popup", still_loading: "Still loading", crashed: "Crashed", reply_unreadable: "Reply unreadable", shortened: "Shortened", changed: "Changed since the picture", unchanged: "Nothing changed", no_effect: "No effect", limited: "Limited by us" };
 const BAD = new Set(["navigation_failed", "action_failed", "crashed", "reply_unreadable"]);
 
 function noticeList(frame) {

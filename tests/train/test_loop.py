@@ -354,8 +354,8 @@ def test_the_newest_weights_stay_and_the_best_of_those_that_were_evaluated(tmp_p
     run(tmp_path, World(), config(keep_weights=1, iterations=6))
     folder = TrainingFolder(tmp_path)
     kept = [path.parent.name for path in sorted(tmp_path.glob("iterations/*/weights"))]
-    assert kept == ["0004", "0006"], "all evaluations are equal: the newest one when 6 was published was of 4"
-    for number in (1, 2, 3, 5):
+    assert kept == ["0006"], "all evaluations are equal: the newest is the best"
+    for number in (1, 2, 3, 4, 5):
         folder.weights(number).mkdir()
     for number, rate in ((2, 0.5), (4, None), (6, 0.25)):
         folder.write_evaluation(number, {"success_rate": {"overall": rate}})
@@ -364,7 +364,7 @@ def test_the_newest_weights_stay_and_the_best_of_those_that_were_evaluated(tmp_p
     assert folder.best_weights() == folder.weights(1)
     (folder.weights(5) / "training").mkdir()
     (folder.weights(6) / "training").mkdir()
-    folder.prune_weights(2)
+    folder.prune_weights(2, 6)
     assert [path.parent.name for path in sorted(tmp_path.glob("iterations/*/weights"))] == [
         "0001",
         "0005",

@@ -129,6 +129,9 @@ class Serving(BasePolicy):
         self.policy = policy
         self.published: list[str] = []
 
+    def copy(self) -> None:
+        return None
+
     async def publish(self, weights: Path, version: str) -> None:
         assert (weights / "model.safetensors").exists()
         self.published.append(version)

@@ -22,6 +22,24 @@ from webgym.train.replay import Replay
 from webgym.train.stopping import Stop
 
 
+class Copy(BasePolicy):
+    """A copy of the model, with weights of its own; it is known by them."""
+
+    def __init__(self) -> None:
+        self.policy: Policy = self
+        self.name = "0"
+
+    def copy(self) -> None:
+        raise AssertionError("nobody copies a copy")
+
+    async def publish(self, weights: Path, version: str) -> None:
+        assert (weights / "state.json").exists(), "weights that are evaluated stay"
+        self.name = version
+
+    async def watch(self) -> None:
+        raise AssertionError("nobody watches a copy")
+
+
 class MadeUp(BasePolicy):
     """Makes attempts; whoever inherits says which, serves and learns.
 
@@ -38,6 +56,10 @@ class MadeUp(BasePolicy):
         """An attempt of a run of this seed, at its task of this number."""
         raise NotImplementedError
 
+    def copy(self) -> Copy | None:
+        """Evaluations have a policy of their own."""
+        return Copy()
+
     async def attempts(
         self,
         out: Path,
@@ -46,6 +68,7 @@ class MadeUp(BasePolicy):
         policy: Policy,
         secrets: Secrets,
         show: object,
+        places: object,
     ) -> Summary:
         is_there = (out / "config.yaml").exists()
         made_with = config.model_dump(mode="json")

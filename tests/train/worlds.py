@@ -13,6 +13,7 @@ from webgym.agent.scripted import RandomPolicy
 from webgym.core.task import Task
 from webgym.core.trajectory import Trajectory
 from webgym.results.summary import Summary, summarise
+from webgym.rollout.sessions import Places
 from webgym.run.config import RunConfig, Secrets, ServerChoice
 from webgym.store.runs import RunReader, RunWriter
 from webgym.train.folder import TrainingFolder
@@ -56,6 +57,9 @@ class MadeUp(BasePolicy):
         """An attempt of a run of this seed, at its task of this number."""
         raise NotImplementedError
 
+    async def before(self, run: Path, number: int, tasks: int, places: Places | None) -> None:
+        """Called before each attempt of a run."""
+
     def copy(self) -> Copy | None:
         """Evaluations have a policy of their own."""
         return Copy()
@@ -68,7 +72,7 @@ class MadeUp(BasePolicy):
         policy: Policy,
         secrets: Secrets,
         show: object,
-        places: object,
+        places: Places | None,
     ) -> Summary:
         is_there = (out / "config.yaml").exists()
         made_with = config.model_dump(mode="json")
@@ -77,6 +81,7 @@ class MadeUp(BasePolicy):
             for number, each in enumerate(tasks):
                 if f"{each.id}#0.0" in writer.attempts:
                     continue
+                await self.before(out, number, len(tasks), places)
                 made = self.attempt(out, each, number, config.seed)
                 for name, data in self.pictures.items():
                     await writer.put_image(name, data)

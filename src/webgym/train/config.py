@@ -25,6 +25,10 @@ class ReplayConfig(Settings):
     steps: int = Field(default=1800, ge=1)
     """Steps drawn for an iteration; all available ones if there are fewer."""
 
+    trajectories: int | None = Field(default=None, ge=1)
+    """Draw whole trajectories instead, at most this many; an update waits until there are so many, of groups
+    that are mixed if the objective compares attempts. ``None``: draw steps."""
+
     passes: int = Field(default=2, ge=1)
     """How often an iteration trains on each of its steps."""
 

@@ -22,7 +22,7 @@ import asyncio
 import time
 from collections import defaultdict
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractAsyncContextManager, asynccontextmanager, contextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeAlias
@@ -56,7 +56,7 @@ from webgym.train.figures import figures_of, iteration_line, rates_of, success_l
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.frontier import Frontier
 from webgym.train.progress import TrainingProgress
-from webgym.train.replay import Replay, ReplaySample
+from webgym.train.replay import Counts, Replay, ReplaySample
 from webgym.train.serving import Serving
 from webgym.train.stopping import Stop
 
@@ -82,7 +82,8 @@ class LoopConfig(Section):
     """Tasks drawn for an iteration (paper §5: 512 or, better, 1,024)."""
 
     staleness: int = Field(default=0, ge=0)
-    """Most updates by which collection may run ahead; 0 for the paper's synchronous loop."""
+    """Most updates by which collection may run ahead; 0 for the paper's synchronous loop. With 2, neither
+    collecting nor learning waits if they take equally long; with 1, stragglers are waited for."""
 
     evaluate_every: int = Field(default=5, ge=0)
     """Evaluate every this many iterations, and before the first and after the last; 0 for never."""
@@ -158,6 +159,8 @@ class TrainConfig(Section):
             raise ValueError("set either local or vllm, not both")
         if self.loop.staleness and self.rollout.collector.is_grouped:
             raise ValueError("a collector.schedule with groups leaves nothing to overlap: set staleness to 0")
+        if self.loop.staleness and self.rollout.collector.metrics_port:
+            raise ValueError("collections that overlap need a collector.metrics_port each: set it to 0")
         return self
 
     @property
@@ -288,7 +291,9 @@ class Training:
         self._advanced = asyncio.Condition()
         self._free = asyncio.Semaphore(config.rollout.collector.sessions)
         self._enough: dict[int, asyncio.Event] = {}
-        """By iteration, set once enough of its attempts have ended for an update."""
+        """Of each iteration that was begun, set once enough of its attempts have ended for an update."""
+        self._late: set[int] = set()
+        """Iterations in the replay of which attempts may be missing that end later."""
         self._published = 0
         self._finished = -1
         """The last finished iteration; 0 before the first, once the first weights are evaluated."""
@@ -366,7 +371,7 @@ class Training:
                 if self._frontier is not None:
                     self._frontier.restore(sampled["frontier"])
             if self.folder.is_past(number, Stage.REPLAY):
-                self._replay.add(number, RunReader(self.folder.run(number)))
+                self._add(number)
                 self._replay.use(self.folder.batch(number))
             if self.folder.is_past(number, Stage.UPDATE):
                 self._published = number
@@ -395,8 +400,9 @@ class Training:
                 if not self.folder.is_past(number, Stage.SAMPLE):
                     await asyncio.to_thread(self._sample, number)
                 places = Places(self._free)
-                self._enough[number] = places.enough
                 runs.add(group.create_task(self._collect(number, places)))
+                self._enough[number] = places.enough
+                await self._notify_advanced()
                 await places.spare.wait()
             if runs:
                 await asyncio.wait(runs)
@@ -412,8 +418,10 @@ class Training:
 
     def _sample(self, number: int) -> None:
         """Draw the tasks of an iteration. The frontier knows the results of all that were learned from."""
-        for earlier in range(self._frontier_knows + 1, number - self.config.loop.staleness):
-            self._take_results(earlier)
+        while self.folder.is_past(known := self._frontier_knows + 1, Stage.COLLECT):
+            if known >= number - self.config.loop.staleness:
+                break  # whether it has ended depends on the clock
+            self._take_results(known)
         tasks = self._sampler.draw(self.config.loop.tasks)
         frontier = self._frontier.state() if self._frontier is not None else {}
         state = {"sampler": self._sampler.state(), "frontier": frontier}
@@ -436,6 +444,7 @@ class Training:
             await self._notify_advanced()
         finally:
             places.spare.set()
+            places.enough.set()
 
     def _take_results(self, number: int) -> None:
         """Add the rewards of an iteration to the frontier."""
@@ -475,7 +484,11 @@ class Training:
 
     async def _learn_all(self) -> None:
         for number in range(self._published + 1, self.config.loop.iterations + 1):
-            await self._until(partial(self.folder.is_past, number, Stage.COLLECT))
+            await self._until(partial(self._has_begun, number))
+            if number in self._enough:
+                await self._enough[number].wait()
+                if await asyncio.to_thread(self._is_lossy, number):  # the end of its run says what to do
+                    await self._until(partial(self.folder.is_past, number, Stage.COLLECT))
             # What was drawn is trained on, since other processes may have begun with it.
             is_drawn = self.folder.is_past(number, Stage.REPLAY)
             if not is_drawn and not self._stop.allow(self._update_seconds()):
@@ -490,6 +503,16 @@ class Training:
                 return
             with self._timed(number, "publish"):
                 await self._publish(number)
+
+    def _is_lossy(self, number: int) -> bool:
+        """Whether more attempts of an iteration have ended in errors than may be lost."""
+        run = self.folder.run(number)
+        ended = RunReader(run).attempts.values() if run.exists() else ()
+        planned = len(self.folder.tasks(number)) * self._rollout.samples
+        return sum(each.outcome.is_error for each in ended) > self.config.loop.most_lost * planned
+
+    def _has_begun(self, number: int) -> bool:
+        return number in self._enough or self.folder.is_past(number, Stage.COLLECT)
 
     def _update_seconds(self) -> float:
         """How long the update of the last finished iteration took; 0 if there is none."""
@@ -509,10 +532,28 @@ class Training:
     def _draw(self, number: int) -> ReplaySample:
         if self.folder.is_past(number, Stage.REPLAY):
             return self.folder.draw(number)
-        self._replay.add(number, RunReader(self.folder.run(number)))
-        draw = self._replay.draw()
+        for late in sorted(self._late):
+            self._late.discard(late)
+            if late >= number - self._replay.span:
+                self._add(late)
+        counts, wanted = self._add(number), self.config.learn.replay.trajectories or 0
+        found, gathered = self._replay.mixed_trajectories(), self._empty_iterations + 1
+        if found < wanted and gathered < min(self._replay.span, self.config.loop.give_up_after):
+            draw = ReplaySample((), counts, 0, 0, {})
+        else:
+            draw = self._replay.draw()
+        if found < wanted:
+            rest = "it is made of those" if draw.steps else "collecting goes on"
+            self._tell(f"iteration {number}: {found} of {wanted} trajectories for an update; {rest}")
         self.folder.write_batch(number, draw)
         return draw
+
+    def _add(self, number: int) -> Counts:
+        """Add what there is of an iteration to the replay; what comes later is added before the next draw."""
+        is_over = self.folder.is_past(number, Stage.COLLECT)
+        if not is_over:
+            self._late.add(number)
+        return self._replay.add(number, RunReader(self.folder.run(number)), is_over=is_over)
 
     async def _update(self, number: int, draw: ReplaySample) -> None:
         if self.folder.is_past(number, Stage.UPDATE):
@@ -522,7 +563,9 @@ class Training:
             try:
                 await asyncio.shield(learning)
             except asyncio.CancelledError:  # a thread cannot be: until it ends the folder stays locked
-                await asyncio.gather(learning, return_exceptions=True)
+                while not learning.done():
+                    with suppress(asyncio.CancelledError):  # of another
+                        await asyncio.wait([learning])
                 raise
             self._empty_iterations = 0
         else:

@@ -28,7 +28,7 @@ The same seed, settings and trajectories give the same draw, regardless of the o
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Protocol
 
 import msgspec
@@ -36,6 +36,7 @@ import numpy as np
 
 from webgym.core.action import Answer
 from webgym.core.errors import ConfigError
+from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.trajectory import Step, Trajectory
 from webgym.tasks.split import leaking
@@ -49,6 +50,16 @@ class Judged(Protocol):
     @property
     def tasks(self) -> Mapping[str, Task]:
         """The tasks by id."""
+        ...
+
+    @property
+    def drawn(self) -> Sequence[Task]:
+        """The tasks in the order drawn, one that was drawn twice twice."""
+        ...
+
+    @property
+    def samples(self) -> int:
+        """Planned attempts at each drawn task."""
         ...
 
     def trajectories(self) -> Iterator[Trajectory]:
@@ -169,20 +180,25 @@ class Replay:
         oldest = self._objective.max_age
         return self._config.iterations if oldest is None else min(self._config.iterations, oldest + 1)
 
-    def add(self, iteration: int, run: Judged) -> Counts:
+    def add(self, iteration: int, run: Judged, *, is_over: bool = True) -> Counts:
         """Add the steps of an iteration, and drop iterations that are too old.
 
+        An iteration that is still kept may be added again, with the attempts that ended since.
+
         Args:
-            iteration: its number, above all earlier ones.
+            iteration: its number.
             run: its trajectories.
+            is_over: whether no attempt of it is made any more. Until then, groups of attempts at a task of
+                which one has not ended are left out.
 
         Raises:
             ConfigError: a trajectory is of a test task, or of one that leaks a test task of the run.
         """
-        if self._pool and iteration <= max(self._pool):
+        if self._pool and iteration < max(self._pool) and iteration not in self._pool:
             raise ValueError(f"iteration {iteration} comes after {max(self._pool)}")
         leaks = leaking(list(run.tasks.values()))
         trajectories = 0
+        ended = Counter[str]()
         rewarded: list[Attempt] = []
         steps: dict[str, list[str]] = {}  # why each step is not reinforced; empty if it is
         versions: dict[str, list[str]] = {}
@@ -196,6 +212,12 @@ class Replay:
                 rewarded.append(Attempt(episode.attempt_id, episode.task_id, reward))
                 steps[episode.attempt_id] = [self._fault(step) for step in episode.steps]
                 versions[episode.attempt_id] = [step.reply.weight_version for step in episode.steps]
+            outcome = trajectory.outcome
+            ended[episode.task_id] += not outcome.is_retried and outcome is not Outcome.JUDGE_ERROR
+        if not is_over:
+            planned = Counter(task.id for task in run.drawn)
+            whole = {id_ for id_ in planned if ended[id_] >= planned[id_] * run.samples}
+            rewarded = [each for each in rewarded if each.task_id in whole]
         advantages = self._objective.advantages(rewarded)
         refs = [
             StepRef(iteration, attempt, index, advantage, versions[attempt][index])
@@ -217,9 +239,15 @@ class Replay:
             kept_steps=len(refs),
             unreadable=faults["unreadable"],
         )
-        for old in [number for number in self._pool if number <= iteration - self.span]:
+        for old in [number for number in self._pool if number <= max(self._pool) - self.span]:
             del self._pool[old]
         return self._counts[iteration]
+
+    def mixed_trajectories(self) -> int:
+        """The number of trajectories that :meth:`draw` could take now."""
+        pool = [ref for refs in self._pool.values() for ref in refs if self._may_be_used(ref)]
+        newest = max(self._pool, default=0)
+        return len({(ref.iteration, ref.attempt_id) for ref in pool if self._is_fresh(ref, newest)})
 
     def draw(self) -> ReplaySample:
         """Draw the steps that the newest iteration trains on, and count them as used.

@@ -190,9 +190,16 @@ async def loaded(
             if (config.rollout.policy.check and not resume) or always_check:
                 await _check_replies(config.rollout, serving, failed if is_chosen else None)
             where, tokens = await services_and_model.enter_async_context(
-                services(config.rollout, secrets or Secrets())
+                services(_with_sessions_of_evaluations(config), secrets or Secrets())
             )
             yield Loaded(training, tasks, serving, learner, where, tokens, lock)
+
+
+def _with_sessions_of_evaluations(config: TrainConfig) -> RunConfig:
+    """The runs' settings, with as many sessions as collection and an evaluation take together."""
+    collector, own = config.rollout.collector, config.evaluation.sessions if config.loop.staleness else None
+    more = collector.model_copy(update={"sessions": collector.sessions + (own or 0)})
+    return config.rollout.model_copy(update={"collector": more})
 
 
 def is_complete(config: TrainConfig, out: Path, tell: Tell) -> bool:

@@ -46,7 +46,7 @@ from webgym.store.runs import RunReader
 from webgym.tasks.sampling import Sampler, SamplerConfig
 from webgym.tasks.split import refuse_leaks
 from webgym.train.config import LearnConfig
-from webgym.train.figures import figures_of, iteration_line, rates_of, success_line
+from webgym.train.figures import figures_of, iteration_line, rates_of, success_line, watch_for_collapse
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.frontier import Frontier
 from webgym.train.progress import TrainingProgress
@@ -593,11 +593,12 @@ class Training:
             "update": self.folder.figures(number, Stage.UPDATE),
         }
         self.folder.finish(number, Stage.FINISH, row)
-        newest = self.folder.write_metrics()[-1]
+        rows = self.folder.write_metrics()
         self._finished = number
         self.progress.finish()
-        self._tell(iteration_line(newest, self.progress))
-        self._track(newest)
+        self._tell(iteration_line(rows[-1], self.progress))
+        self._track(rows[-1])
+        watch_for_collapse(rows, self.config.learn.on_collapse, self._tell)
 
     def _trajectories_before(self, number: int) -> int:
         if number == 1:

@@ -52,7 +52,7 @@ from webgym.store.runs import RunReader
 from webgym.tasks.sampling import Sampler, SamplerConfig
 from webgym.tasks.split import refuse_leaks
 from webgym.train.config import LearnConfig
-from webgym.train.figures import figures_of, iteration_line, rates_of, success_line
+from webgym.train.figures import figures_of, iteration_line, rates_of, success_line, watch_for_collapse
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.frontier import Frontier
 from webgym.train.progress import TrainingProgress
@@ -431,20 +431,17 @@ class Training:
         started = time.monotonic()
         config = self._rollout.model_copy(update={"seed": self.config.seed * 10_007 + number})
         shared = places if self.config.loop.staleness else None
-        try:
-            with self.progress.stage(number, "collect"):
-                run, tasks = self.folder.run(number), self.folder.tasks(number)
-                summary = await self._attempt(run, config, tasks, self._serving.policy, shared)
-                if self._is_stopping():  # attempts may be missing
-                    return
+        run, tasks = self.folder.run(number), self.folder.tasks(number)
+        with self.progress.stage(number, "collect"):
+            summary = await self._attempt(run, config, tasks, self._serving.policy, shared)
+            if not self._is_stopping():  # or attempts may be missing
                 figures = await asyncio.to_thread(figures_of, RunReader(run), summary)
                 seconds = time.monotonic() - started
                 self.folder.finish(number, Stage.COLLECT, figures | {"seconds": seconds})
-            self.progress.collected = success_line(figures)
-            await self._notify_advanced()
-        finally:
-            places.spare.set()
-            places.enough.set()
+                self.progress.collected = success_line(figures)
+        places.spare.set()
+        places.enough.set()
+        await self._notify_advanced()
 
     def _take_results(self, number: int) -> None:
         """Add the rewards of an iteration to the frontier."""
@@ -710,12 +707,13 @@ class Training:
             "update": self.folder.figures(number, Stage.UPDATE),
         }
         self.folder.finish(number, Stage.FINISH, row)
-        newest = self.folder.write_metrics()[-1]
+        rows = self.folder.write_metrics()
         # Only now: until then weights may be needed that replied before, or are evaluated.
         self.folder.prune_weights(self.config.loop.keep_weights, number)
         self.progress.finish()
-        self._tell(iteration_line(newest, self.progress))
-        self._track(newest)
+        self._tell(iteration_line(rows[-1], self.progress))
+        self._track(rows[-1])
+        watch_for_collapse(rows, self.config.learn.on_collapse, self._tell)
 
     def _trajectories_before(self, number: int) -> int:
         if number == 1:

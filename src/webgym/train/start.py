@@ -36,7 +36,7 @@ from webgym.store.files import CONFIG, TASKS, refuse_special_files
 from webgym.train.estimate import estimate, present_gpus
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.loop import Show, Tell, TrainConfig, Training
-from webgym.train.objectives import GroupIS, Objective, make_objective
+from webgym.train.objectives import Objective, PolicyGradient, make_objective
 from webgym.train.replay import Replay
 from webgym.train.serving import LocalServing, Serving
 from webgym.train.stopping import Stop
@@ -144,9 +144,10 @@ async def loaded(
     await asyncio.to_thread(load_renderer, config.learn.model)  # before tasks are made, which takes longer
     tasks = all_tasks(config.rollout, tell)
     objective = make_objective(config.learn.objective)
-    if isinstance(objective, GroupIS) and config.rollout.samples == 1:
+    compares = isinstance(objective, PolicyGradient) and objective.baseline != "none"
+    if compares and config.rollout.samples == 1:
         raise ConfigError(
-            "group_is compares attempts at the same task, and rollout.samples is 1",
+            f"{config.learn.objective.name} compares attempts at the same task, and rollout.samples is 1",
             hint="set rollout.samples to 2 or more; configs/train/group-is.yaml has 8",
         )
     _refuse_unusable_replies(config, objective)

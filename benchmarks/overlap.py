@@ -1,62 +1,94 @@
-"""Wall time of training with and without overlap of collection and update.
+"""How much of collection, updates and evaluations goes on at the same time: work over wall time.
 
-    python benchmarks/overlap.py --iterations 4 --tasks 12 --think 0.5 --passes 6
+    python benchmarks/overlap.py             # the loop alone: every stage only sleeps
+    python benchmarks/overlap.py --browsers  # real runs in real browsers
 
-Real browsers, websites, judge, store and updates of a tiny model on the processors of this machine. The
-policy demonstrates solutions, and its replies take --think seconds, as those of a remote model would. Both
-loops run one after the other, with the same browsers and tasks, and train on at most the same number of
-steps.
+Work is what each part needs alone: the seconds of updates and, of attempts, their seconds in a session over
+the number of sessions. So 1 is one after the other without a pause, and 2 is the most that collection and
+updates of equal length can reach. Updates sleep as long as a collection needs, as they would on a GPU. The
+policy demonstrates solutions, and its replies sleep: each attempt at a pace of its own, so that there are
+stragglers.
 """
 
 from __future__ import annotations
 
 import argparse
 import asyncio
+import random
 import tempfile
 import time
+from collections.abc import Mapping
+from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
 
-import torch
+from tests.train.making import PICTURES, task, trajectory
+from tests.train.worlds import MadeUp
 
 from webgym.agent.policy import BasePolicy, Policy, PolicyInput, PolicySession
 from webgym.core.task import Task
-from webgym.core.trajectory import Reply
-from webgym.offline.small import small_vocabulary
+from webgym.core.trajectory import Reply, Trajectory
+from webgym.results.summary import Summary
 from webgym.run.choice import all_tasks
-from webgym.run.config import Secrets
+from webgym.run.config import Secrets, ServerChoice
 from webgym.run.services import services
+from webgym.store.runs import RunReader
 from webgym.study.demonstrators import Demonstrators
-from webgym.study.model import TinyConfig, make_model, save_model
 from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig, Training
 from webgym.train.objectives import make_objective
-from webgym.train.replay import Replay
-from webgym.train.update import Learner
+from webgym.train.replay import Replay, ReplaySample
 
 
-class Thinks(BasePolicy):
-    """A policy that demonstrates solutions with a delay, and ignores published weights."""
+class Sleeps(MadeUp):
+    """Learns by sleeping, and replies so with the demonstrators' replies; ignores published weights.
 
-    wants_elements = True
+    Args:
+        update: seconds of an update.
+        think: mean seconds of a reply.
+    """
+
     name = "demonstrators"
+    wants_elements = True
 
-    def __init__(self, seconds: float) -> None:
+    def __init__(self, update: float, think: float) -> None:
+        super().__init__()
         self.policy: Policy = self
-        self._seconds = seconds
+        self._update, self._think = update, think
+        self.pictures = PICTURES
         self._demonstrators = Demonstrators()
 
     def begin(self, task: Task, seed: int) -> PolicySession:
-        return _Player(self._demonstrators.begin(task, seed), self._seconds)
+        pace = random.Random(seed).lognormvariate(-0.5 * 0.7**2, 0.7)  # of mean 1
+        return _Player(self._demonstrators.begin(task, seed), self._think * pace)
 
-    async def publish(self, weights: Path, version: str) -> None:  # noqa: ARG002
-        return None
+    def learn(self, number: int, draw: ReplaySample, folder: TrainingFolder) -> Mapping[str, Any]:
+        time.sleep(self._update)
+        folder.weights(number).mkdir(parents=True, exist_ok=True)
+        (folder.weights(number) / "state.json").write_text("{}")
+        return {"samples": len(draw.steps), "loss": 0.0, "seconds": self._update}
+
+    def copy(self) -> Sleeps:
+        return Sleeps(self._update, self._think)
+
+    async def publish(self, weights: Path, version: str) -> None:
+        pass
 
     async def watch(self) -> None:
         await asyncio.get_running_loop().create_future()
 
+    def attempt(self, run: Path, task: Task, number: int, seed: int) -> Trajectory:  # noqa: ARG002
+        return trajectory(0, of=task.id.removeprefix("t/"))
 
-class _Player:
+    async def sleep_and_make_up(self, out: Path, *given: Any) -> Summary:
+        """A run that takes as long as an update, and then leaves made-up attempts."""
+        await asyncio.sleep(self._update)
+        if given[-1] is not None:
+            given[-1].spare.set()
+        return await self.attempts(out, *given)
+
+
+class _Player(BasePolicy):
     def __init__(self, player: PolicySession, seconds: float) -> None:
         self._player, self._seconds = player, seconds
 
@@ -65,67 +97,87 @@ class _Player:
         return await self._player.reply(turn)
 
 
-def settings(options: argparse.Namespace, model: Path) -> TrainConfig:
-    update = {"precision": "fp32", "learning_rate": 1e-4, "batch": 16, "micro_batch": 16}
-    replay = {"steps": 4 * options.tasks, "passes": options.passes, "max_uses": None}
+def settings(options: argparse.Namespace, staleness: int, every: int, iterations: int) -> TrainConfig:
     return TrainConfig.model_validate(
         {
-            "learn": {"model": str(model), "update": update, "replay": replay},
+            "learn": {"model": "tiny", "replay": {"steps": 64, "max_uses": None}},
             "rollout": {
                 "sites": {"collection": "small", "latency": 0, "per_family": 5},
                 "agent": {"prompt_format": "compact", "rounds": 0, "profile": "tiny"},
-                "collector": {"sessions": options.sessions, "straggler_share": 1.0},
+                "collector": {"sessions": options.sessions},
             },
-            "loop": {"iterations": options.iterations, "tasks": options.tasks, "evaluate_every": 0},
+            "loop": {
+                "iterations": iterations,
+                "tasks": options.tasks,
+                "evaluate_every": every,
+                "staleness": staleness,
+            },
+            "evaluation": {"count": options.tasks, "budget": [15, 30, 45]},
         }
     )
 
 
-async def measure(options: argparse.Namespace, folder: Path) -> list[tuple[int, float, list[dict[str, Any]]]]:
-    model = folder / "model"
-    save_model(make_model(small_vocabulary(), TinyConfig()), model)
-    config = settings(options, model)
-    results = []
-    async with services(config.rollout, Secrets()) as (where, secrets):
-        tasks = all_tasks(config.rollout)
-        for staleness in options.staleness:
-            loop = config.loop.model_copy(update={"staleness": staleness})
-            objective = make_objective(config.learn.objective)
-            training = Training(
-                config.model_copy(update={"loop": loop}),
-                TrainingFolder(folder / str(staleness)),
-                tasks,
-                serving=Thinks(options.think),
-                learner=Learner(config.learn, objective),
-                replay=Replay(config.learn.replay, objective),
-                where=where,
-                secrets=secrets,
-            )
-            training.folder.create(config.model_dump(mode="json"))
-            started = time.monotonic()
-            rows = await training.run()
-            results.append((staleness, time.monotonic() - started, rows))
-    return results
+async def measure(
+    config: TrainConfig, options: argparse.Namespace, folder: Path, update: float
+) -> tuple[float, float, float, float]:
+    """Wall time, and the work of collections, updates and evaluations, in seconds."""
+    world, slept = Sleeps(update, options.think), not options.browsers
+    names = [f"{number}" for number in range(options.tasks)]
+    tasks = [task(f"{split}{name}", split) for split in ("train", "test") for name in names]  # type: ignore[arg-type]
+    async with AsyncExitStack() as stack:
+        where, secrets = ServerChoice(), Secrets()
+        if options.browsers:
+            where, secrets = await stack.enter_async_context(services(config.rollout, secrets))
+        training = Training(
+            config,
+            TrainingFolder(folder),
+            tasks if slept else all_tasks(config.rollout),
+            serving=world,
+            learner=world,
+            replay=Replay(config.learn.replay, make_objective(config.learn.objective)),
+            where=where,
+            secrets=secrets,
+            attempts=world.sleep_and_make_up if slept else None,
+        )
+        training.folder.create(config.model_dump(mode="json"))
+        started = time.monotonic()
+        await training.run()
+        wall = time.monotonic() - started
+    work = [0.0, 0.0]
+    for kind, pattern in enumerate(("iterations/*/run", "evaluations/*/")):
+        for run in folder.glob(pattern):
+            ended = RunReader(run).trajectories()
+            work[kind] += update if slept else sum(each.episode.seconds for each in ended) / options.sessions
+    return wall, work[0], update * config.loop.iterations, work[1]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("--iterations", type=int, default=4)
-    parser.add_argument("--tasks", type=int, default=12, help="number of tasks per iteration")
-    parser.add_argument("--think", type=float, default=0.5, help="time of a reply, seconds")
-    parser.add_argument("--passes", type=int, default=6, help="number of passes of an update over its steps")
-    parser.add_argument("--sessions", type=int, default=6)
-    parser.add_argument("--staleness", type=int, nargs="+", default=[0, 1])
+    parser.add_argument("--browsers", action="store_true")
+    parser.add_argument("--iterations", type=int, default=20)
+    parser.add_argument("--seconds", type=float, default=2.0, help="of a stage that only sleeps")
+    parser.add_argument("--tasks", type=int, default=24, help="tasks of an iteration, and of an evaluation")
+    parser.add_argument("--think", type=float, default=0.5, help="mean time of a reply, seconds")
+    parser.add_argument("--sessions", type=int, default=8)
+    parser.add_argument("--staleness", type=int, nargs="+", default=[0, 1, 2])
+    parser.add_argument("--every", type=int, nargs="+", default=[0, 5], help="iterations per evaluation")
     options = parser.parse_args()
-    torch.set_num_threads(1)
+    update = options.seconds
     with tempfile.TemporaryDirectory() as folder:
-        results = asyncio.run(measure(options, Path(folder)))
-    print("| staleness | wall s | collecting s | updating s | steps trained on |")
-    print("|---|---|---|---|---|")
-    for staleness, wall, rows in results:
-        collecting, updating = (sum(row["seconds"][stage] for row in rows) for stage in ("collect", "update"))
-        steps = sum(row["update"].get("samples", 0) for row in rows)
-        print(f"| {staleness} | {wall:.1f} | {collecting:.1f} | {updating:.1f} | {steps} |")
+        if options.browsers:  # how long a collection takes by itself
+            first = measure(settings(options, 0, 0, 2), options, Path(folder, "first"), 0.0)
+            update = asyncio.run(first)[1] / 2
+        print(f"{options.iterations} iterations, updates of {update:.1f} s")
+        print("| staleness | evaluations every | wall s | collecting s | updating s | evaluating s | work / wall |")
+        print("|---|---|---|---|---|---|---|")
+        for staleness in options.staleness:
+            for every in options.every:
+                config = settings(options, staleness, every, options.iterations)
+                wall, *work = asyncio.run(
+                    measure(config, options, Path(folder, f"{staleness}-{every}"), update)
+                )
+                row = [staleness, every, f"{wall:.1f}", *(f"{each:.1f}" for each in work)]
+                print("|", *(f"{each} |" for each in [*row, f"{sum(work) / wall:.2f}"]), flush=True)
 
 
 if __name__ == "__main__":

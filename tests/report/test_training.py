@@ -79,11 +79,14 @@ def test_curves_are_what_the_folder_says(folder: Path) -> None:
         row["collect"]["success_rate"]["overall"] for row in rows
     ]
     assert collected.smoothing == 0.5
-    (steps,) = curves["Steps per trajectory"].lines
+    steps = curves["Steps per trajectory"].lines[0]
     assert [point.y for point in steps.points] == [row["collect"]["steps_per_trajectory"] for row in rows]
     assert "Blocked attempts" in curves
     assert "Reply length, tokens" in curves
-    assert "Steps that changed nothing on the screen" in curves
+    assert "Reply length, characters" not in curves
+    assert "Steps without effect" in curves
+    groups = curves["Advantages"].lines[0]
+    assert [point.y for point in groups.points] == [row["replay"]["advantages"]["mean_size"] for row in rows]
 
 
 def test_what_each_rule_left_out_is_told(folder: Path) -> None:

@@ -68,6 +68,9 @@ class World(MadeUp):
             "dropped": dropped,
         }
 
+    def copy(self) -> None:
+        return None
+
     async def publish(self, weights: Path, version: str) -> None:
         self._served = int(version)
 

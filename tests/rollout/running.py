@@ -23,6 +23,7 @@ from webgym.llm.config import ChatConfig, Retry
 from webgym.results.summary import Summary
 from webgym.rollout.config import CollectorConfig
 from webgym.rollout.progress import Progress
+from webgym.rollout.sessions import Places
 from webgym.run.collect import collect, resume
 from webgym.run.config import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice
 from webgym.store.runs import RunReader
@@ -153,13 +154,20 @@ class Run:
         self.progress = progress
         yield
 
-    def start(self, config: RunConfig | None, out: Path, tell: Callable[[str], None] | None = None) -> Run:
+    def start(
+        self,
+        config: RunConfig | None,
+        out: Path,
+        tell: Callable[[str], None] | None = None,
+        places: Places | None = None,
+    ) -> Run:
         """Collect, or continue without a config."""
         given: dict[str, Any] = {
             "secrets": Secrets(server_token=SecretStr(TOKEN)),
             "show": self._show,
             "finishing": self.finishing,
             "tell": tell,
+            "places": places,
         }
         job = collect(config, out, **given) if config else resume(out, **given)
         self.task = asyncio.create_task(job)

@@ -33,6 +33,7 @@ from webgym.core.task import LEVELS
 from webgym.results.rates import Successes
 from webgym.rollout.config import AttemptConfig
 from webgym.rollout.lockstep import Lockstep
+from webgym.rollout.sessions import Places
 from webgym.server.client import BrowserClient
 from webgym.server.config import ClientLimits
 from webgym.store.files import TRAJECTORIES, Log
@@ -304,6 +305,34 @@ async def test_a_run_that_is_to_finish_does_not_judge_the_backlog_first(tmp_path
     assert progress.steps_per_second == 0
     await Run().start(None, tmp_path / "run").end()
     assert outcomes(tmp_path / "run") == {"success": 6}
+
+
+async def test_runs_share_places_and_the_stragglers_of_one_run_on_while_the_next_begins(
+    tmp_path: Path, world: World
+) -> None:
+    """All of the first run's attempts take 3 replies; of its last one, the model holds back the third."""
+    free = asyncio.Semaphore(4)
+    limits = {"straggler_share": 0.8, "straggler_seconds": 0.0}
+    first, second = Places(free), Places(free)
+    (tmp_path / "more").mkdir()
+    world.model.may = 8 * 3 - 1
+    one = Run().start(world.config(tmp_path, 8, limits), tmp_path / "one", places=first)
+    async with asyncio.timeout(SECONDS):
+        await first.spare.wait()
+        assert not free.locked() or world.browsers.opened == 8
+        await first.enough.wait()
+    await until(lambda: one.progress.done == 7 and world.model.held == 1)
+    assert outcomes(tmp_path / "one") == {"success": 7}, "the straggler is not ended"
+    two = Run().start(world.config(tmp_path / "more", 8, limits), tmp_path / "two", places=second)
+    await until(lambda: world.model.held == 4)
+    await asyncio.sleep(0.2)  # time enough for another to begin
+    assert world.browsers.opened == 8 + 3, "the straggler has one of four places"
+    assert not second.spare.is_set()
+    world.model.may = math.inf
+    await one.end()
+    await two.end()
+    assert outcomes(tmp_path / "one") == outcomes(tmp_path / "two") == {"success": 8}
+    assert second.spare.is_set()
 
 
 async def test_a_straggler_is_cancelled_by_the_collector_and_made_when_the_run_goes_on(

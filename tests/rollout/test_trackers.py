@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.train.making import Made, trajectory
 
 from webgym.core.errors import ConfigError
+from webgym.core.outcome import Outcome
 from webgym.offline.config import SitesConfig
 from webgym.rollout.trackers import FOLDER, numbers_in, tracking
 from webgym.run.collect import collect, resume
@@ -143,6 +145,60 @@ def test_weights_and_biases_is_given_the_same(tmp_path: Path, monkeypatch: pytes
     assert asked[0] == asked[1], "a training that goes on is the same run"
     assert (asked[0]["project"], asked[0]["name"], asked[0]["resume"]) == ("study", "first", "allow")
     assert ended == [True, True]
+
+
+def training(path: Path) -> dict[str, Any]:
+    """A training's folder with one iteration of two attempts, and its row of the metrics."""
+    run = Made(
+        [trajectory(0), trajectory(1, outcome=Outcome.FAILURE), trajectory(2, outcome=Outcome.BLOCKED)]
+    )
+    (path / "iterations/0001").mkdir(parents=True)
+    run.write(path / "iterations/0001/run")
+    return row(1, 0.5) | {"trajectories": 3}
+
+
+def test_weights_and_biases_has_a_named_axis_and_a_table_of_attempts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A stand-in at its API: ``define_metric``, ``Table``, ``Image``."""
+    axes: list[Any] = []
+    logged: list[dict[str, Any]] = []
+
+    class Table:
+        def __init__(self, columns: list[str]) -> None:
+            self.columns, self.rows = columns, list[tuple[Any, ...]]()
+
+        def add_data(self, *values: Any) -> None:
+            assert len(values) == len(self.columns)
+            self.rows.append(values)
+
+    run = types.SimpleNamespace(
+        log=lambda numbers, step: logged.append(numbers),
+        finish=lambda: None,
+        define_metric=lambda name, step_metric=None: axes.append((name, step_metric)),
+    )
+    stand_in = types.SimpleNamespace(init=lambda **_: run, Table=Table, Image=lambda path: Path(path))
+    monkeypatch.setitem(sys.modules, "wandb", stand_in)
+    with tracking(["wandb"], tmp_path, "p", [training(tmp_path)], print) as track:
+        track(row(2, 0.5) | {"trajectories": 6})
+    assert axes == [("trajectories", None), ("*", "trajectories")]
+    table = logged[0]["attempts"]
+    assert [(values[1], values[2]) for values in table.rows] == [("success", 3), ("failure", 3)]
+    assert all(picture.is_file() for values in table.rows for picture in values[4:])
+    assert "attempts" not in logged[1]
+
+
+def test_the_real_weights_and_biases_takes_them_offline(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("wandb")
+    monkeypatch.setenv("WANDB_MODE", "offline")
+    told: list[str] = []
+    with tracking(["wandb"], tmp_path, "p", [training(tmp_path)], told.append) as track:
+        track(row(2, 0.5) | {"trajectories": 6})
+    assert told == []
+    assert list(tmp_path.glob("wandb/offline-run-*/files/media/table/attempts_*.json"))
+    assert list(tmp_path.glob("wandb/offline-run-*/files/media/images/**/*.*"))
 
 
 async def test_a_tracker_that_fails_or_hangs_stops_nothing_and_is_told(

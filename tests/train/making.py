@@ -91,6 +91,9 @@ class Made:
         made = tasks or [task(name.removeprefix("t/")) for name in names]
         self._trajectories = trajectories
         self.tasks = {each.id: each for each in made}
+        planned = {(each.episode.task_id, each.episode.sample) for each in trajectories}
+        self.drawn = [self.tasks[name] for name, _ in sorted(planned)]
+        self.samples = 1
 
     def trajectories(self) -> Iterator[Trajectory]:
         return iter(self._trajectories)

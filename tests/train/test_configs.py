@@ -45,8 +45,20 @@ def test_the_preset_of_groups_is_asyncwebrls() -> None:
     config = whole.learn
     assert whole.rollout.samples == 8
     assert make_objective(config.objective) == GroupIS()
-    assert config.update.learning_rate == 5e-6
-    assert config.replay.iterations == GroupIS().staleness + 1
+    assert (config.replay.trajectories, config.replay.steps, config.replay.passes) == (128, None, 3)
+    assert (config.replay.max_uses, config.replay.repetition_penalty) == (3, False)
+    assert config.replay.iterations == (GroupIS().staleness or 0) + 1
+    update = config.update
+    assert (update.learning_rate, update.final_rate, update.minibatches) == (5e-6, 0.1, 2)
+    steps = config.replay.passes * 2
+    assert (update.schedule, update.total_steps, update.warmup_steps) == ("cosine", 300 * steps, 5 * steps)
+    assert whole.rollout.agent.rounds == 1
+
+
+def test_the_preset_of_cloning_is_the_papers_whatever_it_is_laid_over() -> None:
+    preset = CONFIGS / "train/qwen3-vl-8b.yaml"
+    over = [preset, CONFIGS / "train/group-is.yaml", CONFIGS / "train/filtered-bc.yaml"]
+    assert load_train_config(over) == load_train_config([preset])
 
 
 def test_the_preset_of_the_tiny_policy_is_the_demo() -> None:

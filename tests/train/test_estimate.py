@@ -22,6 +22,8 @@ from webgym.train.estimate import (
     Gpus,
     Workload,
     estimate,
+    model_flops,
+    peak_flops,
     present_gpus,
     shapes_from,
     shapes_of,
@@ -112,6 +114,33 @@ def test_gpus_that_are_present_are_those_of_the_launch(monkeypatch: pytest.Monke
     assert present_gpus() == Gpus(count=8, memory_gib=80, sharded=True)
     monkeypatch.setenv("ACCELERATE_USE_DEEPSPEED", "true")
     assert present_gpus() is None
+
+
+def test_the_peak_is_that_of_a_known_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert peak_flops() is None
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "get_device_name", lambda: "NVIDIA H200")
+    monkeypatch.setenv("WORLD_SIZE", "8")
+    assert peak_flops() == 8 * 989e12
+    monkeypatch.setattr(torch.cuda, "get_device_name", lambda: "NVIDIA GeForce RTX 3090")
+    assert peak_flops() is None
+
+
+def test_the_operations_of_an_update_are_six_for_each_weight_and_token() -> None:
+    size, tokens, patches = shapes_of("Qwen/Qwen3-VL-8B-Instruct"), 1000, 400
+    everything = model_flops(size, settings().update, tokens, tokens, patches)
+    language = size.text.parameters + size.embeddings / 2
+    assert everything == 6 * (language * tokens + size.vision.parameters * patches)
+    adapters = model_flops(size, settings(**LORA).update, tokens, tokens, patches)
+    assert adapters == 4 * language * tokens + 2 * size.vision.parameters * patches
+
+
+def test_whole_trajectories_and_mini_batches_are_estimated() -> None:
+    replay = {"steps": None, "trajectories": 128, "passes": 3}
+    found = estimate(settings(replay=replay | {"max_uses": 3}, update={"minibatches": 2}), H100)
+    assert found.optimizer_steps == 6
+    assert found.tokens == 128 * 9 * 3 * (2500 + 4 * 960 + 300)
 
 
 def test_what_costs_more_is_estimated_as_more() -> None:

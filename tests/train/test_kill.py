@@ -133,14 +133,15 @@ def test_the_command_goes_on_with_the_training_that_it_began(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("kills", "browsers"),
+    ("kills", "browsers", "staleness"),
     [
-        pytest.param(3, False, id="made-up"),
-        pytest.param(10, True, id="browsers", marks=SLOW),
+        pytest.param(3, False, 0, id="made-up"),
+        pytest.param(4, False, 2, id="made-up, side by side"),
+        pytest.param(10, True, 0, id="browsers", marks=SLOW),
     ],
 )
 def test_a_training_that_is_killed_at_random_ends_like_one_that_was_not(
-    tmp_path: Path, kills: int, browsers: bool
+    tmp_path: Path, kills: int, browsers: bool, staleness: int
 ) -> None:
     model = tmp_path / "model"
     if browsers:
@@ -149,7 +150,7 @@ def test_a_training_that_is_killed_at_random_ends_like_one_that_was_not(
         )
     else:
         write_tiny_model(model)
-    lives = process(main, tmp_path, model, kills, 7, browsers)
+    lives = process(main, tmp_path, model, kills, 7, browsers, staleness)
     lives.start()
     lives.join()
     assert lives.exitcode == 0

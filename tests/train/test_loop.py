@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import signal
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
+from tests.train.forking import process
 from tests.train.making import PICTURES, task, trajectory
-from tests.train.worlds import MadeUp, training_of
+from tests.train.worlds import Copy, MadeUp, training_of
 
 from webgym.agent.config import AgentConfig
 from webgym.agent.profiles import choose_profile
@@ -29,7 +32,9 @@ from webgym.llm.config import ChatConfig, Sampling
 from webgym.offline.config import SitesConfig
 from webgym.results.summary import Summary
 from webgym.rollout.config import AttemptConfig
+from webgym.rollout.sessions import Places
 from webgym.run.config import RunConfig
+from webgym.store.runs import RunReader
 from webgym.train.config import FrontierConfig, LearnConfig, ReplayConfig
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.loop import EvaluationConfig, LoopConfig, TrainConfig
@@ -42,6 +47,10 @@ SAMPLING = choose_profile(None, "m").sampling.body()
 
 class Killed(BaseException):
     """The process ends here."""
+
+
+def end() -> None:
+    raise Killed
 
 
 class World(MadeUp):
@@ -66,10 +75,11 @@ class World(MadeUp):
         self.served = "0"
         self._kill_before = kill_before
         self._outcome = outcome
+        self.kill: Callable[[], object] = end
 
     def do(self, what: str) -> None:
         if self._kill_before == 0:
-            raise Killed
+            self.kill()
         if self._kill_before is not None:
             self._kill_before -= 1
         self.log.append(what)
@@ -134,6 +144,42 @@ def made(path: Path) -> dict[str, Any]:
         elif each.name in ("tasks.jsonl", "batch.jsonl"):
             found[name] = each.read_bytes()
     return found
+
+
+class FileLog(list[str]):
+    """Is in a file, too, which stays whatever happens to the process."""
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+
+    def append(self, line: str) -> None:
+        with self._file.open("a") as file:
+            file.write(f"{line}\n")
+
+
+def live(path: Path, make: type[World], settings: TrainConfig, steps: int) -> None:
+    """In a process of its own: ends by SIGKILL before so much was done."""
+    world = make(kill_before=steps)
+    world.log = FileLog(path.with_suffix(".log"))
+    world.kill = lambda: os.kill(os.getpid(), signal.SIGKILL)
+    run(path, world, settings)
+
+
+def life(path: Path, make: type[World], settings: TrainConfig, steps: int) -> list[str]:
+    """What was done in a life that was killed."""
+    path.with_suffix(".log").touch()
+    killed = process(live, path, make, settings, steps)
+    killed.start()
+    killed.join()
+    assert killed.exitcode in (0, -signal.SIGKILL)
+    return path.with_suffix(".log").read_text().splitlines()
+
+
+def made_again(killed: list[str], again: World, planned: int) -> int:
+    """How many of so many attempts were made twice."""
+    attempts = [line.split(" by ")[0] for line in (*killed, *again.log) if line.startswith("attempt")]
+    assert len(set(attempts)) == planned
+    return len(attempts) - planned
 
 
 def test_iterations_follow_each_other_and_each_is_collected_by_the_weights_before_it(tmp_path: Path) -> None:
@@ -220,26 +266,189 @@ def test_another_version_of_a_judge_is_another_judge(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def whole_training(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """What a training leaves that nothing happened to."""
-    path = tmp_path_factory.mktemp("whole")
-    run(path, World(), config())
-    return made(path)
+def whole_trainings(tmp_path_factory: pytest.TempPathFactory) -> dict[int, dict[str, Any]]:
+    """What trainings leave that nothing happened to, by their staleness."""
+    found = {}
+    for staleness in (0, 2):
+        path = tmp_path_factory.mktemp("whole")
+        run(path, World(), config(staleness=staleness))
+        found[staleness] = made(path)
+    return found
 
 
-@pytest.mark.parametrize("steps", [0, 1, 3, 6, 7, 8, 11, 13, 15, 18, 24, 25])
+@pytest.mark.parametrize(
+    ("steps", "staleness"),
+    [(steps, 0) for steps in (0, 1, 3, 6, 7, 8, 11, 13, 15, 18, 24, 25)]
+    + [(steps, 2) for steps in (0, 2, 5, 9, 14, 17, 20, 24)],
+)
 def test_a_training_that_is_killed_anywhere_ends_as_if_it_had_not_been(
-    tmp_path: Path, whole_training: dict[str, Any], steps: int
+    tmp_path: Path, whole_trainings: dict[int, dict[str, Any]], steps: int, staleness: int
 ) -> None:
-    killed = World(kill_before=steps)
-    with suppress(Killed, BaseExceptionGroup):
-        run(tmp_path / "killed", killed, config())
+    killed = life(tmp_path / "killed", World, config(staleness=staleness), steps)
     again = World()
-    rows = run(tmp_path / "killed", again, config())
-    assert made(tmp_path / "killed") == whole_training
+    rows = run(tmp_path / "killed", again, config(staleness=staleness))
+    assert made(tmp_path / "killed") == whole_trainings[staleness]
     assert [row["trajectories"] for row in rows] == [4, 8, 12]
-    attempts = [line for line in (*killed.log, *again.log) if line.startswith("attempt")]
-    assert len(attempts) == len({line.split(" by ")[0] for line in attempts}) == 12 + 6, "made once each"
+    assert made_again(killed, again, 12 + 6) <= (1 if staleness else 0), (
+        "but for what was in flight elsewhere"
+    )
+
+
+class Late(World):
+    """The last attempt of an iteration, a success, ends only once the next iteration goes on, or was done."""
+
+    def __init__(self, **given: Any) -> None:
+        super().__init__(**given)
+        self.begun = [asyncio.Event() for _ in range(7)]
+
+    async def before(self, run: Path, number: int, tasks: int, places: Places | None) -> None:
+        if run.name != "run":
+            return
+        iteration = int(run.parent.name)
+        self.begun[iteration - 1].set()
+        if number == tasks - 1 and places is not None and iteration < 6:
+            places.spare.set()
+            places.enough.set()
+            await self.begun[iteration].wait()
+
+    def attempt(self, run: Path, task: Task, number: int, seed: int) -> Trajectory:
+        found = super().attempt(run, task, number, seed)
+        return msgspec.structs.replace(found, outcome=Outcome.SUCCESS) if number == 3 else found
+
+
+def used_once(path: Path) -> dict[tuple[int, str], int]:
+    """The update that each attempt was used in, of a training that used every step at most once."""
+    folder, drawn = TrainingFolder(path), list[tuple[int, str, int]]()
+    used_in: dict[tuple[int, str], int] = {}
+    for number in range(1, 7):
+        drawn += [(ref.iteration, ref.attempt_id, ref.index) for ref in folder.batch(number)]
+        used_in |= {(ref.iteration, ref.attempt_id): number for ref in folder.batch(number)}
+    assert len(drawn) == len(set(drawn)), "no step twice"
+    won = {
+        (number, each.episode.attempt_id, index)
+        for number in range(1, 7)
+        for each in RunReader(folder.run(number)).trajectories()
+        if each.outcome is Outcome.SUCCESS
+        for index in range(len(each.episode.steps))
+    }
+    assert set(drawn) <= won
+    missing = {each[0] for each in won - set(drawn)}
+    assert missing <= {5, 6}, "what ended after the last draw is all that was never used"
+    return used_in
+
+
+def once() -> TrainConfig:
+    """Every step is trained on once, as soon as it is there."""
+    given = config(iterations=6, staleness=2, evaluate_every=0)
+    replay = ReplayConfig(steps=1000, passes=1, max_uses=1, recency=0)
+    return given.model_copy(update={"learn": LearnConfig(model="m", replay=replay)})
+
+
+def test_an_update_does_not_wait_for_stragglers_which_are_learned_from_once_with_a_later_one(
+    tmp_path: Path,
+) -> None:
+    world = Late()
+    rows = run(tmp_path, world, once())
+    used_in = used_once(tmp_path)
+    folder = TrainingFolder(tmp_path)
+    for number in range(1, 5):
+        first, *_, last = (f"{each.id}#0.0" for each in folder.tasks(number))
+        assert used_in[number, first] == number
+        assert used_in[number, last] > number
+    assert [row["collect"]["outcomes"]["success"] for row in rows] == [2] * 6, "figures are of all attempts"
+    assert [row["trajectories"] for row in rows] == [4, 8, 12, 16, 20, 24]
+
+
+@pytest.mark.parametrize("steps", (1, 6, 9, 12, 16, 23, 30))
+def test_late_attempts_are_used_once_wherever_the_training_was_killed(tmp_path: Path, steps: int) -> None:
+    out, again = tmp_path / "out", Late()
+    killed = life(out, Late, once(), steps)
+    rows = run(out, again, once())
+    used_once(out)
+    assert [row["trajectories"] for row in rows] == [4, 8, 12, 16, 20, 24]
+    assert made_again(killed, again, 24) <= 2, "what was in flight in other runs"
+
+
+class Evaluates(World):
+    """The evaluation after the second iteration ends only after the given was done, if that can be."""
+
+    def __init__(self, until: str, copies: bool) -> None:
+        super().__init__()
+        self._until, self._copies = until, copies
+        self.evaluated: list[tuple[str, str]] = []
+
+    def copy(self) -> Copy | None:
+        return Copy() if self._copies else None
+
+    async def attempts(self, out: Path, *given: Any) -> Summary:
+        if out.name != "run":
+            self.evaluated.append((out.name, given[2].name if self._copies else self.served))
+            if out.name == "0002":
+                async with asyncio.timeout(5):
+                    while self._until not in done(self):
+                        await asyncio.sleep(0.01)
+        return await super().attempts(out, *given)
+
+
+def test_an_evaluation_goes_on_beside_the_training_with_the_weights_that_it_began_with(
+    tmp_path: Path,
+) -> None:
+    world = Evaluates("publish 4", copies=True)
+    rows = run(tmp_path, world, config(iterations=6, staleness=1, keep_weights=1))
+    assert world.evaluated == [(f"{number:04d}", str(number)) for number in (0, 2, 4, 6)]
+    assert [row["evaluation"] is not None for row in rows] == [False, True] * 3
+
+
+def test_where_weights_cannot_be_copied_new_ones_wait_for_the_end_of_an_evaluation(tmp_path: Path) -> None:
+    world = Evaluates("learn 3 from 6", copies=False)
+    run(tmp_path, world, config(iterations=4, staleness=1))
+    assert world.evaluated == [(f"{number:04d}", str(number)) for number in (0, 2, 4)]
+    log = [line.split(" from ")[0] for line in world.log]
+    assert log.index("learn 3") < log.index(next(x for x in log if x.startswith("attempt 0002 ")))
+
+
+@pytest.mark.parametrize("copies", [True, False])
+def test_an_evaluation_that_was_killed_goes_on_with_the_weights_that_it_began_with(
+    tmp_path: Path, copies: bool
+) -> None:
+    class Killing(Evaluates):
+        def do(self, what: str) -> None:
+            if what.startswith("attempt 0002 "):
+                raise Killed
+            super().do(what)
+
+    settings = config(iterations=4, staleness=1, keep_weights=1)
+    first = Killing("publish 4" if copies else "learn 3 from 6", copies)
+    with suppress(Killed, BaseExceptionGroup):
+        run(tmp_path, first, settings)
+    assert TrainingFolder(tmp_path).is_past(3, Stage.UPDATE)
+    again = Evaluates("publish 2" if not copies else "publish 4", copies)
+    run(tmp_path, again, settings)
+    assert again.evaluated == [("0002", "2"), ("0004", "4")]
+
+
+def test_an_update_waits_until_enough_trajectories_are_gathered(tmp_path: Path) -> None:
+    """Two of four attempts succeed in each iteration, so that one is left after the second."""
+    told: list[str] = []
+    replay = ReplayConfig(steps=1000, trajectories=3, passes=1, max_uses=1)
+    settings = config(iterations=6, evaluate_every=0)
+    settings = settings.model_copy(update={"learn": LearnConfig(model="m", replay=replay)})
+    world = World()
+    training = training_of(tmp_path, world, settings, TASKS)
+    training._tell = told.append
+    asyncio.run(training.run())
+    folder = TrainingFolder(tmp_path)
+    assert [bool(folder.batch(number)) for number in range(1, 7)] == [False, True, True] * 2
+    assert "iteration 1: 2 of 3 trajectories for an update; collecting goes on" in told
+    assert done(world)[:2] == ["learn 2 from 9", "publish 2"]
+
+
+def test_an_update_takes_what_there_is_once_the_replay_would_forget_the_first(tmp_path: Path) -> None:
+    replay = ReplayConfig(iterations=2, steps=1000, trajectories=99, passes=1, max_uses=1)
+    settings = config(iterations=4, evaluate_every=0)
+    run(tmp_path, World(), settings.model_copy(update={"learn": LearnConfig(model="m", replay=replay)}))
+    folder = TrainingFolder(tmp_path)
+    assert [bool(folder.batch(number)) for number in range(1, 5)] == [False, True] * 2
 
 
 def test_collection_may_run_ahead_as_far_as_staleness_says(tmp_path: Path) -> None:
@@ -354,8 +563,8 @@ def test_the_newest_weights_stay_and_the_best_of_those_that_were_evaluated(tmp_p
     run(tmp_path, World(), config(keep_weights=1, iterations=6))
     folder = TrainingFolder(tmp_path)
     kept = [path.parent.name for path in sorted(tmp_path.glob("iterations/*/weights"))]
-    assert kept == ["0004", "0006"], "all evaluations are equal: the newest one when 6 was published was of 4"
-    for number in (1, 2, 3, 5):
+    assert kept == ["0006"], "all evaluations are equal: the newest is the best"
+    for number in (1, 2, 3, 4, 5):
         folder.weights(number).mkdir()
     for number, rate in ((2, 0.5), (4, None), (6, 0.25)):
         folder.write_evaluation(number, {"success_rate": {"overall": rate}})
@@ -364,7 +573,7 @@ def test_the_newest_weights_stay_and_the_best_of_those_that_were_evaluated(tmp_p
     assert folder.best_weights() == folder.weights(1)
     (folder.weights(5) / "training").mkdir()
     (folder.weights(6) / "training").mkdir()
-    folder.prune_weights(2)
+    folder.prune_weights(2, 6)
     assert [path.parent.name for path in sorted(tmp_path.glob("iterations/*/weights"))] == [
         "0001",
         "0005",

@@ -168,7 +168,9 @@ def test_a_token_that_became_infinitely_likelier_has_a_finite_gradient() -> None
 
 def test_the_advantage_does_not_depend_on_how_long_a_trajectory_was() -> None:
     group = [Attempt("a", "t", 1.0), Attempt("b", "t", 0.0), Attempt("c", "t", 0.0), Attempt("d", "t", 0.0)]
-    assert GroupIS().advantages(group) == pytest.approx({"a": 0.075, "b": -0.025, "c": -0.025, "d": -0.025})
+    assert GroupIS().advantages(group) == pytest.approx({"a": 0.15, "b": -0.05, "c": -0.05, "d": -0.05})
+    plain = GroupIS(std=False)
+    assert plain.advantages(group) == pytest.approx({"a": 0.075, "b": -0.025, "c": -0.025, "d": -0.025})
     assert GroupIS().advantages([*group[:1], Attempt("e", "u", 0.0), Attempt("f", "u", 0.0)]) == {}
 
 
@@ -197,7 +199,7 @@ def named(name: str, **options: Any) -> Objective:
 
 def test_objectives_are_found_by_name_and_by_import_path() -> None:
     assert named("filtered_bc") == FilteredBC()
-    assert named("group_is", clip=0.3) == GroupIS(clip=0.3)
+    assert named("group_is", clip_low=0.3) == GroupIS(clip_low=0.3)
     own = named(f"{__name__}:Halved", factor=0.25)
     assert own.advantages([Attempt("a", "t", 0.0)]) == {"a": 0.25}
 
@@ -207,7 +209,8 @@ def test_objectives_are_found_by_name_and_by_import_path() -> None:
     [
         ("filtered_cb", {}, "unknown objective 'filtered_cb'"),
         ("group_is", {"clipp": 0.3}, "does not take its options: clipp"),
-        ("group_is", {"clip": -1}, "does not take its options: clip"),
+        ("group_is", {"clip_low": -1}, "does not take its options: clip_low"),
+        ("filtered_bc", {"std": True}, "std needs a baseline"),
         ("filtered_bc", {"clip": 0.3}, "does not take its options"),
         ("nowhere:Objective", {}, "cannot import the objective nowhere:Objective"),
         ("collections:Nothing", {}, "cannot import"),

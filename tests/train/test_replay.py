@@ -15,7 +15,7 @@ from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Reply, Trajectory
 from webgym.train.config import ReplayConfig
 from webgym.train.objectives import FilteredBC, GroupIS
-from webgym.train.replay import Replay, ReplaySample, StepRef
+from webgym.train.replay import Counts, Replay, ReplaySample, StepRef
 
 SUCCESS, FAILURE = Outcome.SUCCESS, Outcome.FAILURE
 
@@ -194,6 +194,11 @@ def test_a_training_task_that_leaks_a_test_task_of_its_run_is_refused() -> None:
         replay().add(0, run)
 
 
+def kinds(counts: Counts) -> dict[str, float]:
+    """Numbers of groups."""
+    return {kind: share * counts.group_count for kind, share in counts.groups.items() if share}
+
+
 def group(of: str, *rewards: int) -> list[Trajectory]:
     return [
         trajectory(number, of=of, outcome=SUCCESS if reward else FAILURE, changed=())
@@ -207,10 +212,73 @@ def test_groups_without_a_difference_are_left_out_and_the_rest_have_a_baseline()
     counts = made.add(0, run)
 
     assert made.draw().steps == (
-        StepRef(0, "t/some#0.0", 0, 0.075),
-        *(StepRef(0, f"t/some#{number}.0", 0, -0.025) for number in (1, 2, 3)),
+        StepRef(0, "t/some#0.0", 0, pytest.approx(0.15)),
+        *(StepRef(0, f"t/some#{number}.0", 0, pytest.approx(-0.05)) for number in (1, 2, 3)),
     )
     assert (counts.left_out, counts.kept) == (5, 4)
+    assert kinds(counts) == {"all_right": 1, "all_wrong": 1, "mixed": 1}
+    assert made.mixed_trajectories() == 4
+
+
+def test_a_group_with_a_straggler_that_was_cut_off_has_no_baseline() -> None:
+    cut = trajectory(3, of="cut", outcome=Outcome.CANCELLED)
+    lost = trajectory(3, of="lost", outcome=Outcome.ENVIRONMENT_ERROR)
+    run = Made([*group("cut", 1, 0, 0), cut, *group("lost", 1, 0, 0), lost])
+    made = replay(GroupIS())
+    counts = made.add(0, run)
+    assert {attempt for _, attempt, _ in drawn(made)} == {f"t/lost#{number}.0" for number in range(3)}
+    assert kinds(counts) == {"cut_off": 1, "mixed": 1}
+    cloned = replay(FilteredBC())
+    cloned.add(0, run)
+    assert {attempt for _, attempt, _ in drawn(cloned)} == {"t/cut#0.0", "t/lost#0.0"}
+
+
+def test_a_group_that_ends_late_is_used_once_it_is_whole() -> None:
+    run = Made(group("late", 1, 0, 0))
+    early = Made(group("late", 1, 0))
+    early.drawn = run.drawn
+    made = replay(GroupIS(), max_uses=1, passes=1)
+    assert kinds(made.add(0, early, is_over=False)) == {"cut_off": 1}
+    assert (made.mixed_trajectories(), drawn(made)) == (0, [])
+    made.add(1, Made(group("other", 1, 0)))
+    made.add(0, run)
+    assert made.mixed_trajectories() == 5
+    assert len(drawn(made)) == 5
+    assert (made.mixed_trajectories(), drawn(made)) == (0, [])
+
+
+def test_an_attempt_that_is_made_again_is_not_lost_yet() -> None:
+    lost = trajectory(2, of="a", outcome=Outcome.ENVIRONMENT_ERROR)
+    run, made = Made([*group("a", 1, 0), lost]), replay(GroupIS())
+    assert kinds(made.add(0, run, is_over=False)) == {"cut_off": 1}
+    assert kinds(made.add(0, run)) == {"mixed": 1}
+
+
+def test_whole_trajectories_are_drawn() -> None:
+    made = replay(GroupIS(), trajectories=3, max_uses=None)
+    run = [trajectory(number, outcome=FAILURE if number % 2 else SUCCESS) for number in range(6)]
+    made.add(0, Made(run))
+    draw = made.draw()
+    assert Counter(ref.attempt_id for ref in draw.steps).most_common() == [
+        (attempt, 3) for attempt in sorted({ref.attempt_id for ref in draw.steps})
+    ]
+    assert (draw.trajectories, len(draw.steps), draw.earlier_uses) == (3, 9, 0.0)
+
+
+def test_a_group_that_failed_gets_an_earlier_success_at_its_task() -> None:
+    made = replay(GroupIS(staleness=0), rescue=True, passes=1, max_uses=2)
+    assert made.add(1, Made(group("a", 1, 0))).rescued == 0
+    assert made.add(2, Made(group("b", 0, 0))).rescued == 0
+    assert made.draw().steps == ()
+    counts = made.add(5, Made([*group("a", 0, 0, 0), *group("b", 0, 0)]))
+    draw = made.draw()
+    assert [(ref.iteration, ref.attempt_id) for ref in draw.steps] == [
+        (1, "t/a#0.0"),
+        *((5, f"t/a#{number}.0") for number in range(3)),
+    ]
+    assert [ref.advantage for ref in draw.steps] == pytest.approx([0.15, -0.05, -0.05, -0.05])
+    assert (counts.rescued, counts.kept, counts.left_out) == (1, 4, 2)
+    assert kinds(counts) == {"all_wrong": 2}
 
 
 def test_a_step_that_changed_nothing_is_not_reinforced_but_may_be_blamed() -> None:

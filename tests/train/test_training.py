@@ -45,10 +45,12 @@ RECORDED = """
     trajectories collect/attempts collect/outcomes/success collect/success_rate/overall
     collect/success_rate_of_planned/overall collect/success_interval/overall/low
     collect/success_interval_of_planned/overall/high collect/steps collect/steps_per_trajectory
-    collect/unchanged_share collect/reply_characters collect/reply_tokens collect/blocked_share
+    collect/unchanged_share collect/unreadable_share collect/steps_of_successes collect/steps_of_failures
+    collect/reply_characters collect/reply_tokens collect/blocked_share
     replay/drawn replay/counts/unrewarded replay/counts/left_out replay/counts/unchanged replay/used_up
     replay/stale update/samples update/optimizer_steps update/loss update/grad_norm update/learning_rate
-    update/tokens_per_second
+    update/tokens_per_second update/extra/entropy update/extra/logprob update/extra/kl_start
+    replay/earlier_uses replay/advantages/mean_size
     seconds/collect seconds/replay seconds/update seconds/publish seconds/evaluate
     evaluation/success_rate/overall evaluation/success_interval/overall/high
 """.split()
@@ -128,6 +130,9 @@ class Serving(BasePolicy):
     def __init__(self, policy: Policy) -> None:
         self.policy = policy
         self.published: list[str] = []
+
+    def copy(self) -> None:
+        return None
 
     async def publish(self, weights: Path, version: str) -> None:
         assert (weights / "model.safetensors").exists()

@@ -30,7 +30,7 @@ from webgym.train.logprobs import AHEAD, ReplyLogProbs, batches_ahead, collate
 from webgym.train.loop import TrainConfig
 from webgym.train.objectives import FilteredBC, GroupIS
 from webgym.train.replay import Replay
-from webgym.train.samples import SampleMaker
+from webgym.train.samples import Sample, SampleMaker
 from webgym.train.update import SAVE_LIMIT, Learner, learning_rate
 from webgym.train.weights import read_state
 
@@ -181,6 +181,72 @@ def test_micro_batches_give_the_update_of_the_whole_batch(model: Path, tmp_path:
     assert_same(model, tmp_path / "one", tmp_path / "whole")
     assert one.loss == pytest.approx(whole.loss, abs=1e-5)
     assert one.extra == pytest.approx(whole.extra, abs=1e-4)
+
+
+def of_trajectories(objective: GroupIS) -> list[Sample]:
+    """The samples as steps of three trajectories, each with one advantage."""
+    return [
+        replace(each, trajectory=str(number % 3), advantage=0.05 * (number % 3 - 1.5))
+        for number, each in enumerate(samples(objective))
+    ]
+
+
+@pytest.mark.parametrize("ratio", ["step", "sequence"])
+def test_ratios_of_steps_and_trajectories_do_not_depend_on_micro_batches(
+    model: Path, tmp_path: Path, ratio: str
+) -> None:
+    objective = GroupIS.model_validate({"ratio": ratio, "largest_weight": None, "clip_high": 0.01})
+    reports = []
+    for micro_batch in (1, 100):
+        made = updater(model, objective, micro_batch=micro_batch, minibatches=2)
+        reports.append(made.update(of_trajectories(objective), passes=3))
+        made.save(tmp_path / str(micro_batch))
+    assert_same(model, tmp_path / "1", tmp_path / "100")
+    assert reports[0].extra == pytest.approx(reports[1].extra, abs=1e-3)
+    assert reports[0].optimizer_steps == 6
+    assert reports[0].extra["clipped_high"] > 0
+
+
+def test_mini_batches_are_of_whole_trajectories_and_every_step_is_used(model: Path) -> None:
+    objective = GroupIS()
+    made, data = updater(model, objective, minibatches=2), of_trajectories(objective)
+    batches = list(made._batches(data, 3))
+    assert len(batches) == 6
+    for first, second in zip(batches[::2], batches[1::2], strict=True):
+        assert sorted([*first, *second]) == list(range(len(data)))
+        assert {data[i].trajectory for i in first}.isdisjoint(data[i].trajectory for i in second)
+
+
+@pytest.mark.parametrize("lora", [None, {"rank": 4, "alpha": 8}])
+def test_a_kl_term_holds_the_policy_near_the_start(model: Path, lora: dict[str, int] | None) -> None:
+    apart = []
+    for kl in (0.0, 10.0):
+        objective = GroupIS(kl=kl, largest_weight=None)
+        made = updater(model, objective, lora=lora, learning_rate=3e-3, warmup_steps=0)
+        first = made.update(of_trajectories(objective), passes=4)
+        apart.append(made.update(of_trajectories(objective), passes=1).extra["kl_start"])
+        assert first.extra["entropy"] > 0
+    assert 0 < apart[1] < 0.5 * apart[0]
+
+
+def test_the_start_is_that_of_the_training_also_after_a_resume(model: Path, tmp_path: Path) -> None:
+    made = updater(model)
+    assert made.update(samples(BC), passes=4).extra["kl_start"] > 1e-3
+    made.save(tmp_path / "half")
+    again = updater(model, resume=tmp_path / "half", learning_rate=1e-9)
+    assert again.update(samples(BC)).extra["kl_start"] > 1e-3
+    assert updater(model, learning_rate=1e-9).update(samples(BC)).extra["kl_start"] < 1e-6
+
+
+def test_what_server_and_learner_make_of_the_same_weights_is_compared(model: Path) -> None:
+    objective, made = GroupIS(), updater(model, GroupIS())
+    data = samples(objective)
+    now = made._logprobs(data, range(len(data)))
+    served = [replace(each, logprobs=now[i] + 0.25, version="3") for i, each in enumerate(data)]
+    stale = [replace(each, version="2") for each in data]
+    report = made.update([*served, *stale], version="3")
+    assert report.extra["logprob_mismatch"] == pytest.approx(0.25, abs=1e-4)
+    assert "logprob_mismatch" not in made.update(stale, version="3").extra
 
 
 @pytest.mark.parametrize("lora", [None, {"rank": 4, "alpha": 8}])
@@ -448,6 +514,10 @@ def test_the_learning_rate_warms_up_and_then_stays_or_falls() -> None:
     constant = UpdateConfig(learning_rate=1.0, warmup_steps=4)
     assert [learning_rate(constant, step) for step in (0, 1, 3, 4, 1000)] == pytest.approx(
         [0.2, 0.4, 0.8, 1, 1]
+    )
+    tenth = UpdateConfig(learning_rate=1.0, warmup_steps=4, schedule="cosine", total_steps=14, final_rate=0.1)
+    assert [learning_rate(tenth, step) for step in (0, 4, 9, 14, 99)] == pytest.approx(
+        [0.2, 1, 0.55, 0.1, 0.1]
     )
     cosine = UpdateConfig(learning_rate=1.0, warmup_steps=4, schedule="cosine", total_steps=14)
     assert [learning_rate(cosine, step) for step in (0, 4, 9, 14, 99)] == pytest.approx([0.2, 1, 0.5, 0, 0])

@@ -28,9 +28,9 @@ from webgym.train.replay import Replay
 from webgym.train.update import Learner
 
 
-def config(model: Path) -> TrainConfig:
+def config(model: Path, staleness: int) -> TrainConfig:
     update = {"precision": "fp32", "learning_rate": 1e-3, "warmup_steps": 2, "batch": 4, "micro_batch": 4}
-    loop = {"iterations": 3, "tasks": 6, "evaluate_every": 2}
+    loop = {"iterations": 3, "tasks": 6, "evaluate_every": 2, "staleness": staleness}
     held = settings(model).model_dump(mode="json", exclude_unset=True)
     held["learn"] |= {"update": update, "replay": {"steps": 12, "passes": 1}}
     held["rollout"]["collector"] |= {"straggler_share": 1.0, "sessions": 2}
@@ -38,8 +38,8 @@ def config(model: Path) -> TrainConfig:
     return TrainConfig.model_validate(held)
 
 
-async def train(path: Path, model: Path, *, browsers: bool) -> None:
-    given = config(model)
+async def train(path: Path, model: Path, *, browsers: bool, staleness: int) -> None:
+    given = config(model, staleness)
     world = test_loop.World(sampling=given.sampling.body())
     if browsers:
         rollout = resolved(given.rollout, Breakable(), None)
@@ -70,14 +70,14 @@ async def train(path: Path, model: Path, *, browsers: bool) -> None:
             await run(*reached)
 
 
-def live(path: Path, model: Path, browsers: bool, seconds: float | None) -> float | None:
+def live(path: Path, model: Path, browsers: bool, staleness: int, seconds: float | None) -> float | None:
     """One life of so many seconds of CPU time, which do not depend on who else is at work; those that it took
     to come to its end by itself."""
     child = os.fork()
     if child == 0:
         signal.setitimer(signal.ITIMER_PROF, seconds or 0.0)  # its signal ends the process, as SIGKILL does
         try:
-            asyncio.run(train(path, model, browsers=browsers))
+            asyncio.run(train(path, model, browsers=browsers, staleness=staleness))
         except BaseException:
             sys.excepthook(*sys.exc_info())
             os._exit(1)
@@ -88,17 +88,18 @@ def live(path: Path, model: Path, browsers: bool, seconds: float | None) -> floa
     return used.ru_utime + used.ru_stime if os.WIFEXITED(status) else None
 
 
-def main(folder: Path, model: Path, kills: int, seed: int, browsers: bool) -> None:
+def main(folder: Path, model: Path, kills: int, seed: int, browsers: bool, staleness: int) -> None:
     """Make ``folder/whole`` and ``folder/killed``, and write to ``folder/kills`` how often it was killed."""
     torch.set_num_threads(1)
     rng = random.Random(seed)
-    whole = live(folder / "whole", model, browsers, None)
+    whole = live(folder / "whole", model, browsers, staleness, None)
     assert whole is not None
     killed = 0
     # Lives that are long enough, on the whole, to come to the end only after the last kill.
     while killed < kills:
-        if live(folder / "killed", model, browsers, rng.uniform(0.1, 1.3) * whole / kills) is not None:
+        seconds = rng.uniform(0.1, 1.3) * whole / kills
+        if live(folder / "killed", model, browsers, staleness, seconds) is not None:
             break
         killed += 1
-    live(folder / "killed", model, browsers, None)
+    live(folder / "killed", model, browsers, staleness, None)
     (folder / "kills").write_text(str(killed))

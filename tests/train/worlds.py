@@ -13,6 +13,7 @@ from webgym.agent.scripted import RandomPolicy
 from webgym.core.task import Task
 from webgym.core.trajectory import Trajectory
 from webgym.results.summary import Summary, summarise
+from webgym.rollout.sessions import Places
 from webgym.run.config import RunConfig, Secrets, ServerChoice
 from webgym.store.runs import RunReader, RunWriter
 from webgym.train.folder import TrainingFolder
@@ -20,6 +21,24 @@ from webgym.train.loop import TrainConfig, Training
 from webgym.train.objectives import make_objective
 from webgym.train.replay import Replay
 from webgym.train.stopping import Stop
+
+
+class Copy(BasePolicy):
+    """A copy of the model, with weights of its own; it is known by them."""
+
+    def __init__(self) -> None:
+        self.policy: Policy = self
+        self.name = "0"
+
+    def copy(self) -> None:
+        raise AssertionError("nobody copies a copy")
+
+    async def publish(self, weights: Path, version: str) -> None:
+        assert (weights / "state.json").exists(), "weights that are evaluated stay"
+        self.name = version
+
+    async def watch(self) -> None:
+        raise AssertionError("nobody watches a copy")
 
 
 class MadeUp(BasePolicy):
@@ -38,6 +57,13 @@ class MadeUp(BasePolicy):
         """An attempt of a run of this seed, at its task of this number."""
         raise NotImplementedError
 
+    async def before(self, run: Path, number: int, tasks: int, places: Places | None) -> None:
+        """Called before each attempt of a run."""
+
+    def copy(self) -> Copy | None:
+        """Evaluations have a policy of their own."""
+        return Copy()
+
     async def attempts(
         self,
         out: Path,
@@ -46,6 +72,7 @@ class MadeUp(BasePolicy):
         policy: Policy,
         secrets: Secrets,
         show: object,
+        places: Places | None,
     ) -> Summary:
         is_there = (out / "config.yaml").exists()
         made_with = config.model_dump(mode="json")
@@ -54,6 +81,7 @@ class MadeUp(BasePolicy):
             for number, each in enumerate(tasks):
                 if f"{each.id}#0.0" in writer.attempts:
                     continue
+                await self.before(out, number, len(tasks), places)
                 made = self.attempt(out, each, number, config.seed)
                 for name, data in self.pictures.items():
                     await writer.put_image(name, data)

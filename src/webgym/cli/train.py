@@ -31,6 +31,13 @@ def command(
     resume: Path | None = typer.Option(
         None, "--resume", help="Folder of the training to resume, with its settings.", show_default=False
     ),
+    runs: list[Path] = typer.Option(
+        [],
+        "--from",
+        metavar="RUN",
+        help="A run whose successes the model is trained on first (warm start); may be given several times.",
+        show_default=False,
+    ),
     explain: bool = typer.Option(
         False,
         "--explain",
@@ -95,6 +102,12 @@ def command(
         return
     folder = out or resume
     assert folder is not None
+    if runs and resume is None:
+        from webgym.run.choice import all_tasks
+        from webgym.train.warm_start import warm_start
+
+        started = folder.with_name(f"{folder.name}-start")
+        chosen = warm_start(chosen, runs, all_tasks(chosen.rollout), started, lambda line: say(line, console))
     if is_follower():
         (join_rehearsal if check else follow)(chosen, folder)
         return
@@ -132,12 +145,16 @@ def _explanation(settings: TrainConfig, gpus: str) -> list[str]:
     steps = f"{attempt.budget_easy}, {attempt.budget_medium}, {attempt.budget_hard} steps in training"
     tested = ", ".join(map(str, settings.evaluation.budget))
     penalty = "dropped" if learn.replay.repetition_penalty else "trained on"
+    steps_drawn = "all usable" if learn.replay.steps is None else f"{learn.replay.steps:,}"
+    batch = f"{update.minibatches} mini-batches" if update.minibatches else f"batch {update.batch}"
+    if learn.replay.trajectories is not None:
+        steps_drawn = f"{learn.replay.trajectories:,} trajectories: all"
     return [
         f"tasks      {settings.loop.tasks:,} per iteration of split {sampler.split}, {drawn}",
         f"attempts   {steps}, {tested} in evaluation (easy, medium, hard); "
         f"prompt format {settings.rollout.agent.prompt_format}",
-        f"learning   {learn.objective.name}, rate {update.learning_rate:g}, batch {update.batch}, "
-        f"{learn.replay.steps:,} steps x {learn.replay.passes}; steps that changed nothing are {penalty}",
+        f"learning   {learn.objective.name}, rate {update.learning_rate:g}, {batch}, "
+        f"{steps_drawn} steps x {learn.replay.passes}; steps that changed nothing are {penalty}",
         *estimate(
             learn,
             replace(KNOWN_GPUS[kind], count=int(count or 1)),

@@ -46,16 +46,104 @@ _RULES: Final = {
 """Labels of the counts of the replay."""
 
 
-def _figure(*path: str) -> Callable[[Mapping[str, Any]], float | None]:
-    """Returns a function that finds a figure in a row of the metrics; ``None`` if it has none."""
+def _figure(row: Mapping[str, Any], path: str) -> float | None:
+    """A figure in a row of the metrics by its path; ``None`` if it has none."""
+    value: Any = row
+    for key in path.split("/"):
+        value = value.get(key) if value else None
+    return None if value is None else float(value)
 
-    def find(row: Mapping[str, Any]) -> float | None:
-        value: Any = row
-        for key in path:
-            value = value.get(key) if value else None
-        return None if value is None else float(value)
 
-    return find
+def _short(value: float) -> str:
+    return f"{value:.3g}"
+
+
+class _Chart(NamedTuple):
+    """A chart of figures of the metrics, over the number of trajectories collected.
+
+    Attributes:
+        axis: what its values are, as its vertical axis names them.
+        lines: paths of the figures, by their names.
+        write: formats a value.
+        whole: as for :class:`Curves`.
+    """
+
+    axis: str
+    lines: dict[str, str]
+    write: Callable[[float], str] = _short
+    whole: bool = False
+
+
+_CHARTS: Final = {
+    "Steps per trajectory": _Chart(
+        "Steps",
+        {
+            "All": "collect/steps_per_trajectory",
+            "Success": "collect/steps_of_successes",
+            "Failure": "collect/steps_of_failures",
+        },
+        formatting.number,
+    ),
+    "Steps without effect": _Chart(
+        "Share of steps",
+        {"Unchanged screenshot": "collect/unchanged_share", "Unreadable reply": "collect/unreadable_share"},
+        formatting.percent,
+        whole=True,
+    ),
+    "Reply length, tokens": _Chart("Tokens", {"Reply": "collect/reply_tokens"}, formatting.number),
+    "Reply length, characters": _Chart(
+        "Characters", {"Reply": "collect/reply_characters"}, formatting.number
+    ),
+    "Blocked attempts": _Chart(
+        "Share of attempts", {"Blocked": "collect/blocked_share"}, formatting.percent, whole=True
+    ),
+    "Groups of attempts": _Chart(
+        "Share of groups",
+        {
+            "All right": "replay/counts/groups/all_right",
+            "All wrong": "replay/counts/groups/all_wrong",
+            "Mixed": "replay/counts/groups/mixed",
+            "Cut off": "replay/counts/groups/cut_off",
+        },
+        formatting.percent,
+        whole=True,
+    ),
+    "Loss": _Chart("Loss per token", {"Loss": "update/loss"}),
+    "Gradient norm before clipping": _Chart("Norm", {"Norm": "update/grad_norm"}),
+    "Entropy": _Chart("Nats per token", {"Entropy": "update/extra/entropy"}),
+    "Divergence": _Chart(
+        "Nats per token",
+        {
+            "From behaviour": "update/extra/kl_behaviour",
+            "From the start": "update/extra/kl_start",
+            "Server from learner": "update/extra/logprob_mismatch",
+        },
+    ),
+    "Largest ratio": _Chart("New over old probability", {"Largest": "update/extra/ratio_max"}),
+    "Tokens clipped and dropped": _Chart(
+        "Share of tokens",
+        {
+            "Clipped low": "update/extra/clipped_low",
+            "Clipped high": "update/extra/clipped_high",
+            "Dropped": "update/extra/dropped",
+        },
+        formatting.percent,
+        whole=True,
+    ),
+    "Advantages": _Chart(
+        "Advantage",
+        {"Mean size": "replay/advantages/mean_size", "Highest": "replay/advantages/highest"},
+    ),
+    "Reuse and age of steps": _Chart(
+        "Earlier uses; updates", {"Uses": "replay/earlier_uses", "Age": "replay/mean_staleness"}
+    ),
+    "Tokens per second of the update": _Chart(
+        "Tokens/s", {"Tokens": "update/tokens_per_second"}, formatting.number
+    ),
+    "Share of the GPUs' peak": _Chart(
+        "Model operations", {"Share": "update/peak_share"}, formatting.percent, whole=True
+    ),
+}
 
 
 class Pair(NamedTuple):
@@ -95,12 +183,10 @@ class Training:
 
     # --- curves ---------------------------------------------------------------------------------------------
 
-    def _line(
-        self, name: str, value: Callable[[Mapping[str, Any]], float | None], smoothing: float = 1.0
-    ) -> Line:
-        """A value of every iteration, over the number of trajectories collected until its end."""
-        pairs = ((row["trajectories"], value(row)) for row in self.rows)
-        return Line(name, [Point(x, y) for x, y in pairs if y is not None], smoothing)
+    def _line(self, name: str, path: str, smoothing: float = 1.0, number: int = 0) -> Line:
+        """A figure of every iteration, over the number of trajectories collected until its end."""
+        pairs = ((row["trajectories"], _figure(row, path)) for row in self.rows)
+        return Line(name, [Point(x, y) for x, y in pairs if y is not None], smoothing, number)
 
     def _tested(self) -> list[Line]:
         """Success rates of the evaluations, over the number of trajectories collected before each."""
@@ -115,53 +201,29 @@ class Training:
 
     def curves(self) -> dict[str, Curves]:
         """All line charts, by title."""
-
-        share, number = formatting.percent, formatting.number
+        share = formatting.percent
         # Not every policy reports tokens.
-        unit = "tokens" if any(row["collect"]["reply_tokens"] for row in self.rows) else "characters"
+        other = "characters" if any(row["collect"]["reply_tokens"] for row in self.rows) else "tokens"
+        collected = [
+            self._line(group.capitalize(), f"collect/success_rate/{group}", _SMOOTHING) for group in _GROUPS
+        ]
         charts = {
             "Success on unseen test tasks": Curves(
                 "Success on test tasks", self._tested(), share, whole=True
             ),
             "Success while collecting": Curves(
-                "Success on training tasks, moving average",
-                [
-                    self._line(group.capitalize(), _figure("collect", "success_rate", group), _SMOOTHING)
-                    for group in _GROUPS
-                ],
-                share,
-                whole=True,
+                "Success on training tasks, moving average", collected, share, whole=True
             ),
-            "Steps per trajectory": Curves(
-                "Steps per trajectory",
-                [self._line("Steps", _figure("collect", "steps_per_trajectory"))],
-                number,
-            ),
-            "Steps that changed nothing on the screen": Curves(
-                "Share of unchanged screenshots",
-                [self._line("Unchanged", _figure("collect", "unchanged_share"))],
-                share,
-                whole=True,
-            ),
-            f"Reply length, {unit}": Curves(
-                f"Length of replies, {unit}",
-                [self._line("Reply", _figure("collect", f"reply_{unit}"))],
-                number,
-            ),
-            "Blocked attempts": Curves(
-                "Share of blocked attempts",
-                [self._line("Blocked", _figure("collect", "blocked_share"))],
-                share,
-                whole=True,
-            ),
-            "Loss": Curves(
-                "Loss", [self._line("Loss", _figure("update", "loss"))], lambda value: f"{value:.3g}"
-            ),
-            "Gradient norm before clipping": Curves(
-                "Gradient norm",
-                [self._line("Norm", _figure("update", "grad_norm"))],
-                lambda value: f"{value:.3g}",
-            ),
+        }
+        charts |= {
+            title: Curves(
+                chart.axis,
+                [self._line(*line, number=number) for number, line in enumerate(chart.lines.items())],
+                chart.write,
+                whole=chart.whole,
+            )
+            for title, chart in _CHARTS.items()
+            if title != f"Reply length, {other}"
         }
         return {title: curves for title, curves in charts.items() if not curves.is_empty}
 
@@ -347,11 +409,13 @@ class Line(NamedTuple):
         name: in the legend; in lower case, with dashes for spaces, also the name of the colour.
         points: the measurements.
         smoothing: weight of the newest point in the moving average that is drawn; 1 means no smoothing.
+        number: in its chart, for its colour if its name has none.
     """
 
     name: str
     points: Sequence[Point]
     smoothing: float = 1.0
+    number: int = 0
 
     @property
     def smooth(self) -> list[Point]:
@@ -366,7 +430,8 @@ class Line(NamedTuple):
     @property
     def colour(self) -> str:
         """Its colour, as a CSS value."""
-        return f"var(--line-{self.name.lower().replace(' ', '-')}, var(--accent))"
+        other = _GROUPS[self.number % len(_GROUPS)]
+        return f"var(--line-{self.name.lower().replace(' ', '-')}, var(--line-{other}))"
 
 
 def nice_ticks(low: float, high: float) -> list[float]:

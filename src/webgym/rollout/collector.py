@@ -38,7 +38,7 @@ from webgym.rollout.driver import BrowserSession
 from webgym.rollout.judging import TAKEN_OVER, JudgedEpisode, judge_episode
 from webgym.rollout.plan import Plan, Planned
 from webgym.rollout.progress import queues_of
-from webgym.rollout.sessions import is_of_server, longest_pause, patiently
+from webgym.rollout.sessions import Places, is_of_server, longest_pause, patiently
 from webgym.rollout.site_health import SiteHealth
 from webgym.store.runs import RunWriter
 
@@ -54,6 +54,7 @@ class Collector:
         pictures: gives the judge the screenshots.
         config: limits.
         health: is told of what attempts found at their websites.
+        places: shared with other runs; ``None`` for ``config.sessions`` of its own.
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class Collector:
         pictures: Pictures,
         config: CollectorConfig,
         health: SiteHealth | None = None,
+        places: Places | None = None,
     ) -> None:
         self._health = health
         self._context = context
@@ -74,7 +76,8 @@ class Collector:
         """When a browser was last given back."""
         self._server_failed = -math.inf
         """When the server last ended an attempt."""
-        self._places = asyncio.Semaphore(config.sessions)
+        self._are_shared = places is not None
+        self._places = places or Places(asyncio.Semaphore(config.sessions))
         self._unrecorded = asyncio.Semaphore(config.judges + config.backlog)
         self._failed_in_a_row = self._unjudged_in_a_row = 0
         self._failing_since = self._unjudged_since = 0.0
@@ -119,26 +122,28 @@ class Collector:
 
     async def _continuously(self, plan: Plan, group: asyncio.TaskGroup) -> None:
         """Whoever ends makes room for the next."""
-        while True:
-            await self._places.acquire()
-            if (planned := await plan.take()) is None:
-                return
+        while await plan.more():  # without a place: another run may have work for it
+            await self._places.free.acquire()
+            if (planned := await plan.take(wait=False)) is None:
+                self._places.free.release()
+                continue
+            if not plan.waiting:
+                self._places.spare.set()
             group.create_task(self._episode(plan, planned))
 
     async def _in_groups(self, plan: Plan, group: asyncio.TaskGroup) -> None:
         """All begin together, when the last of those before has ended."""
-        while True:
+        free = self._places.free
+        while await plan.more():
             for _ in range(self._config.sessions):
-                await self._places.acquire()
-            if (first := await plan.take()) is None:
-                return
-            begun = [first]
+                await free.acquire()
+            begun = list[Planned]()
             while len(begun) < self._config.sessions and (more := await plan.take(wait=False)) is not None:
                 begun.append(more)
             for planned in begun:
                 group.create_task(self._episode(plan, planned))
             for _ in range(self._config.sessions - len(begun)):
-                self._places.release()
+                free.release()
 
     # --- one episode ------------------------------------------------------------------------------------
 
@@ -151,7 +156,7 @@ class Collector:
             async with self._recorded_if_stopped(episode):
                 await self._unrecorded.acquire()
         finally:
-            self._places.release()
+            self._places.free.release()
             await plan.leave(planned)
         try:
             await self._conclude(plan, attempt, episode)
@@ -307,9 +312,14 @@ class Collector:
     def _end_stragglers(self, plan: Plan, begun: Attempt | None = None) -> None:
         """See whether the end of the run has begun, and give those that run their time.
 
-        Whoever begins late gets as much time as the others needed; without others, all that it needs.
+        Whoever begins late gets as much time as the others needed; without others, all that it needs. Where
+        places are shared, they run on: what else there is to do need not wait for them.
         """
         share, hurried = self._config.straggler_share, {begun} if begun else set()
+        if self._are_shared:
+            if plan.is_ending(share):
+                self._places.enough.set()
+            return
         if self._late is None and share < 1 and self._lengths and plan.is_ending(share):
             self._late = time.monotonic(), float(np.quantile(self._lengths, share))
             hurried = self._running

@@ -173,17 +173,16 @@ class Plan:
                 self._changed.notify_all()
         return None
 
+    async def more(self) -> bool:
+        """Wait until an attempt can be taken; whether there is one, or this is the end."""
+        async with self._changed:
+            await self._until_waiting()
+            return self._first_free() is not None and not self._is_closed
+
     async def _next_waiting(self, *, wait: bool) -> Planned | None:
         async with self._changed:
-            while wait and not self._is_closed and self._first_free() is None:
-                if not self._in_flight and not self._claimed_elsewhere:
-                    return None
-                try:
-                    async with asyncio.timeout(self._check_seconds if self._claimed_elsewhere else None):
-                        await self._changed.wait()
-                except TimeoutError:
-                    self._waiting.extend(self._claimed_elsewhere)
-                    self._claimed_elsewhere.clear()
+            if wait:
+                await self._until_waiting()
             free = self._first_free()
             if self._is_closed or free is None:
                 return None
@@ -206,6 +205,20 @@ class Plan:
         async with self._changed:
             self._at[_website(planned)] -= 1
             self._changed.notify_all()
+
+    async def _until_waiting(self) -> None:
+        """Wait, with the lock held, until an attempt waits or none can come any more."""
+        while (
+            not self._is_closed
+            and self._first_free() is None
+            and (self._in_flight or self._claimed_elsewhere)
+        ):
+            try:
+                async with asyncio.timeout(self._check_seconds if self._claimed_elsewhere else None):
+                    await self._changed.wait()
+            except TimeoutError:
+                self._waiting.extend(self._claimed_elsewhere)
+                self._claimed_elsewhere.clear()
 
     async def holds(self, task_id: str, sample: int) -> bool:
         """Whether a sample that this collector claimed has not been taken over by another.

@@ -9,6 +9,7 @@ import os
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self, TypeVar
 
@@ -21,6 +22,23 @@ from webgym.server.client import BrowserClient
 from webgym.server.messages import SessionGrant, SessionOptions
 
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Places:
+    """Places for attempts, which runs that follow each other may share.
+
+    Attributes:
+        free: as many attempts go on at the same time, of all these runs.
+        spare: set once the run has begun all of its attempts, so that the next one may begin. Until then a
+            later run would only take places from an earlier one.
+        enough: set once ``straggler_share`` of the run's samples is done. Where it is waited for, the rest
+            goes on, and nobody is ended as a straggler.
+    """
+
+    free: asyncio.Semaphore
+    spare: asyncio.Event = field(default_factory=asyncio.Event)
+    enough: asyncio.Event = field(default_factory=asyncio.Event)
 
 
 async def patiently(

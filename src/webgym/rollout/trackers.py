@@ -2,7 +2,9 @@
 
 When a run or a training starts or is resumed, all lines on disk are sent again, so that trackers agree with
 the folder. TensorBoard's files are in the subfolder ``tensorboard``. The step of a training is its
-iteration, that of a run the line number. Trackers run in the background, and their failures stop nothing.
+iteration, that of a run the line number. Weights & Biases shows a training over the trajectories
+collected, and a table of some of them with pictures. Trackers run in the background, and their failures stop
+nothing.
 """
 
 from __future__ import annotations
@@ -16,11 +18,14 @@ import shutil
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
 from webgym.core.errors import ConfigError
-from webgym.store.files import disk_errors
+from webgym.core.outcome import Outcome
+from webgym.store.files import ITERATIONS, disk_errors
+from webgym.store.runs import RunReader
 
 TrackerName: TypeAlias = Literal["tensorboard", "wandb"]
 Log: TypeAlias = Callable[[int, Mapping[str, float], str], None]
@@ -179,12 +184,43 @@ def _wandb(path: Path, project: str) -> tuple[Log, Callable[[], object]]:
             f"Weights & Biases does not start: {reason}", hint="WANDB_MODE=offline needs no account"
         ) from error
 
+    @cache
+    def name_axis() -> None:
+        run.define_metric(_AXIS)
+        run.define_metric("*", step_metric=_AXIS)
+
     def log(step: int, numbers: Mapping[str, float], note: str) -> None:
         if note:
             run.notes = note
-        run.log(dict(numbers), step=step)
+        collected, table = path / ITERATIONS / f"{step:04d}" / "run", {}
+        if _AXIS in numbers:  # of a training
+            name_axis()
+            table = {"attempts": _table(wandb, collected)} if collected.is_dir() else {}
+        run.log({**numbers, **table}, step=step)
 
     return log, run.finish
+
+
+_AXIS: Final = "trajectories"
+_TABLE_ROWS: Final = 8
+
+
+def _table(wandb: Any, path: Path) -> Any:
+    """Attempts of a run, half of them successes if there are so many, with their first and last picture."""
+    run = RunReader(path, skip_corrupt=True)
+    rewarded = [entry for entry in run.attempts.values() if entry.outcome.is_rewarded]
+    won = [entry for entry in rewarded if entry.outcome is Outcome.SUCCESS][: _TABLE_ROWS // 2]
+    lost = [entry for entry in rewarded if entry.outcome is not Outcome.SUCCESS][: _TABLE_ROWS - len(won)]
+    table = wandb.Table(columns=["task", "outcome", "steps", "last reply", "first picture", "last picture"])
+    for trajectory in run.trajectories(entry.attempt_id for entry in [*won, *lost]):
+        steps = trajectory.episode.steps
+        pictures = [
+            wandb.Image(str(run.image_path(observation.screenshot)))
+            for observation in (steps[0].observation, steps[-1].observation)
+        ]
+        task = run.tasks[trajectory.episode.task_id].instruction
+        table.add_data(task, trajectory.outcome.value, len(steps), steps[-1].reply.text, *pictures)
+    return table
 
 
 _OPEN: Final[dict[TrackerName, Callable[[Path, str], tuple[Log, Callable[[], object]]]]] = {

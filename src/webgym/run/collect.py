@@ -57,7 +57,7 @@ from webgym.rollout.live_file import exposing, feeding
 from webgym.rollout.lockstep import Lockstep
 from webgym.rollout.plan import Plan
 from webgym.rollout.progress import Progress
-from webgym.rollout.sessions import KeptLeases
+from webgym.rollout.sessions import KeptLeases, Places
 from webgym.rollout.sharing import Claims, sharing
 from webgym.rollout.trackers import check_installed, tracking
 from webgym.run.choice import choose_tasks, given_tasks, health_of, tell_left_out
@@ -103,6 +103,7 @@ async def collect(
     show: Show | None = show_on_stderr,
     tell: Tell | None = print_on_stderr,
     finishing: asyncio.Event | None = None,
+    places: Places | None = None,
 ) -> Summary:
     """Collect a run: every task is attempted, judged and on disk when this returns.
 
@@ -115,6 +116,7 @@ async def collect(
         show: shows the progress while the run goes on; ``None`` for no display.
         tell: called with each line that the user should read, such as a warning; ``None`` for none.
         finishing: once set, no new attempt starts, and the run ends when those in progress have ended.
+        places: for attempts, shared with other runs; ``None`` for ``collector.sessions`` of its own.
 
     Raises:
         ConfigError: there is no task to attempt, the judge cannot judge these tasks, or a tracker is missing.
@@ -172,7 +174,9 @@ async def collect(
         ) as store,
     ):
         run_id = stamp["run_id"]
-        return await _carry_out(config, run_id, tasks, run_services, store, show, finishing=finishing)
+        return await _carry_out(
+            config, run_id, tasks, run_services, store, show, finishing=finishing, places=places
+        )
 
 
 async def resume(
@@ -187,6 +191,7 @@ async def resume(
     show: Show | None = show_on_stderr,
     tell: Tell | None = print_on_stderr,
     finishing: asyncio.Event | None = None,
+    places: Places | None = None,
 ) -> Summary:
     """Continue an interrupted run: attempts on disk are kept and not repeated.
 
@@ -202,6 +207,7 @@ async def resume(
         show: shows the progress while the run goes on; ``None`` for no display.
         tell: called with each line that the user should read, such as a warning; ``None`` for none.
         finishing: once set, no new attempt starts, and the run ends when those in progress have ended.
+        places: for attempts, shared with other runs; ``None`` for ``collector.sessions`` of its own.
 
     Raises:
         RunFolderError: the folder is not a run folder.
@@ -244,6 +250,7 @@ async def resume(
                 store,
                 show,
                 finishing=finishing,
+                places=places,
                 retry_errors=retry_errors,
             )
 
@@ -346,6 +353,7 @@ async def _carry_out(
     show: Show | None,
     *,
     finishing: asyncio.Event | None,
+    places: Places | None,
     retry_errors: bool = False,
 ) -> Summary:
     shared, is_resumed = config.collector.sharing, bool(store.attempts)
@@ -357,7 +365,7 @@ async def _carry_out(
             sharing(shared, run_id, tasks, store.path, is_resumed=is_resumed)
         )
         plan = _plan(config, tasks, store, retry_errors=retry_errors, claims=claims)
-        return await _collected(config, tasks, run_services, client, store, plan, show, finishing)
+        return await _collected(config, tasks, run_services, client, store, plan, show, finishing, places)
 
 
 def _plan(
@@ -390,6 +398,7 @@ async def _collected(
     plan: Plan,
     show: Show | None,
     finishing: asyncio.Event | None,
+    places: Places | None,
 ) -> Summary:
     progress = Progress(
         total=plan.total,
@@ -434,7 +443,8 @@ async def _collected(
                 show(progress) if show else nullcontext(),
             ):
                 health = health_of(config, store.path / SITES)
-                await Collector(context, judge, pictures, config.collector, health).run(plan, finishing)
+                collector = Collector(context, judge, pictures, config.collector, health, places)
+                await collector.run(plan, finishing)
                 again = (context, tasks, judge, pictures, config.collector, health, plan, finishing)
                 await judge_again(*again)
                 await asyncio.to_thread(health.tidy)

@@ -10,6 +10,7 @@ from pydantic import Field, field_validator, model_validator
 from webgym.core.settings import ModelName, Settings
 
 Precision: TypeAlias = Literal["bf16", "fp32"]
+CollapseAction: TypeAlias = Literal["warn", "stop", "ignore"]
 
 
 class ReplayConfig(Settings):
@@ -22,8 +23,12 @@ class ReplayConfig(Settings):
     """How strongly newer steps are preferred: a step of age a among k iterations has the weight
     ((k - a) / k) ** recency. 0 draws uniformly."""
 
-    steps: int = Field(default=1800, ge=1)
-    """Steps drawn for an iteration; all available ones if there are fewer."""
+    steps: int | None = Field(default=1800, ge=1)
+    """Steps drawn for an iteration; all available ones if there are fewer, or for ``None``."""
+
+    trajectories: int | None = Field(default=None, ge=1)
+    """Draw whole trajectories instead, at most this many; an update waits until there are so many, of groups
+    that are mixed if the objective compares attempts. ``None``: draw steps."""
 
     passes: int = Field(default=2, ge=1)
     """How often an iteration trains on each of its steps."""
@@ -33,6 +38,10 @@ class ReplayConfig(Settings):
 
     repetition_penalty: bool = True
     """Leave out steps after which the screenshot was the same (paper §5)."""
+
+    rescue: bool = False
+    """Give a group that failed altogether the newest success at its task from earlier iterations, of whatever
+    age: importance weights leave out what the policy would no longer do."""
 
     @model_validator(mode="after")
     def _check_uses(self) -> ReplayConfig:
@@ -89,10 +98,16 @@ class UpdateConfig(Settings):
     """Optimizer steps over which the learning rate rises linearly, counted over all iterations."""
 
     total_steps: int | None = Field(default=None, ge=1)
-    """Optimizer steps at which ``cosine`` reaches 0."""
+    """Optimizer steps at which ``cosine`` reaches ``final_rate``."""
+
+    final_rate: float = Field(default=0.0, ge=0, le=1)
+    """Share of the peak learning rate at the end of ``cosine``."""
 
     batch: int = Field(default=192, ge=1)
     """Steps of trajectories per optimizer step, over all processes (the paper's 3 x 4 x 8 x 2)."""
+
+    minibatches: int | None = Field(default=None, ge=1)
+    """Optimizer steps of a pass, each on whole trajectories; ``None`` for as many as ``batch`` gives."""
 
     micro_batch: int = Field(default=3, ge=1)
     """Steps of trajectories per process and forward pass."""
@@ -128,6 +143,10 @@ class UpdateConfig(Settings):
 
     logit_tokens: int = Field(default=1024, ge=1)
     """Reply tokens whose logits are in memory at once, per process."""
+
+    start_steps: int = Field(default=32, ge=0)
+    """Steps of an update on which the divergence from the weights that learning started from is measured; 0
+    for none. Without adapters that loads a second model, and sharded weights are not measured."""
 
     seed: int = Field(default=0, ge=0, lt=2**32)
     """Seed of the order of steps and of dropout."""
@@ -183,3 +202,6 @@ class LearnConfig(Settings):
 
     frontier: FrontierConfig | None = None
     """Prefer tasks that succeed sometimes; ``None`` for no preference."""
+
+    on_collapse: CollapseAction = "warn"
+    """What to do if replies become surer, longer and unreadable, at least two of the three."""

@@ -88,6 +88,10 @@ UTILISATION: Final = 0.4
 """Assumed share of a GPU's peak that training reaches."""
 
 
+_TRAJECTORY_STEPS = 9
+"""Assumed, where whole trajectories are drawn: AsyncWebRL's failures have 12.5, its successes 5.1."""
+
+
 @dataclass(frozen=True, slots=True)
 class Gpus:
     """The GPUs to train on.
@@ -126,6 +130,16 @@ def present_gpus() -> Gpus | None:
         memory_gib=torch.cuda.get_device_properties(0).total_memory / GIB,
         sharded=os.environ.get("ACCELERATE_USE_FSDP") == "true",
     )
+
+
+def peak_flops() -> float | None:
+    """Peak operations per second of all GPUs of the launch; ``None`` without GPUs, or of an unknown kind."""
+    if not torch.cuda.is_available():
+        return None
+    name = torch.cuda.get_device_name().lower()
+    peaks = (gpu.peak_tflops for kind, gpu in KNOWN_GPUS.items() if kind in name)
+    each = next(peaks, None)
+    return None if each is None else each * 1e12 * int(os.environ.get("WORLD_SIZE") or 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -323,6 +337,23 @@ def shapes_from(config: Any) -> Shapes:
     )
 
 
+def model_flops(size: Shapes, update: UpdateConfig, tokens: int, reply_tokens: int, patches: int) -> float:
+    """Operations of the forward and backward passes of an update, without what is computed again, scored
+    beforehand, or spent on attention: as the share of a GPU's peak is commonly counted.
+
+    Args:
+        size: of the model.
+        update: what is trained.
+        tokens: of all samples and passes, replies included.
+        reply_tokens: of those.
+        patches: of pictures.
+    """
+    text = 3 if update.lora is None else 2  # frozen weights need no gradients, but pass them on
+    vision = 1 if update.freeze_vision or update.lora is not None else 3
+    language = tokens * size.text.parameters + reply_tokens * size.embeddings / 2
+    return 2.0 * (text * language + vision * patches * size.vision.parameters)
+
+
 def estimate(
     config: LearnConfig,
     gpus: Gpus,
@@ -364,7 +395,8 @@ def estimate(
     training = trained * 12.0 if is_adapted else (size.parameters + 2 * trained) * float(width)
     served = trained * 4.0 if is_adapted else size.parameters * (2.0 if update.precision == "bf16" else width)
     copies, pixels = 1 if gpus.sharded else gpus.count, 4.0 * size.patch * all_patches
-    samples = replay.steps * replay.passes
+    drawn = replay.steps or (replay.trajectories or 1) * _TRAJECTORY_STEPS
+    samples = drawn * replay.passes
     forward = size.text.forward_flops(tokens, tokens, causal=True)
     forward += 2.0 * work.reply_tokens * size.embeddings / 2
     vision_forward = size.vision.forward_flops(all_patches, work.picture_patches, causal=False)
@@ -385,7 +417,7 @@ def estimate(
         fits=sum(memory.values()) < 0.9 * gpus.memory_gib * GIB,
         tokens=samples * tokens,
         reply_tokens=samples * work.reply_tokens,
-        optimizer_steps=replay.passes * max(1, round(replay.steps / update.batch)),
+        optimizer_steps=replay.passes * (update.minibatches or max(1, round(drawn / update.batch))),
         flops=flops,
         seconds=flops / (gpus.count * gpus.peak_tflops * 1e12 * UTILISATION),
     )

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from statistics import fmean, median
+from typing import Any, Final
 
+from webgym.core.errors import TrainingError
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS
 from webgym.results.summary import Summary
 from webgym.rollout.live import duration
 from webgym.store.runs import RunReader
+from webgym.train.config import CollapseAction
 from webgym.train.progress import TrainingProgress
+
+Tell = Callable[[str], object]
 
 
 def judged(figures: Mapping[str, Any]) -> int:
@@ -59,26 +64,97 @@ def figures_of(run: RunReader, summary: Summary) -> dict[str, Any]:
         run: the run, all attempts on disk.
         summary: of the run.
     """
-    steps = unchanged = replies = tokens = rewarded = 0
+    steps = unchanged = unreadable = replies = tokens = 0
+    lengths: dict[bool, list[int]] = {True: [], False: []}  # of successes and of failures
     versions: Counter[str] = Counter()
     for trajectory in run.trajectories():
         if not trajectory.outcome.is_rewarded:
             continue
-        rewarded += 1
+        lengths[trajectory.outcome is Outcome.SUCCESS].append(len(trajectory.episode.steps))
         for step in trajectory.episode.steps:
             steps += 1
             unchanged += step.changed is False
+            unreadable += step.action is None
             replies += len(step.reply.text)
             tokens += step.reply.completion_tokens
             versions[step.reply.weight_version] += 1
     return {
         **rates_of(summary),
-        "steps_per_trajectory": steps / rewarded if rewarded else None,
+        "steps_per_trajectory": _mean([*lengths[True], *lengths[False]]),
+        "steps_of_successes": _mean(lengths[True]),
+        "steps_of_failures": _mean(lengths[False]),
         "unchanged_share": unchanged / steps if steps else None,
+        "unreadable_share": unreadable / steps if steps else None,
         "reply_characters": replies / steps if steps else None,
         "reply_tokens": tokens / steps if steps else None,
         "weight_versions": dict(versions),
     }
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return fmean(values) if values else None
+
+
+_OFTEN: Final = 2
+"""Signs of a collapse that are one: each alone also comes with learning."""
+_FIRST: Final = 3
+"""Iterations whose median later ones are compared with."""
+
+
+def collapse_of(rows: Sequence[Mapping[str, Any]]) -> str:
+    """What the newest iteration shows of a policy that repeats itself; empty if it does not.
+
+    The signs: what was sampled is twice as sure as in the first iterations (its mean log-probability halved),
+    replies are half as long again, and a tenth more of them cannot be read.
+
+    Args:
+        rows: of ``metrics.jsonl``.
+    """
+
+    def change(*path: str) -> tuple[float, float] | None:
+        found = [value for row in rows if (value := figure(row, *path)) is not None]
+        if len(found) <= _FIRST or figure(rows[-1], *path) is None:
+            return None
+        return median(found[:_FIRST]), found[-1]
+
+    signs = []
+    if (sure := change("update", "extra", "logprob")) and sure[1] > sure[0] / 2:
+        signs.append(f"log-probabilities rose from {sure[0]:.3f} to {sure[1]:.3f}")
+    if (length := change("collect", "reply_characters")) and length[1] > 1.5 * length[0]:
+        signs.append(f"replies grew from {length[0]:.0f} to {length[1]:.0f} characters")
+    if (lost := change("collect", "unreadable_share")) and lost[1] > lost[0] + 0.1:
+        signs.append(f"unreadable replies grew from {lost[0]:.0%} to {lost[1]:.0%}")
+    return "; ".join(signs) if len(signs) >= _OFTEN else ""
+
+
+def watch_for_collapse(rows: Sequence[Mapping[str, Any]], action: CollapseAction, tell: Tell) -> None:
+    """Warn of a collapse, or stop.
+
+    Args:
+        rows: of ``metrics.jsonl``.
+        action: what to do about it.
+        tell: called with the warning.
+
+    Raises:
+        TrainingError: there are signs, and ``action`` is ``stop``.
+    """
+    if action == "ignore" or not (signs := collapse_of(rows)):
+        return
+    if action == "stop":
+        raise TrainingError(
+            f"the policy seems to collapse: {signs}",
+            hint="begin anew from earlier weights, with a lower learn.update.learning_rate or a larger "
+            "batch; or set learn.on_collapse to warn in config.yaml, and --resume",
+        )
+    tell(f"the policy seems to collapse: {signs}; learn.on_collapse: stop would end the training here")
+
+
+def figure(row: Mapping[str, Any], *path: str) -> float | None:
+    """A number in a row of ``metrics.jsonl`` by its path; ``None`` if there is none."""
+    value: Any = row
+    for key in path:
+        value = value.get(key) if value else None
+    return None if value is None else float(value)
 
 
 def rates_of(summary: Summary) -> dict[str, Any]:

@@ -134,6 +134,11 @@ class TrainingFolder:
         made = [path for path in states if (path.parent.parent / _DONE[Stage.UPDATE]).exists()]
         return (int(made[-1].parent.parent.name), made[-1].parent) if made else None
 
+    def learned(self, number: int) -> int:
+        """The newest iteration up to this one that made weights; 0 if there is none."""
+        past = (each for each in range(number, 0, -1) if self.is_past(each, Stage.UPDATE))
+        return next((each for each in past if self.figures(each, Stage.UPDATE)), 0)
+
     def best_weights(self) -> Path | None:
         """The folder of the weights with the highest success rate of all evaluations; of equals the newest.
 
@@ -141,22 +146,22 @@ class TrainingFolder:
         """
         best: tuple[float, Path] | None = None
         for number, figures in self.evaluations().items():
-            past = (each for each in range(number, 0, -1) if self.is_past(each, Stage.UPDATE))
-            learned = (each for each in past if self.figures(each, Stage.UPDATE))
-            path = self.weights(next(learned, 0))
+            path = self.weights(self.learned(number))
             rate = figures["success_rate"]["overall"]
             if path.is_dir() and rate is not None and (best is None or rate >= best[0]):
                 best = rate, path
         return best and best[1]
 
-    def prune_weights(self, keep: int) -> None:
-        """Delete all weights but the newest and the best, and what training would go on from but the newest.
+    def prune_weights(self, keep: int, finished: int) -> None:
+        """Delete weights but the newest and the best, and what training would go on from but the newest.
 
         Args:
-            keep: number of newest iterations whose weights stay.
+            keep: number of newest iterations whose weights stay, of those that are finished.
+            finished: the last one; later weights stay.
         """
         folders, best = sorted(self.path.glob(f"{ITERATIONS}/*/weights")), self.best_weights()
-        for path in folders[:-keep]:
+        old = [path for path in folders if int(path.parent.name) <= finished]
+        for path in old[:-keep]:
             if path != best:
                 shutil.rmtree(path, ignore_errors=True)
         for path in folders[:-1]:

@@ -143,11 +143,12 @@ class ReplyLogProbs(nn.Module):
         self._autocast = autocast
         self._chunk = chunk
 
-    def forward(self, batch: Batch, *, ranked: bool = False) -> torch.Tensor:
+    def forward(self, batch: Batch, *, ranked: bool = False, entropy: bool = False) -> torch.Tensor:
         """Log-probabilities, (reply tokens), float32, with gradients if they are enabled.
 
         Args:
             batch: of samples.
+            entropy: return the entropy at each reply token, too, without gradients: (reply tokens, 2).
             ranked: return the two likeliest tokens at each reply token instead: (reply tokens, 2, 2), their
                 log-probabilities and their ids.
         """
@@ -156,9 +157,9 @@ class ReplyLogProbs(nn.Module):
             torch.autocast(device.type, torch.bfloat16, enabled=self._autocast),
             fast_backward_attention(device),
         ):
-            return self._forward(batch, ranked=ranked)
+            return self._forward(batch, ranked=ranked, entropy=entropy)
 
-    def _forward(self, batch: Batch, *, ranked: bool) -> torch.Tensor:
+    def _forward(self, batch: Batch, *, ranked: bool, entropy: bool) -> torch.Tensor:
         model: Any = self.policy
         model = model.get_base_model() if hasattr(model, "get_base_model") else model
         hidden = model.model(
@@ -178,7 +179,9 @@ class ReplyLogProbs(nn.Module):
         # If they are sharded, every call gathers the head's weights: all processes call it equally often.
         more = _most_of_any_process(len(pieces), hidden.device) - len(pieces)
         pieces += [tuple(tensor[:1] for tensor in tokens)] * more
-        found = torch.cat([checkpoint(_logprobs, head, *piece, use_reentrant=False) for piece in pieces])
+        found = torch.cat(
+            [checkpoint(_logprobs, head, *piece, entropy, use_reentrant=False) for piece in pieces]
+        )
         return found[: len(hidden)].clone()  # FSDP2 warns of views: what is done to them in place goes wrong
 
 
@@ -191,7 +194,10 @@ def _most_of_any_process(count: int, device: torch.device) -> int:
 
 
 def _logprobs(
-    head: nn.Module, hidden: torch.Tensor, targets: torch.Tensor, temperature: torch.Tensor
+    head: nn.Module, hidden: torch.Tensor, targets: torch.Tensor, temperature: torch.Tensor, entropy: bool
 ) -> torch.Tensor:
     logits = head(hidden).float() / temperature[:, None]
-    return -nn.functional.cross_entropy(logits, targets, reduction="none")
+    with torch.no_grad():  # first: what it needs is free again before the likelihood keeps as much
+        spread = torch.special.entr(logits.softmax(-1)).sum(-1) if entropy else None
+    found = -nn.functional.cross_entropy(logits, targets, reduction="none")
+    return found if spread is None else torch.stack([found, spread], dim=-1)

@@ -7,17 +7,22 @@ Every stage of an iteration ends by writing a file (:mod:`webgym.train.folder`),
 follows: an interrupted training continues at the same stage and neither repeats nor loses an attempt.
 
 With ``loop.staleness`` 0, the default, iteration n is collected with the weights of iteration n - 1 and
-nothing overlaps, as in the paper. With s, collection may start while up to s earlier iterations still wait
-for their
-update: collecting never pauses, and the newest steps that are trained on are at most s updates old.
+nothing overlaps, as in the paper. With s, collecting, learning and evaluating go on side by side:
+
+- An iteration begins when the one before has begun all of its attempts, while up to s earlier ones still wait
+  for their update. All share the same browser sessions, so that none is idle, and stragglers run on.
+- An update begins when most attempts of its iteration have ended. The rest are learned from with a later one,
+  once, and a group of attempts at a task only as a whole.
+- New weights reply from the next step of every attempt on. Evaluations keep those that they began with.
 """
 
 from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractAsyncContextManager, contextmanager
+from collections import defaultdict
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeAlias
@@ -38,6 +43,7 @@ from webgym.judge.factory import name_of
 from webgym.llm.config import Sampling
 from webgym.results.summary import Summary
 from webgym.rollout.progress import Progress
+from webgym.rollout.sessions import Places
 from webgym.rollout.trackers import TrackerName
 from webgym.run.choice import health_of
 from webgym.run.collect import collect, resume
@@ -47,11 +53,11 @@ from webgym.store.runs import RunReader
 from webgym.tasks.sampling import Sampler, SamplerConfig
 from webgym.tasks.split import refuse_leaks
 from webgym.train.config import LearnConfig
-from webgym.train.figures import figures_of, iteration_line, rates_of, success_line
+from webgym.train.figures import figures_of, iteration_line, rates_of, success_line, watch_for_collapse
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.frontier import Frontier
 from webgym.train.progress import TrainingProgress
-from webgym.train.replay import Replay, ReplaySample
+from webgym.train.replay import Counts, Replay, ReplaySample
 from webgym.train.serving import Serving
 from webgym.train.stopping import Stop
 
@@ -77,7 +83,8 @@ class LoopConfig(Section):
     """Tasks drawn for an iteration (paper §5: 512 or, better, 1,024)."""
 
     staleness: int = Field(default=0, ge=0)
-    """Most updates by which collection may run ahead; 0 for the paper's synchronous loop."""
+    """Most updates by which collection may run ahead; 0 for the paper's synchronous loop. With 2, neither
+    collecting nor learning waits if they take equally long; with 1, stragglers are waited for."""
 
     evaluate_every: int = Field(default=5, ge=0)
     """Evaluate every this many iterations, and before the first and after the last; 0 for never."""
@@ -102,6 +109,10 @@ class EvaluationConfig(Section):
 
     samples: int = Field(default=1, ge=1)
     """Attempts per task."""
+
+    sessions: int | None = Field(default=None, ge=1)
+    """Browser sessions of its own for an evaluation beside collection (``loop.staleness`` above 0); ``None``
+    to share those of collection."""
 
     budget: tuple[int, int, int] = (30, 50, 70)
     """Step budgets of easy, medium and hard tasks (paper §5)."""
@@ -147,6 +158,10 @@ class TrainConfig(Section):
     def _check_serving(self) -> TrainConfig:
         if self.local is not None and self.vllm is not None:
             raise ValueError("set either local or vllm, not both")
+        if self.loop.staleness and self.rollout.collector.is_grouped:
+            raise ValueError("a collector.schedule with groups leaves nothing to overlap: set staleness to 0")
+        if self.loop.staleness and self.rollout.collector.metrics_port:
+            raise ValueError("collections that overlap need a collector.metrics_port each: set it to 0")
         return self
 
     @property
@@ -176,6 +191,7 @@ class Attempts(Protocol):
         policy: Policy,
         secrets: Secrets,
         show: Show | None,
+        places: Places | None,
     ) -> Summary:
         """Collect a run, or resume it if it exists."""
         ...
@@ -188,11 +204,12 @@ async def make_run(
     policy: Policy,
     secrets: Secrets,
     show: Show | None,
+    places: Places | None = None,
     finishing: asyncio.Event | None = None,
 ) -> Summary:
     """Collect a run, or resume it if it exists; once ``finishing`` is set, no new attempt starts."""
     used: dict[str, Any] = {"policy": policy, "secrets": secrets, "show": show, "tell": None}
-    used["finishing"] = finishing
+    used |= {"places": places, "finishing": finishing}
     if (out / CONFIG).exists():
         # What failed before the training stopped, often for the same cause, gets all of its tries again.
         return await resume(out, server=config.server, judge=config.judge, retry_errors=True, **used)
@@ -273,10 +290,23 @@ class Training:
         refuse_leaks(self._sampler.selected.tasks, self._test)
         self._refuse_other_evaluations()
         self.progress = TrainingProgress(config.loop.iterations)
+        self._is_copied = config.loop.staleness > 0 and serving.copy() is not None
+        """Whether evaluations have a copy of the model."""
         self._advanced = asyncio.Condition()
+        self._free = asyncio.Semaphore(config.rollout.collector.sessions)
+        self._enough: dict[int, asyncio.Event] = {}
+        """Of each iteration that was begun, set once enough of its attempts have ended for an update."""
+        self._late: set[int] = set()
+        """Iterations in the replay of which attempts may be missing that end later."""
         self._published = 0
-        self._finished = 0
+        self._finished = -1
+        """The last finished iteration; 0 before the first, once the first weights are evaluated."""
         self._empty_iterations = 0
+        self._frontier_knows = 0
+        """The last iteration whose results the frontier has."""
+        self._seconds: defaultdict[int, dict[str, float]] = defaultdict(
+            lambda: dict.fromkeys(("collect", "replay", "update", "publish", "evaluate"), 0.0)
+        )
 
     def use(self, where: ServerChoice, secrets: Secrets, track: Track) -> None:
         """Set the services, which start after this object is created.
@@ -313,42 +343,39 @@ class Training:
 
     async def _work(self, group: asyncio.TaskGroup) -> None:
         await self._begin()
-        both = {group.create_task(self._collect_all()), group.create_task(self._learn_all())}
+        all_stages = (self._collect_all(group), self._learn_all(), self._finish_all())
+        work = {group.create_task(each) for each in all_stages}
         try:
-            await asyncio.wait(both)
+            await asyncio.wait(work)
         finally:
-            for each in both:
+            for each in work:
                 each.cancel()
 
     def _is_stopping(self) -> bool:
         return self._stop.requested.is_set()
 
     async def _begin(self) -> None:
-        latest = self.folder.latest_weights()
-        if latest is not None:
-            await self._serving.publish(latest[1], str(latest[0]))
+        if learned := self.folder.learned(self._published):
+            await self._serving.publish(self.folder.weights(learned), str(learned))
         if self.config.loop.evaluate_every and not self._test:
             self._tell("there are no test tasks, so nothing is evaluated")
-        if latest is None:
-            with self.progress.stage(0, "evaluate"):
-                await self._evaluate(0)
-        self.progress.begin(self._finished)
+        self.progress.begin(max(0, self._finished))
 
     def _restore(self) -> None:
         """Restore the state of sampler, frontier, replay and progress from finished stages."""
         if evaluated := self.folder.evaluations():
             self.progress.evaluated = success_line(evaluated[max(evaluated)])
-        last = self.config.loop.iterations
-        for number in range(1, last + 1):
+        if self.folder.latest_weights() is not None and not self.folder.evaluation(0).exists():
+            self._finished = 0  # the first weights are not evaluated any more
+        for number in range(1, self.config.loop.iterations + 1):
             if self.folder.is_past(number, Stage.SAMPLE):
                 sampled = self.folder.figures(number, Stage.SAMPLE)
                 self._sampler.restore(sampled["sampler"])
+                self._frontier_knows = sampled.get("frontier_knows", number - 1)
                 if self._frontier is not None:
                     self._frontier.restore(sampled["frontier"])
-                if self.folder.is_past(number, Stage.COLLECT):
-                    self._take_results(number)
             if self.folder.is_past(number, Stage.REPLAY):
-                self._replay.add(number, RunReader(self.folder.run(number)))
+                self._add(number)
                 self._replay.use(self.folder.batch(number))
             if self.folder.is_past(number, Stage.UPDATE):
                 self._published = number
@@ -359,27 +386,33 @@ class Training:
                     self._empty_iterations += 1
             if self.folder.stage(number) is None:
                 self._finished = number
+        due = next(filter(self._is_evaluated, range(self._finished + 1, self._published)), None)
+        if due is not None and not self._is_copied:  # its weights must reply first
+            self._published = due
 
     # --- collecting ---------------------------------------------------------------------------------------
 
-    async def _collect_all(self) -> None:
-        config = self.config.loop
-        for number in range(1, config.iterations + 1):
-            if self.folder.is_past(number, Stage.COLLECT):
-                continue
-            await self._until(partial(self._may_collect, number))
-            if self._is_stopping():
-                return
-            if not self.folder.is_past(number, Stage.SAMPLE):
-                tasks = self._sampler.draw(config.tasks)
-                frontier = self._frontier.state() if self._frontier is not None else {}
-                sampler_state = {"sampler": self._sampler.state(), "frontier": frontier}
-                self.folder.write_sample(number, tasks, sampler_state)
-            await self._collect(number)
-            if self._is_stopping():
-                return
-            await asyncio.to_thread(self._take_results, number)
-            await self._notify_advanced()
+    async def _collect_all(self, group: asyncio.TaskGroup) -> None:
+        runs = set[asyncio.Task[None]]()
+        try:
+            for number in range(1, self.config.loop.iterations + 1):
+                if self.folder.is_past(number, Stage.COLLECT):
+                    continue
+                await self._until(partial(self._may_collect, number))
+                if self._is_stopping():
+                    break
+                if not self.folder.is_past(number, Stage.SAMPLE):
+                    await asyncio.to_thread(self._sample, number)
+                places = Places(self._free)
+                runs.add(group.create_task(self._collect(number, places)))
+                self._enough[number] = places.enough
+                await self._notify_advanced()
+                await places.spare.wait()
+            if runs:
+                await asyncio.wait(runs)
+        finally:
+            for run in runs:
+                run.cancel()
 
     def _may_collect(self, number: int) -> bool:
         staleness = self.config.loop.staleness
@@ -387,19 +420,36 @@ class Training:
             return self._finished >= number - 1
         return self._published >= number - 1 - staleness
 
-    async def _collect(self, number: int) -> None:
+    def _sample(self, number: int) -> None:
+        """Draw the tasks of an iteration. The frontier knows the results of all that were learned from."""
+        while self.folder.is_past(known := self._frontier_knows + 1, Stage.COLLECT):
+            if known >= number - self.config.loop.staleness:
+                break  # whether it has ended depends on the clock
+            self._take_results(known)
+        tasks = self._sampler.draw(self.config.loop.tasks)
+        frontier = self._frontier.state() if self._frontier is not None else {}
+        state = {"sampler": self._sampler.state(), "frontier": frontier}
+        self.folder.write_sample(number, tasks, state | {"frontier_knows": self._frontier_knows})
+
+    async def _collect(self, number: int, places: Places) -> None:
         started = time.monotonic()
         config = self._rollout.model_copy(update={"seed": self.config.seed * 10_007 + number})
+        shared = places if self.config.loop.staleness else None
+        run, tasks = self.folder.run(number), self.folder.tasks(number)
         with self.progress.stage(number, "collect"):
-            summary = await self._attempt(self.folder.run(number), config, self.folder.tasks(number))
-            if self._is_stopping():  # attempts may be missing
-                return
-            figures = await asyncio.to_thread(figures_of, RunReader(self.folder.run(number)), summary)
-            self.folder.finish(number, Stage.COLLECT, figures | {"seconds": time.monotonic() - started})
-        self.progress.collected = success_line(figures)
+            summary = await self._attempt(run, config, tasks, self._serving.policy, shared)
+            if not self._is_stopping():  # or attempts may be missing
+                figures = await asyncio.to_thread(figures_of, RunReader(run), summary)
+                seconds = time.monotonic() - started
+                self.folder.finish(number, Stage.COLLECT, figures | {"seconds": seconds})
+                self.progress.collected = success_line(figures)
+        places.spare.set()
+        places.enough.set()
+        await self._notify_advanced()
 
     def _take_results(self, number: int) -> None:
         """Add the rewards of an iteration to the frontier."""
+        self._frontier_knows = number
         if self._frontier is None:
             return
         run = RunReader(self.folder.run(number))
@@ -409,13 +459,15 @@ class Training:
             if trajectory.outcome.is_rewarded
         )
 
-    async def _attempt(self, out: Path, config: RunConfig, tasks: Sequence[Task]) -> Summary:
+    async def _attempt(
+        self, out: Path, config: RunConfig, tasks: Sequence[Task], policy: Policy, places: Places | None
+    ) -> Summary:
         """Make the attempts of a stage; if the training stops meanwhile, not all of them.
 
         Raises:
             TrainingError: too many were lost. The stage is not finished.
         """
-        summary = await self._attempts(out, config, tasks, self._serving.policy, self._secrets, self._show)
+        summary = await self._attempts(out, config, tasks, policy, self._secrets, self._show, places)
         planned = summary["planned"]["overall"]
         lost = summary["lost_samples"] + summary["outcomes"][Outcome.JUDGE_ERROR]
         lost -= sum(  # whoever keeps websites cannot be waited for
@@ -437,53 +489,77 @@ class Training:
     # --- learning -----------------------------------------------------------------------------------------
 
     async def _learn_all(self) -> None:
-        for number in range(1, self.config.loop.iterations + 1):
-            if self.folder.stage(number) is None:
-                continue
-            await self._until(partial(self.folder.is_past, number, Stage.COLLECT))
+        for number in range(self._published + 1, self.config.loop.iterations + 1):
+            await self._until(partial(self._has_begun, number))
+            if number in self._enough:
+                await self._enough[number].wait()
+                if await asyncio.to_thread(self._is_lossy, number):  # the end of its run says what to do
+                    await self._until(partial(self.folder.is_past, number, Stage.COLLECT))
             # What was drawn is trained on, since other processes may have begun with it.
             is_drawn = self.folder.is_past(number, Stage.REPLAY)
-            if not is_drawn and not self._stop.allow(self._update_seconds(number)):
+            if not is_drawn and not self._stop.allow(self._update_seconds()):
                 return
-            seconds: dict[str, float] = {}
-            with self._timed(number, "replay", seconds):
+            with self._timed(number, "replay"):
                 draw = await asyncio.to_thread(self._draw, number)
-            with self._timed(number, "update", seconds):
+            with self._timed(number, "update"):
                 await self._update(number, draw)
+            if not self._is_copied:  # evaluations would get the new weights, too
+                await self._until(partial(self._is_evaluated_before, number))
             if self._is_stopping():
                 return
-            with self._timed(number, "publish", seconds):
+            with self._timed(number, "publish"):
                 await self._publish(number)
-            with self._timed(number, "evaluate", seconds):
-                if self._is_evaluated(number):
-                    await self._evaluate(number)
-            if self._is_stopping():
-                return
-            self._finish(number, seconds)
-            await self._notify_advanced()
 
-    def _update_seconds(self, number: int) -> float:
-        """How long the update before this iteration's took; 0 if there was none."""
-        if number == 1 or self.folder.stage(number - 1) is not None:
+    def _is_lossy(self, number: int) -> bool:
+        """Whether more attempts of an iteration have ended in errors than may be lost."""
+        run = self.folder.run(number)
+        ended = RunReader(run).attempts.values() if run.exists() else ()
+        planned = len(self.folder.tasks(number)) * self._rollout.samples
+        return sum(each.outcome.is_error for each in ended) > self.config.loop.most_lost * planned
+
+    def _has_begun(self, number: int) -> bool:
+        return number in self._enough or self.folder.is_past(number, Stage.COLLECT)
+
+    def _update_seconds(self) -> float:
+        """How long the update of the last finished iteration took; 0 if there is none."""
+        if self._finished < 1:
             return 0.0
-        row = self.folder.figures(number - 1, Stage.FINISH)
+        row = self.folder.figures(self._finished, Stage.FINISH)
         return max(row["seconds"]["update"], row["update"].get("seconds", 0.0))  # the first only since a stop
 
     @contextmanager
-    def _timed(self, number: int, stage: str, seconds: dict[str, float]) -> Iterator[None]:
-        """Show a stage in the progress, and store its wall time."""
+    def _timed(self, number: int, stage: str) -> Iterator[None]:
+        """Show a stage in the progress, and note its wall time."""
         started = time.monotonic()
         with self.progress.stage(number, stage):
             yield
-        seconds[stage] = time.monotonic() - started
+        self._seconds[number][stage] = time.monotonic() - started
 
     def _draw(self, number: int) -> ReplaySample:
         if self.folder.is_past(number, Stage.REPLAY):
             return self.folder.draw(number)
-        self._replay.add(number, RunReader(self.folder.run(number)))
-        draw = self._replay.draw()
+        for late in sorted(self._late):
+            self._late.discard(late)
+            if late >= number - self._replay.span:
+                self._add(late)
+        counts, wanted = self._add(number), self.config.learn.replay.trajectories or 0
+        found, gathered = self._replay.mixed_trajectories(), self._empty_iterations + 1
+        if found < wanted and gathered < min(self._replay.span, self.config.loop.give_up_after):
+            draw = ReplaySample((), counts, 0, 0, {})
+        else:
+            draw = self._replay.draw()
+        if found < wanted:
+            rest = "it is made of those" if draw.steps else "collecting goes on"
+            self._tell(f"iteration {number}: {found} of {wanted} trajectories for an update; {rest}")
         self.folder.write_batch(number, draw)
         return draw
+
+    def _add(self, number: int) -> Counts:
+        """Add what there is of an iteration to the replay; what comes later is added before the next draw."""
+        is_over = self.folder.is_past(number, Stage.COLLECT)
+        if not is_over:
+            self._late.add(number)
+        return self._replay.add(number, RunReader(self.folder.run(number)), is_over=is_over)
 
     async def _update(self, number: int, draw: ReplaySample) -> None:
         if self.folder.is_past(number, Stage.UPDATE):
@@ -507,31 +583,67 @@ class Training:
         self.folder.finish(number, Stage.UPDATE, self._learner.learn(number, draw, self.folder))
 
     async def _publish(self, number: int) -> None:
-        if number > self._published:
-            if self.folder.figures(number, Stage.UPDATE):
-                await self._serving.publish(self.folder.weights(number), str(number))
-                self._replay.publish(str(number))
-            self._published = number
+        if self.folder.figures(number, Stage.UPDATE):
+            await self._serving.publish(self.folder.weights(number), str(number))
+            self._replay.publish(str(number))
+        self._published = number
+        await self._notify_advanced()
+
+    # --- evaluating and finishing -------------------------------------------------------------------------
+
+    async def _finish_all(self) -> None:
+        for number in range(self._finished + 1, self.config.loop.iterations + 1):
+            await self._until(partial(self._may_finish, number))
+            if self._is_stopping():
+                return
+            if self._is_evaluated(number):
+                with self._timed(number, "evaluate"):
+                    await self._evaluate(number)
+            if self._is_stopping():
+                return
+            if number:
+                self._finish(number)
+            self._finished = number
             await self._notify_advanced()
-        # Only now: until then the previously served weights may be needed.
-        self.folder.prune_weights(self.config.loop.keep_weights)
+
+    def _may_finish(self, number: int) -> bool:
+        return number == 0 or (self._published >= number and self.folder.is_past(number, Stage.COLLECT))
 
     def _is_evaluated(self, number: int) -> bool:
         every, last = self.config.loop.evaluate_every, self.config.loop.iterations
-        return bool(every) and (number % every == 0 or number == last)
+        return bool(every and self._test) and (number % every == 0 or number == last)
+
+    def _is_evaluated_before(self, number: int) -> bool:
+        """Whether all evaluations of earlier iterations have ended."""
+        return not any(map(self._is_evaluated, range(self._finished + 1, number)))
 
     async def _evaluate(self, number: int) -> None:
-        out = self.folder.evaluation(number)
-        if self.folder.is_evaluated(number) or not self.config.loop.evaluate_every or not self._test:
+        if self.folder.is_evaluated(number):
             return
         run, tasks = self._planned_evaluation()
-        summary = await self._attempt(out, run, tasks)
+        own = self.config.evaluation.sessions
+        places = Places(asyncio.Semaphore(own) if own else self._free)
+        async with self._pinned(number) as policy:
+            shared = places if self.config.loop.staleness else None
+            summary = await self._attempt(self.folder.evaluation(number), run, tasks, policy, shared)
         if self._is_stopping():
             return
         rates = rates_of(summary)
         self.folder.write_evaluation(number, rates)
         self.progress.evaluated = success_line(rates)
         self._tell(f"evaluation after iteration {number}: {success_line(rates)}")
+
+    @asynccontextmanager
+    async def _pinned(self, number: int) -> AsyncIterator[Policy]:
+        """The policy with the weights of an iteration, whatever is published meanwhile."""
+        copy = self._serving.copy() if self._is_copied else None
+        if copy is None:
+            yield self._serving.policy
+            return
+        async with copy:
+            if learned := self.folder.learned(number):
+                await copy.publish(self.folder.weights(learned), str(learned))
+            yield copy.policy
 
     def _planned_evaluation(self) -> tuple[RunConfig, list[Task]]:
         """The run of every evaluation, and its tasks."""
@@ -586,23 +698,25 @@ class Training:
                 f"or move {EVALUATIONS}/ elsewhere, and a new curve begins",
             )
 
-    def _finish(self, number: int, seconds: Mapping[str, float]) -> None:
+    def _finish(self, number: int) -> None:
         collected = self.folder.figures(number, Stage.COLLECT)
         row = {
             "iteration": number,
             "at": time.time(),
             "trajectories": collected["attempts"] + self._trajectories_before(number),
-            "seconds": {"collect": collected.pop("seconds"), **seconds},
+            "seconds": self._seconds[number] | {"collect": collected.pop("seconds")},
             "collect": collected,
             "replay": self.folder.figures(number, Stage.REPLAY),
             "update": self.folder.figures(number, Stage.UPDATE),
         }
         self.folder.finish(number, Stage.FINISH, row)
-        newest = self.folder.write_metrics()[-1]
-        self._finished = number
+        rows = self.folder.write_metrics()
+        # Only now: until then weights may be needed that replied before, or are evaluated.
+        self.folder.prune_weights(self.config.loop.keep_weights, number)
         self.progress.finish()
-        self._tell(iteration_line(newest, self.progress))
-        self._track(newest)
+        self._tell(iteration_line(rows[-1], self.progress))
+        self._track(rows[-1])
+        watch_for_collapse(rows, self.config.learn.on_collapse, self._tell)
 
     def _trajectories_before(self, number: int) -> int:
         if number == 1:

@@ -64,6 +64,7 @@ class Sample:
         messages: of the request.
         picture: reads a stored screenshot by its name.
         advantage: from the objective.
+        trajectory: a name that the steps of its trajectory share; empty if unknown.
     """
 
     prompt_ids: torch.Tensor
@@ -74,6 +75,7 @@ class Sample:
     messages: tuple[Message, ...]
     picture: Callable[[str], bytes]
     advantage: float = 1.0
+    trajectory: str = ""
 
     def __len__(self) -> int:
         return len(self.prompt_ids) + len(self.reply_ids)

@@ -37,6 +37,11 @@ class Serving(Protocol):
         """
         ...
 
+    def copy(self) -> Serving | None:
+        """The same model with weights of its own, not entered: evaluations keep theirs while training goes
+        on. ``None`` if there can be none; then new weights wait for the end of an evaluation."""
+        ...
+
     async def watch(self) -> None:
         """Supervise the server during the training; never returns.
 
@@ -61,6 +66,7 @@ class LocalServing:
     """
 
     def __init__(self, config: LocalConfig, profile: Profile | None = None) -> None:
+        self._profile = profile
         self._local = LocalPolicy(config, profile)
         self.policy: Policy = KeptOpen(self._local)
 
@@ -80,6 +86,10 @@ class LocalServing:
             raise PublishError(f"the weights {reply.weight_version} reply instead of the published {version}")
         is_exact = test.is_exact and self._local.config.dtype == "float32"
         check(test, reply, tolerance=EXACT_TOLERANCE if is_exact else TOLERANCE, earlier=earlier)
+
+    def copy(self) -> LocalServing:
+        """See :class:`Serving`."""
+        return LocalServing(self._local.config, self._profile)
 
     async def watch(self) -> None:
         """See :class:`Serving`; nothing can fail here."""

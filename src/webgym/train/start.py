@@ -36,7 +36,7 @@ from webgym.store.files import CONFIG, TASKS, refuse_special_files
 from webgym.train.estimate import estimate, present_gpus
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.loop import Show, Tell, TrainConfig, Training
-from webgym.train.objectives import GroupIS, Objective, make_objective
+from webgym.train.objectives import Objective, PolicyGradient, make_objective
 from webgym.train.replay import Replay
 from webgym.train.serving import LocalServing, Serving
 from webgym.train.stopping import Stop
@@ -144,9 +144,10 @@ async def loaded(
     await asyncio.to_thread(load_renderer, config.learn.model)  # before tasks are made, which takes longer
     tasks = all_tasks(config.rollout, tell)
     objective = make_objective(config.learn.objective)
-    if isinstance(objective, GroupIS) and config.rollout.samples == 1:
+    compares = isinstance(objective, PolicyGradient) and objective.baseline != "none"
+    if compares and config.rollout.samples == 1:
         raise ConfigError(
-            "group_is compares attempts at the same task, and rollout.samples is 1",
+            f"{config.learn.objective.name} compares attempts at the same task, and rollout.samples is 1",
             hint="set rollout.samples to 2 or more; configs/train/group-is.yaml has 8",
         )
     _refuse_unusable_replies(config, objective)
@@ -190,9 +191,16 @@ async def loaded(
             if (config.rollout.policy.check and not resume) or always_check:
                 await _check_replies(config.rollout, serving, failed if is_chosen else None)
             where, tokens = await services_and_model.enter_async_context(
-                services(config.rollout, secrets or Secrets())
+                services(_with_sessions_of_evaluations(config), secrets or Secrets())
             )
             yield Loaded(training, tasks, serving, learner, where, tokens, lock)
+
+
+def _with_sessions_of_evaluations(config: TrainConfig) -> RunConfig:
+    """The runs' settings, with as many sessions as collection and an evaluation take together."""
+    collector, own = config.rollout.collector, config.evaluation.sessions if config.loop.staleness else None
+    more = collector.model_copy(update={"sessions": collector.sessions + (own or 0)})
+    return config.rollout.model_copy(update={"collector": more})
 
 
 def is_complete(config: TrainConfig, out: Path, tell: Tell) -> bool:

@@ -22,8 +22,9 @@ import math
 import random
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import nullcontext
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import nullcontext, suppress
+from dataclasses import replace
 from datetime import timedelta
 from functools import partial
 from pathlib import Path
@@ -34,15 +35,16 @@ import torch
 from accelerate import Accelerator, PartialState
 from accelerate.utils import DistributedType, InitProcessGroupKwargs, gather_object, reduce, set_seed
 
-from webgym.core.errors import TrainingError
+from webgym.core.errors import ConfigError, TrainingError
 from webgym.core.trajectory import Step
-from webgym.inference.model import Loaded, fast_backward_attention
+from webgym.inference.model import Loaded, fast_backward_attention, load_model
 from webgym.store.runs import RunReader
 from webgym.train import sharding
 from webgym.train.config import LearnConfig, UpdateConfig
+from webgym.train.estimate import model_flops, peak_flops, shapes_from
 from webgym.train.folder import TrainingFolder
 from webgym.train.logprobs import Batch, ReplyLogProbs, batches_ahead, collate
-from webgym.train.objectives import Objective, Tokens
+from webgym.train.objectives import Need, Objective, Tokens, divergence
 from webgym.train.replay import ReplaySample, StepRef
 from webgym.train.samples import Sample, SampleMaker
 from webgym.train.selftest import (
@@ -79,7 +81,11 @@ class UpdateReport(msgspec.Struct, frozen=True):
         learning_rate: of the last optimizer step.
         seconds: wall time.
         tokens_per_second: prompt and reply tokens, over all processes.
-        extra: means over tokens of the objective's own figures.
+        extra: means over tokens: ``entropy`` and ``logprob`` of the replies under the weights as they were
+            trained, and the objective's own figures. Besides them ``..._max``, of all tokens;
+            ``logprob_mismatch``, the mean difference of the log-probabilities that server and learner have
+            for the same weights; ``kl_start``, the divergence of the new weights from those that learning
+            started from.
     """
 
     samples: int
@@ -101,7 +107,8 @@ def learning_rate(config: UpdateConfig, step: int) -> float:
         return config.learning_rate * warm
     assert config.total_steps is not None
     past = max(0, step - config.warmup_steps) / max(1, config.total_steps - config.warmup_steps)
-    return config.learning_rate * warm * 0.5 * (1 + math.cos(math.pi * min(1.0, past)))
+    fallen = 0.5 * (1 - math.cos(math.pi * min(1.0, past)))
+    return config.learning_rate * warm * (1 - (1 - config.final_rate) * fallen)
 
 
 class Updater:
@@ -164,9 +171,24 @@ class Updater:
         self._greedy_reply: Greedy | None = None  # of the current weights to the self-test's request
         test = read_selftest(resume) if resume is not None else None
         self._first_reply = test.first if test is not None else None  # of those that learning started from
+        self._needs: Collection[Need] = getattr(objective, "needs", ())
+        # The start is known where adapters can be switched off, or a whole second model is loaded.
+        is_sharded = self._is_fsdp or self._is_zero
+        self._knows_start = config.lora is not None or not (is_sharded or isinstance(source, Loaded))
+        if "start" in self._needs and not self._knows_start:
+            raise ConfigError(
+                "the objective needs the log-probabilities of the start, which sharded weights do not keep",
+                hint="train adapters (learn.update.lora), or set kl to 0 in learn.objective.options",
+            )
+        self._start_model: Any = None
 
-    def update(self, samples: Sequence[Sample], *, passes: int = 1) -> UpdateReport:
+    def update(self, samples: Sequence[Sample], *, passes: int = 1, version: str = "") -> UpdateReport:
         """Train on samples, which must be the same, in the same order, in every process.
+
+        Args:
+            samples: to train on.
+            passes: how often.
+            version: of the current weights, as replies record it, for the figures.
 
         Raises:
             TrainingError: the loss or the gradient is not finite. Nothing was saved.
@@ -174,18 +196,23 @@ class Updater:
         """
         if not samples:
             raise ValueError("there is nothing to train on")
-        config, started, objective_sums = self.config, time.perf_counter(), Counter[str]()
+        config, started, figures = self.config, time.perf_counter(), _Figures()
         self.optimizer.zero_grad()  # those of an update that failed
         self._greedy_reply = self._greedy_reply or self._greedy()
-        proximal = self._logprobs(samples) if self.objective.off_policy else None
+        every = range(len(samples))
+        proximal = self._logprobs(samples, every) if self.objective.off_policy else None
+        start = self._start_logprobs(samples, every) if "start" in self._needs else None
         losses, norms, rate = [], [], 0.0
         plan = [
-            (batch, list(self._micro_batches(samples, batch)))
-            for batch in self._batches(len(samples), passes)
+            (batch, list(self._micro_batches(samples, batch))) for batch in self._batches(samples, passes)
         ]
         ahead = self._ahead(samples, (micro for _, micros in plan for micro, _ in micros))
-        self.model.train()
         for batch, micros in plan:
+            known: dict[str, dict[int, torch.Tensor] | None] = {"proximal": proximal, "start": start}
+            if "drift" in self._needs:
+                assert proximal is not None
+                known |= _of_trajectories(samples, self._logprobs(samples, batch), proximal)
+            self.model.train()
             # Dropout depends on the step alone, also after it was resumed from.
             rank = self.accelerator.process_index
             torch.manual_seed(random.Random(f"{config.seed}/{self.step}/{rank}").getrandbits(63))
@@ -199,12 +226,11 @@ class Updater:
                 # FSDP2 splits gradients again in every backward pass: whole ones would not fit.
                 at_once = is_last or self._is_fsdp
                 with nullcontext() if at_once else self.accelerator.no_sync(self.model):
-                    loss, sums = self._loss(next(ahead), micro, proximal)
+                    loss = self._loss(next(ahead), micro, known, figures)
                     # Gradients are averaged over processes; multiplying by their number gives the sum.
                     with fast_backward_attention(self.accelerator.device):  # also what is recomputed in it
                         self.accelerator.backward(loss * self.accelerator.num_processes / tokens)
                 total += loss.detach() / tokens
-                objective_sums.update(sums)
             loss_now = float(reduce(total, "sum"))
             norm = self._clip()
             if not (math.isfinite(loss_now) and math.isfinite(norm)):
@@ -217,35 +243,53 @@ class Updater:
             self.step += 1
             losses.append(loss_now)
             norms.append(norm)
-        return self._report(
-            samples, passes, losses, norms, rate, objective_sums, time.perf_counter() - started
-        )
+        seconds = time.perf_counter() - started
+        extra = figures.over(passes * sum(len(sample.reply_ids) for sample in samples))
+        if proximal is not None and version:
+            extra |= _mismatch(samples, proximal, version)
+        if self._knows_start and config.start_steps and "kl_start" not in extra:
+            extra["kl_start"] = self._divergence_from_start(samples)
+        return self._report(samples, passes, losses, norms, rate, extra, seconds)
 
     def _loss(
         self,
         batch: Batch,
         micro: Sequence[tuple[int, bool]],
-        proximal: list[torch.Tensor] | None,
-    ) -> tuple[torch.Tensor, dict[str, float]]:
-        """The summed loss of a micro-batch of (sample index, whether it counts), and the objective's sums."""
-        new = self.model(batch)
+        known: Mapping[str, Mapping[int, torch.Tensor] | None],
+        figures: _Figures,
+    ) -> torch.Tensor:
+        """The summed loss of a micro-batch of (sample index, whether it counts)."""
+        new, entropy = self.model(batch, entropy=True).unbind(-1)
         real = torch.tensor([is_real for _, is_real in micro], device=new.device)[batch.rows]
         if not real.any():
-            return new.sum() * 0.0, {}
-        old = None if proximal is None else torch.cat([proximal[index] for index, _ in micro]).to(new.device)
-        given = (new, batch.advantage, batch.behaviour, old)
-        found = self.objective.loss(Tokens(*(each if each is None else each[real] for each in given)))
-        return found.tokens.sum(), {name: float(value) for name, value in found.sums.items()}
+            return new.sum() * 0.0
+        given: dict[str, torch.Tensor | None] = {
+            name: None if values is None else torch.cat([values[index] for index, _ in micro]).to(new.device)
+            for name, values in known.items()
+        }
+        given |= {"new": new, "advantage": batch.advantage, "behaviour": batch.behaviour, "step": batch.rows}
+        found = self.objective.loss(
+            Tokens(**{name: each if each is None else each[real] for name, each in given.items()})  # type: ignore[arg-type]
+        )
+        figures.add({"entropy": entropy[real].sum(), "logprob": new[real].detach().sum()} | found.sums)
+        figures.add_maxima(found.maxima)
+        return found.tokens.sum()
 
-    def _batches(self, count: int, passes: int) -> Iterator[list[int]]:
+    def _batches(self, samples: Sequence[Sample], passes: int) -> Iterator[list[int]]:
         """Indices of the samples of each optimizer step, the same in every process."""
-        rng = random.Random(f"{self.config.seed}/{self.step}")
+        rng, count = random.Random(f"{self.config.seed}/{self.step}"), len(samples)
+        # Even batches: a small last batch would change the weights as much as a full one.
+        pieces = self.config.minibatches or max(1, round(count / self.config.batch))
+        is_whole = self.config.minibatches is not None or "drift" in self._needs
+        units: dict[object, list[int]] = {}
+        for index, sample in enumerate(samples):
+            units.setdefault(sample.trajectory if is_whole else index, []).append(index)
+        order, pieces = list(units.values()), min(pieces, len(units))
         for _ in range(passes):
-            order = list(range(count))
             rng.shuffle(order)
-            # Even batches: a small last batch would change the weights as much as a full one.
-            pieces = max(1, round(count / self.config.batch))
-            yield from (order[count * i // pieces : count * (i + 1) // pieces] for i in range(pieces))
+            for i in range(pieces):
+                part = order[len(order) * i // pieces : len(order) * (i + 1) // pieces]
+                yield [index for unit in part for index in unit]
 
     def _micro_batches(
         self, samples: Sequence[Sample], batch: Sequence[int]
@@ -265,16 +309,40 @@ class Updater:
             yield own[start : start + size], start + size >= most
 
     @torch.no_grad()
-    def _logprobs(self, samples: Sequence[Sample]) -> list[torch.Tensor]:
-        """Log-probabilities of all replies under the current weights."""
-        self.model.eval()
+    def _logprobs(
+        self, samples: Sequence[Sample], indices: Sequence[int], model: Any = None
+    ) -> dict[int, torch.Tensor]:
+        """Log-probabilities of these samples' replies, by index, under the current weights or a model's."""
+        model = model or self.model
+        model.eval()
         found: list[tuple[int, torch.Tensor]] = []
-        plan = [micro for micro, _ in self._micro_batches(samples, range(len(samples)))]
+        plan = [micro for micro, _ in self._micro_batches(samples, indices)]
         for micro, batch in zip(plan, self._ahead(samples, plan), strict=True):
-            pieces = torch.split(self.model(batch).cpu(), batch.lengths)
+            pieces = torch.split(model(batch).cpu(), batch.lengths)
             found += [(index, piece) for (index, _), piece in zip(micro, pieces, strict=True)]
-        known = dict(gather_object(found))
-        return [known[index] for index in range(len(samples))]
+        return dict(gather_object(found))
+
+    def _start_logprobs(self, samples: Sequence[Sample], indices: Sequence[int]) -> dict[int, torch.Tensor]:
+        """The same under the weights that learning started from. Without adapters that is a second model, in
+        the host's memory while it is not used."""
+        if self.config.lora is not None:
+            with self.loaded.model.disable_adapter():
+                return self._logprobs(samples, indices)
+        if self._start_model is None:
+            start = load_model(self.source, dtype=self.config.weights).model
+            is_bf16 = self.config.precision == "bf16"
+            self._start_model = ReplyLogProbs(start, self.config.logit_tokens, autocast=is_bf16)
+        try:
+            return self._logprobs(samples, indices, self._start_model.to(self.accelerator.device))
+        finally:
+            self._start_model.to("cpu")
+
+    def _divergence_from_start(self, samples: Sequence[Sample]) -> float:
+        """The KL divergence of the current weights from the start, on some samples spread over all."""
+        most = min(self.config.start_steps, len(samples))
+        some = sorted({len(samples) * number // most for number in range(most)})
+        now, then = self._logprobs(samples, some), self._start_logprobs(samples, some)
+        return float(divergence(torch.cat([then[index] - now[index] for index in some])).mean())
 
     def _ahead(
         self, samples: Sequence[Sample], plan: Iterable[Sequence[tuple[int, bool]]]
@@ -392,13 +460,11 @@ class Updater:
         losses: list[float],
         norms: list[float],
         rate: float,
-        sums: Counter[str],
+        extra: dict[str, float],
         seconds: float,
     ) -> UpdateReport:
         tokens = passes * sum(len(sample.reply_ids) for sample in samples)
         prompt_tokens = passes * sum(len(sample.prompt_ids) for sample in samples)
-        summed = gather_object([dict(sums)])
-        names = sorted({name for process_sums in summed for name in process_sums})
         return UpdateReport(
             samples=len(samples),
             tokens=tokens,
@@ -409,10 +475,62 @@ class Updater:
             learning_rate=rate,
             seconds=seconds,
             tokens_per_second=(tokens + prompt_tokens) / seconds,
-            extra={
-                name: sum(process_sums.get(name, 0.0) for process_sums in summed) / tokens for name in names
-            },
+            extra=extra,
         )
+
+
+class _Figures:
+    """Sums and maxima over the tokens of an update, in this process."""
+
+    def __init__(self) -> None:
+        self._sums, self._maxima = Counter[str](), dict[str, float]()
+
+    def add(self, sums: Mapping[str, torch.Tensor]) -> None:
+        self._sums.update({name: float(value.detach()) for name, value in sums.items()})
+
+    def add_maxima(self, maxima: Mapping[str, torch.Tensor]) -> None:
+        self._maxima |= {
+            name: max(float(value), self._maxima.get(name, -math.inf)) for name, value in maxima.items()
+        }
+
+    def over(self, tokens: int) -> dict[str, float]:
+        """Means over this many tokens, and maxima, of all processes."""
+        processes: list[tuple[Counter[str], dict[str, float]]] = gather_object([(self._sums, self._maxima)])
+        means: Counter[str] = Counter()
+        maxima: dict[str, float] = {}
+        for sums, most in processes:
+            means.update(sums)
+            maxima |= {name: max(value, maxima.get(name, value)) for name, value in most.items()}
+        return {name: means[name] / tokens for name in sorted(means)} | maxima
+
+
+def _of_trajectories(
+    samples: Sequence[Sample], now: Mapping[int, torch.Tensor], proximal: Mapping[int, torch.Tensor]
+) -> dict[str, dict[int, torch.Tensor] | None]:
+    """:attr:`Tokens.drift` and :attr:`Tokens.lag` of each sample."""
+    parts: dict[str, list[torch.Tensor]] = {}
+    for index, values in now.items():
+        behaviour = samples[index].logprobs
+        assert behaviour is not None
+        both = torch.stack([values - proximal[index], proximal[index] - behaviour])
+        parts.setdefault(samples[index].trajectory, []).append(both)
+    means = {trajectory: torch.cat(each, dim=1).mean(dim=1) for trajectory, each in parts.items()}
+    return {
+        name: {index: means[samples[index].trajectory][row].expand(len(now[index])) for index in now}
+        for row, name in enumerate(("drift", "lag"))
+    }
+
+
+def _mismatch(
+    samples: Sequence[Sample], proximal: Mapping[int, torch.Tensor], version: str
+) -> dict[str, float]:
+    """How far the log-probabilities of server and learner are apart, on replies of the same weights."""
+    apart = [
+        (proximal[index] - sample.logprobs).abs()
+        for index, sample in enumerate(samples)
+        if sample.version == version and sample.logprobs is not None
+    ]
+    return {"logprob_mismatch": float(torch.cat(apart).mean())} if apart else {}
 
 
 _AGAIN: Final = "; then move {iteration} elsewhere, and --resume collects it again"
@@ -472,11 +590,27 @@ class Learner:
                     iteration=folder.iteration(number).relative_to(folder.path)
                 ),
             )
-        report = updater.update(samples, passes=self._config.replay.passes)
+        latest = folder.latest_weights()
+        version = str(latest[0]) if latest else "0"
+        report = updater.update(samples, passes=self._config.replay.passes, version=version)
         updater.save(folder.weights(number))
         self._latest_saved = number
         figures = {"dropped": dict(dropped), "stored_tokens": maker.stored, "rebuilt_tokens": maker.rebuilt}
-        return {**msgspec.to_builtins(report), **figures}
+        share = self._peak_share(updater, samples, report)
+        return {**msgspec.to_builtins(report), **figures, **({} if share is None else {"peak_share": share})}
+
+    def _peak_share(self, updater: Updater, samples: Sequence[Sample], report: UpdateReport) -> float | None:
+        """The model's operations per second over the GPUs' peak; ``None`` where that is not known."""
+        if (peak := peak_flops()) is None:
+            return None
+        with suppress(ConfigError, AttributeError):  # of a model whose shapes are not known
+            shapes = shapes_from(updater.loaded.model.config)
+            images = sum(int((sample.prompt_ids == updater.renderer.image_id).sum()) for sample in samples)
+            patches = images * shapes.merge * self._config.replay.passes
+            tokens = report.tokens + report.prompt_tokens
+            done = model_flops(shapes, self._config.update, tokens, report.tokens, patches)
+            return done / report.seconds / peak
+        return None
 
     def updater(self, folder: TrainingFolder) -> Updater:
         """The updater, with the newest weights of the training's folder."""
@@ -502,5 +636,7 @@ def samples_of(draw: ReplaySample, folder: TrainingFolder, maker: SampleMaker) -
             steps += [(ref, trajectory.episode.steps[ref.index]) for ref in refs]
         # Independent of the order in which attempts ended: the same draw gives the same update.
         steps.sort(key=lambda pair: pair[0])
-        samples += maker.make([(step, ref.advantage) for ref, step in steps], reader.image)
+        for ref, step in steps:
+            made = maker.make([(step, ref.advantage)], reader.image)
+            samples += [replace(each, trajectory=f"{iteration}/{ref.attempt_id}") for each in made]
     return samples

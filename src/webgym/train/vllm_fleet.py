@@ -167,6 +167,9 @@ class VllmFleet:
             await together.abort()
             raise
 
+    def copy(self) -> None:
+        """See :class:`webgym.train.serving.Serving`: a server has one set of weights."""
+
     async def watch(self) -> None:
         """See :class:`webgym.train.serving.Serving`."""
         async with asyncio.TaskGroup() as group:

@@ -344,6 +344,9 @@ class VllmServing:
         except asyncio.BrokenBarrierError as error:
             raise AnotherFailed("another server did not take the weights") from error
 
+    def copy(self) -> None:
+        """See :class:`webgym.train.serving.Serving`: a server has one set of weights."""
+
     async def watch(self) -> None:
         """See :class:`webgym.train.serving.Serving`."""
         while True:

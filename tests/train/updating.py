@@ -96,16 +96,17 @@ def run_cases_together(rank: int, port: int, source: Path, folder: Path, names: 
 
 
 def update_sharded(
-    rank: int, port: int, processes: int, models: Path, out: Path, halves: Path | None
+    rank: int, port: int, processes: int, models: Path, out: Path, cases: int, halves: Path | None
 ) -> None:
-    """Under FSDP2 as shipped: cases of each model and half of an update, or what goes on from halves."""
+    """Under FSDP2 as shipped, for each model: what goes on from halves of updates, some cases, and a half."""
     join(rank, port, processes, **launched("fsdp2"))
     update.REPLY_TOKENS = 2  # type: ignore[attr-defined]
     for model, names in SHARDED.items():
         if halves is not None:
             go_on(models / model, out / model / "again", halves / model / "half")
+        if not cases:
             continue
-        for name, settings in names.items():
+        for name, settings in [*names.items()][:cases]:
             run_case(name, models / model, out / model / name, **settings)
         half = updater(models / model, batch=4)
         half.update(samples(FilteredBC()))

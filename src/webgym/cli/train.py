@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -48,8 +48,20 @@ def command(
         "--check",
         help="Load everything, open a page, ask for a reply, try an update, say what was found, and exit.",
     ),
-    gpus: str = typer.Option(
-        "8xh100", "--gpus", help="GPUs for --explain: number and type, such as 8xh100, 4xa100, 1xh200."
+    gpus: str | None = typer.Option(
+        None,
+        "--gpus",
+        help="GPUs of this machine to use, such as 8, where --layout does not say what for; for "
+        "--explain with their type, such as 8xh100, 4xa100, 1xh200.",
+        show_default=False,
+    ),
+    layout: str | None = typer.Option(
+        None,
+        "--layout",
+        metavar="LEARNER+SERVERS+JUDGE",
+        help="GPUs that learn, policy servers, GPUs of the judge's server, such as 4+3+1, or 4+2x2+0 for two "
+        "servers of two GPUs each. All are started.",
+        show_default=False,
     ),
     stop_before: str | None = typer.Option(
         None,
@@ -71,7 +83,7 @@ def command(
     """Train a policy: sample tasks, roll out, judge, learn from successful attempts, publish, evaluate.
 
     A training that was killed is resumed with --resume FOLDER: no attempt is lost and none is made twice.
-    What runs at other addresses by then is set anew: rollout.server, rollout.judge, vllm.
+    What runs at other addresses by then is set anew: rollout.server, rollout.judge, vllm, --layout.
     """
     from webgym.cli import _run
     from webgym.cli._checks import check_training
@@ -81,6 +93,7 @@ def command(
     from webgym.train.stopping import ends_in_time
 
     files = list(config or ())
+    settings |= {"layout": layout} if layout else {}
     if (resume and (files or out or not _are_places(settings))) or not (explain or resume or (files and out)):
         hint = "webgym train CONFIG --out FOLDER starts one, webgym train --resume FOLDER continues it"
         raise UsageError("give either settings and --out, or --resume", hint=hint)
@@ -91,17 +104,24 @@ def command(
         check_training(merged(read_files(files, hint="see configs/train/ for examples"), settings), out)
     from webgym.cli._training_output import run_check, run_training
     from webgym.run.config import with_pinned_tasks
+    from webgym.train.placing import choose, gpus_of, launch, placed
     from webgym.train.rehearsal import join_rehearsal
     from webgym.train.start import follow, is_follower, load_train_config, read_config
 
     console = _run.lasting_console()
     chosen = read_config(resume, settings) if resume else load_train_config(files, settings)
+    arguments = sys.argv[1:]
+    if not layout and (gpus or (explain and chosen.layout is None)):
+        layout = str(choose(chosen, gpus_of(gpus or "8xh100")))
+        chosen, arguments = chosen.model_copy(update={"layout": layout}), [*arguments, "--layout", layout]
     if explain:
         for line in _explanation(chosen, gpus):
             say(line, console)
         return
     folder = out or resume
     assert folder is not None
+    placed(chosen)  # refuses a layout that does not fit before processes are started
+    launch(chosen, arguments)
     if runs and resume is None:
         from webgym.run.choice import all_tasks
         from webgym.train.warm_start import warm_start
@@ -122,20 +142,19 @@ def command(
 
 def _are_places(settings: Given) -> bool:
     """Whether settings say only where browsers, judge and policy run."""
-    return settings.keys() <= {"rollout", "vllm"} and settings.get("rollout", {}).keys() <= {
+    return settings.keys() <= {"layout", "rollout", "vllm"} and settings.get("rollout", {}).keys() <= {
         "server",
         "judge",
     }
 
 
-def _explanation(settings: TrainConfig, gpus: str) -> list[str]:
-    """Lines that describe a training: tasks, attempts, objective, and the estimated cost of an update."""
-    from webgym.core.errors import UsageError
-    from webgym.train.estimate import KNOWN_GPUS, estimate
+def _explanation(settings: TrainConfig, gpus: str | None) -> list[str]:
+    """Lines that describe a training: tasks, attempts, objective, GPUs, and the cost of an update."""
+    from webgym.train.layout import Layout
+    from webgym.train.placing import explain, gpus_of
 
-    count, _, kind = gpus.lower().rpartition("x")
-    if kind not in KNOWN_GPUS or not (count or "1").isdecimal():
-        raise UsageError(f"unknown GPUs {gpus!r}", hint=f"such as 8xh100; types: {', '.join(KNOWN_GPUS)}")
+    assert settings.layout is not None
+    layout = Layout.parse(settings.layout)
     sampler, attempt = settings.sampler, settings.rollout.attempt
     learn, update = settings.learn, settings.learn.update
     ratio = ", ".join(f"{share:g} {level}" for level, share in (sampler.ratio or {}).items() if share)
@@ -155,10 +174,5 @@ def _explanation(settings: TrainConfig, gpus: str) -> list[str]:
         f"prompt format {settings.rollout.agent.prompt_format}",
         f"learning   {learn.objective.name}, rate {update.learning_rate:g}, {batch}, "
         f"{steps_drawn} steps x {learn.replay.passes}; steps that changed nothing are {penalty}",
-        *estimate(
-            learn,
-            replace(KNOWN_GPUS[kind], count=int(count or 1)),
-            local=settings.local,
-            keep=settings.loop.keep_weights,
-        ).lines(),
+        *explain(settings, layout, gpus_of(gpus or f"{layout.total}xh100")),
     ]

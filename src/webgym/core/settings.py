@@ -99,14 +99,19 @@ def without_none(options: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in given.items() if value is not None and value != {}}
 
 
+def configs_folder() -> Path:
+    """The folder of the settings that come with WebGym."""
+    package = Path(__file__).parents[1]
+    return package / "configs" if (package / "configs").is_dir() else package.parents[1] / "configs"
+
+
 @cache
 def presets() -> dict[str, Path]:
     """The files of settings that come with WebGym, by their names, such as ``train/tiny`` and ``tiny``.
 
     Those of ``accelerate`` are another program's.
     """
-    package = Path(__file__).parents[1]
-    folder = package / "configs" if (package / "configs").is_dir() else package.parents[1] / "configs"
+    folder = configs_folder()
     files = {path: path.relative_to(folder).with_suffix("") for path in sorted(folder.rglob("*.yaml"))}
     ours = {path: known for path, known in files.items() if known.parts[0] != "accelerate"}
     return {name: path for path, known in ours.items() for name in (known.name, str(known))}

@@ -10,24 +10,32 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import logging
 import os
+import secrets
 import shutil
 import signal
 import socket
+import time
 from asyncio.subprocess import PIPE, STDOUT, Process
-from collections.abc import Mapping, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any, ClassVar, Final, Literal, Self, TypeAlias
+from urllib.parse import urlsplit
 
 import aiohttp
 from pydantic import Field, SecretStr, field_validator, model_validator
 
+from webgym.core.background import running_in_background
 from webgym.core.child import watched
 from webgym.core.errors import ConfigError, LLMBadReply, LLMError, LLMUnreachable, StoreError, TrainingError
 from webgym.core.settings import Settings
 from webgym.llm.client import open_session
 from webgym.llm.completion import error_message, first_line, quote
 from webgym.llm.config import ChatConfig, Sampling
+
+logger = logging.getLogger(__name__)
 
 PublishMethod: TypeAlias = Literal["lora", "in_place", "restart"]
 """How new weights are published: as a LoRA adapter, into the running server, or by restarting it."""
@@ -54,6 +62,11 @@ EXPLICIT: Final = Sampling(
 UPDATE_SECONDS: Final = 600.0
 """Deadline for loading new weights, after the last reply with the old ones."""
 
+REQUEST_TOKENS: Final = 32768
+"""Longest request and reply of a server for which nothing else is set."""
+
+_POLL_SECONDS: Final = 0.5
+_RESTARTS: Final = 3
 _ANSWER_SECONDS: Final = 10.0
 """Deadline for connecting, and for answers to queries."""
 _LOG_TAIL_BYTES: Final = 16 * 1024
@@ -439,6 +452,21 @@ class ManagedServer:
             )
         return cls(process, command[0], log, stop_seconds)
 
+    async def until(self, is_up: Callable[[], Awaitable[bool]], seconds: float) -> None:
+        """Wait until it answers.
+
+        Raises:
+            TrainingError: it ended before that, or this took too long.
+        """
+        deadline = time.monotonic() + seconds
+        while not await is_up():
+            if not self.is_alive:
+                raise self.failure("ended before it was up")
+            if time.monotonic() > deadline:
+                raise self.failure(f"was not up after {seconds:g} s")
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self.wait(), _POLL_SECONDS)
+
     @property
     def is_alive(self) -> bool:
         """Whether it has not ended."""
@@ -480,6 +508,55 @@ class ManagedServer:
         return next((line for line in reversed(lines) if "rror" in line), lines[-1])[-_QUOTED_CHARS:]
 
 
+@asynccontextmanager
+async def serving_model(
+    chat: ChatConfig | None, gpus: Sequence[str], log: Path, *, program: str = "vllm"
+) -> AsyncIterator[None]:
+    """Serve an endpoint's model with vLLM at its address on this machine during the block.
+
+    If the endpoint's variable has no key, it gets a random one. A server that ends is started again a few
+    times; after that, the endpoint does not answer.
+
+    Args:
+        chat: the endpoint; ``None`` for nothing to serve.
+        gpus: ids of the GPUs, over which the weights are distributed.
+        log: file to which the server's output is appended.
+        program: the command.
+
+    Raises:
+        ConfigError: there is no such command, or the port is in use.
+        TrainingError: the server did not come up.
+    """
+    if chat is None:
+        yield
+        return
+    port = free_port(HOST, urlsplit(chat.base_url).port or 80, hint="is a server running there already?")
+    key = os.environ.get(chat.api_key_env, "").strip() or secrets.token_hex(16)
+    os.environ[chat.api_key_env] = key  # for the client
+    command = [program, "serve", chat.model, "--served-model-name", chat.model, "--host", HOST]
+    command += ["--port", str(port), "--tensor-parallel-size", str(len(gpus))]
+    command += ["--max-model-len", str(REQUEST_TOKENS)]
+    env = {"CUDA_VISIBLE_DEVICES": ",".join(gpus), "VLLM_API_KEY": key}
+    await asyncio.to_thread(log.parent.mkdir, parents=True, exist_ok=True)
+    server = await ManagedServer.start(command, env, log)
+    api = VllmApi(chat.base_url, SecretStr(key))
+
+    async def restart() -> None:
+        nonlocal server
+        for _ in range(_RESTARTS):
+            await server.wait()
+            logger.warning("%s", server.failure("ended; it is started again").message)
+            server = await ManagedServer.start(command, env, log)
+
+    try:
+        await server.until(api.is_up, VllmConfig().start_seconds)
+        async with running_in_background(restart()):
+            yield
+    finally:
+        await api.close()
+        await server.stop()
+
+
 _OF_LAUNCHERS: Final = ("ACCELERATE_", "FSDP_", "TORCHELASTIC_", "PET_", "MASTER_", "GROUP_", "ROLE_")
 _RANKS: Final = frozenset({"RANK", "LOCAL_RANK", "WORLD_SIZE", "LOCAL_WORLD_SIZE", "NODE_RANK"})
 
@@ -494,7 +571,7 @@ def _without_launcher(environment: Mapping[str, str]) -> dict[str, str]:
     }
 
 
-def free_port(host: str, port: int | None) -> int:
+def free_port(host: str, port: int | None, hint: str = "set vllm.port to a free one, or leave it out") -> int:
     """A port that is not in use: the given one, or any.
 
     Raises:
@@ -505,8 +582,5 @@ def free_port(host: str, port: int | None) -> int:
         try:
             probe.bind((host, port or 0))
         except OSError as error:
-            raise ConfigError(
-                f"cannot listen at {host}:{port}: {error.strerror}",
-                hint="set vllm.port to a free one, or leave it out",
-            ) from error
+            raise ConfigError(f"cannot listen at {host}:{port}: {error.strerror}", hint=hint) from error
         return int(probe.getsockname()[1])

@@ -27,6 +27,8 @@ the longest samples of s tokens:
                  more forward with gradient checkpointing, and one for an off-policy objective;
                  attention 4 q s / 2 per token, layer and pass, for sequences of s tokens
     time         compute / (G x peak x utilisation)
+    a reply      of a local model: a forward pass over the request, and for each reply token as many calls of
+                 kernels as its L layers need (:data:`LAYER_SECONDS`), for as many replies as are made at once
 
     disk         weights and moments of training, N b + 2 T b, twice while they are replaced; and weights for
                  servers, N c, of the iterations that stay, the best one and the one that is written
@@ -86,6 +88,9 @@ DISK_BYTES: Final = 1e9
 
 UTILISATION: Final = 0.4
 """Assumed share of a GPU's peak that training reaches."""
+
+LAYER_SECONDS: Final = 1e-3
+"""Assumed seconds that transformers takes for a layer and a token of a reply, for all replies of a batch."""
 
 
 _TRAJECTORY_STEPS = 9
@@ -238,6 +243,7 @@ class Estimate:
         optimizer_steps: in an update.
         flops: floating point operations of an update.
         seconds: of an update, at the assumed utilisation.
+        reply_seconds: for a reply of the model in the first process, at least; 0 if there is none on a GPU.
     """
 
     parameters: int
@@ -252,6 +258,7 @@ class Estimate:
     optimizer_steps: int
     flops: float
     seconds: float
+    reply_seconds: float
 
     def lines(self) -> list[str]:
         """The estimate as lines of text."""
@@ -389,8 +396,6 @@ def estimate(
         trained = update.lora.rank * text.layers * widths
     patches = patches * longest // tokens  # of the longest samples
     memory = _memory(update, size, gpus, trained, (longest, patches), vision=not frozen_vision)
-    if local is not None and local.device != "cpu":
-        memory["local model"] = size.parameters * (4.0 if local.dtype == "float32" else 2.0)
     is_adapted, width = update.lora is not None, 4 if update.weights == "float32" else 2
     training = trained * 12.0 if is_adapted else (size.parameters + 2 * trained) * float(width)
     served = trained * 4.0 if is_adapted else size.parameters * (2.0 if update.precision == "bf16" else width)
@@ -407,6 +412,11 @@ def estimate(
         forward * (1 + backward + recomputed + scoring)
         + vision_forward * (1 + scoring + (0.0 if frozen_vision else 2 + recomputed))
     )
+    speed, reply_seconds = gpus.peak_tflops * 1e12 * UTILISATION, 0.0
+    if local is not None and local.device != "cpu":
+        memory["local model"] = size.parameters * (4.0 if local.dtype == "float32" else 2.0)
+        decoding = work.reply_tokens * size.text.layers * LAYER_SECONDS / local.most_at_once
+        reply_seconds = (forward + vision_forward) / speed + decoding
     return Estimate(
         parameters=size.parameters,
         trained=trained,
@@ -419,7 +429,8 @@ def estimate(
         reply_tokens=samples * work.reply_tokens,
         optimizer_steps=replay.passes * (update.minibatches or max(1, round(drawn / update.batch))),
         flops=flops,
-        seconds=flops / (gpus.count * gpus.peak_tflops * 1e12 * UTILISATION),
+        seconds=flops / (gpus.count * speed),
+        reply_seconds=reply_seconds,
     )
 
 

@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import Any, Final, Protocol, TypeAlias
 
 import msgspec
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from webgym.agent.policy import Policy
 from webgym.agent.profiles import choose_profile
@@ -56,6 +56,7 @@ from webgym.train.config import LearnConfig
 from webgym.train.figures import figures_of, iteration_line, rates_of, success_line, watch_for_collapse
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.frontier import Frontier
+from webgym.train.layout import Layout
 from webgym.train.progress import TrainingProgress
 from webgym.train.replay import Counts, Replay, ReplaySample
 from webgym.train.serving import Serving
@@ -153,6 +154,15 @@ class TrainConfig(Section):
 
     vllm: VllmConfig | None = None
     """A vLLM server that collects instead: started here, or running already."""
+
+    layout: str | None = None
+    """GPUs of this machine that learn, policy servers, and GPUs of the judge's server, such as ``4+3+1``, or
+    ``4+2x2+0`` for two servers of two GPUs each. They are started there, the policy in place of ``local``."""
+
+    @field_validator("layout")
+    @classmethod
+    def _is_layout(cls, value: str | None) -> str | None:
+        return None if value is None else str(Layout.parse(value))
 
     @model_validator(mode="after")
     def _check_serving(self) -> TrainConfig:

@@ -26,6 +26,7 @@ from webgym.core.settings import load_settings, merged, validated
 from webgym.core.task import Task
 from webgym.inference.local import LocalConfig
 from webgym.inference.model import load_renderer
+from webgym.inference.vllm import serving_model
 from webgym.judge.factory import check_judge, refuse_unjudgeable
 from webgym.llm.config import altering
 from webgym.rollout.trackers import tracking
@@ -37,6 +38,7 @@ from webgym.train.estimate import estimate, present_gpus
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.loop import Show, Tell, TrainConfig, Training
 from webgym.train.objectives import Objective, PolicyGradient, make_objective
+from webgym.train.placing import placed, waiting
 from webgym.train.replay import Replay
 from webgym.train.serving import LocalServing, Serving
 from webgym.train.stopping import Stop
@@ -44,6 +46,8 @@ from webgym.train.update import Learner
 from webgym.train.vllm_fleet import VllmFleet
 from webgym.train.vllm_serving import LOG, VllmServing
 from webgym.train.weights import check_targets
+
+JUDGE_LOG: Final = "judge.log"
 
 
 class Loaded(NamedTuple):
@@ -151,7 +155,8 @@ async def loaded(
             hint="set rollout.samples to 2 or more; configs/train/group-is.yaml has 8",
         )
     _refuse_unusable_replies(config, objective)
-    serving = make_serving(config, folder)
+    here, judging, gpus_of_judge = placed(config)
+    serving = make_serving(here, folder)
     is_chosen = config.rollout.agent.profile is not None
     # Stored in resolved form, so that defaults of unset settings cannot change when it is resumed.
     config = config.model_copy(update={"rollout": resolved(config.rollout, serving.policy, tell)})
@@ -175,18 +180,20 @@ async def loaded(
     failed = warn_by(tell)
     if (gpus := present_gpus()) is not None:
         with suppress(ConfigError, AttributeError):  # of a model whose memory cannot be estimated
-            expected = await asyncio.to_thread(estimate, config.learn, gpus, local=config.local)
+            expected = await asyncio.to_thread(estimate, config.learn, gpus, local=here.local)
+            if waits := waiting(config, expected, gpus.count):
+                failed(waits)
             if not expected.fits:
                 failed(f"an update may run out of GPU memory: {' '.join(expected.lines()[1].split())}")
     refuse_unjudgeable(config.rollout.judge, tasks)
-    if config.rollout.policy.check or always_check:
-        await check_judge(
-            config.rollout.judge
-        )  # only once: iterations tolerate a judge that is temporarily unavailable
     with ExitStack() as lock:
         if resume:  # before a server is touched that another process may be training with
             lock.enter_context(folder.locked())
         async with AsyncExitStack() as services_and_model:
+            judge = serving_model(judging, gpus_of_judge, folder.path / JUDGE_LOG)
+            await services_and_model.enter_async_context(judge)
+            if config.rollout.policy.check or always_check:
+                await check_judge(config.rollout.judge)  # once: later, one that is away is waited for
             await services_and_model.enter_async_context(serving)
             if (config.rollout.policy.check and not resume) or always_check:
                 await _check_replies(config.rollout, serving, failed if is_chosen else None)

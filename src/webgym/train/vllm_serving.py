@@ -16,7 +16,6 @@ import dataclasses
 import logging
 import os
 import secrets
-import time
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -67,7 +66,6 @@ from webgym.train.selftest import (
 log = logging.getLogger(__name__)
 
 LOG: Final = "vllm.log"
-_POLL_SECONDS: Final = 0.5
 _BASE: Final = "webgym-base"
 """Name of the initial weights at a server of ours; later ones are named after their version."""
 _MOST_FOREIGN: Final = 5
@@ -416,7 +414,7 @@ class VllmServing:
             command = config.command(model, name, port, method, rank)
         self._server = await ManagedServer.start(command, config.environment(key, method), self._log)
         self._api = self._api_of(f"http://{HOST}:{port}/v1", key)
-        await self._until_up(self._server, self._api)
+        await self._server.until(self._api.is_up, config.start_seconds)
         self._weights, self._checksums = weights, {}
         if weights is not None and method == "lora":
             await self._hot_load(weights, version)
@@ -425,16 +423,6 @@ class VllmServing:
             self._method = "restart" if await self._missing(self._api, method) else method
             await self._api.label(version)
         await self._switch(await self._tested(name, version, weights))
-
-    async def _until_up(self, server: ManagedServer, api: VllmApi) -> None:
-        deadline = time.monotonic() + self._config.start_seconds
-        while not await api.is_up():
-            if not server.is_alive:
-                raise server.failure("ended before it was up")
-            if time.monotonic() > deadline:
-                raise server.failure(f"was not up after {self._config.start_seconds:g} s")
-            with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(server.wait(), _POLL_SECONDS)
 
     async def _stop(self) -> None:
         if self._api is not None:

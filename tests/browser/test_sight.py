@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from webgym.core.action import Scroll
+
 from .conftest import VIEWPORT, Open, Site, Tab, batches
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
@@ -453,3 +455,16 @@ async def test_what_style_sheets_write_is_told(site: Site, tab: Tab) -> None:
     placed = "<p class=g style='position:relative;padding-left:100px'>g</p>"
     await tab.goto(site.page(f"<style>{style}</style>{rows}{placed}"))
     assert tab.text == ["a after", "seven of b", "c", "d", "e", "f", "placed g"]
+
+
+async def test_numbers_that_style_sheets_count_are_told(site: Site, tab: Tab) -> None:
+    style = (
+        "h2 { counter-increment: part; counter-reset: point } h2::before { content: 'Part ' counter(part) ': ' }"
+        " p { counter-increment: point } p::before { content: counters(part, '.') '.' counter(point, upper-roman) }"
+    )
+    rows = "<h2>one</h2><p>a</p><p>b</p><div style='height:700px'></div><h2>two</h2><p>c</p>"
+    look = await tab.goto(site.page(f"<style>{style}</style><p>\ufdd07\ufdd1x</p>{rows}"))
+    assert tab.text == ["0.I x", "Part 1: one", "1.I a", "1.II b"]
+    assert look.observation.scroll[1] > VIEWPORT[1]
+    await tab.step(Scroll("down"))
+    assert tab.text[-2:] == ["Part 2: two", "2.I c"]

@@ -19,6 +19,7 @@ from webgym.browser import marks
 from webgym.browser.aim import point_of
 from webgym.browser.cdp import CommandFailed
 from webgym.browser.cdp_messages import Screenshot
+from webgym.browser.counters import Counted, count
 from webgym.browser.gestures import AnyAction
 from webgym.browser.isolated_worlds import DocumentGone
 from webgym.browser.page import Page
@@ -90,6 +91,7 @@ class PageContent(msgspec.Struct, frozen=True):
         frames: the frames of other origins in its viewport.
         missing: those of them whose content was not provided.
         unknown: whether it contains frames or shadow roots that were not entered yet.
+        counted: what the text has placeholders for (:mod:`~webgym.browser.counters`).
         shortened: kinds of content that were truncated (:data:`_SHORTENED`).
         said: what the browser itself shows beside the page, such as the bubble of a field that is not valid:
             number and text of each since the document began, the last ones.
@@ -104,6 +106,7 @@ class PageContent(msgspec.Struct, frozen=True):
     frames: frozenset[str] = frozenset()
     missing: frozenset[str] = frozenset()
     unknown: bool = False
+    counted: tuple[Counted, ...] = ()
     shortened: tuple[str, ...] = ()
     said: tuple[tuple[str, str], ...] = ()
 
@@ -149,6 +152,9 @@ async def look(page: Page, settled: str, milliseconds: dict[str, float], early: 
         loader = page.loader
         start = time.perf_counter()
         content = early.content if early else await read_content(page, **content_options(page))
+        if content.text is not None and content.counted:
+            text = await count(page.session, content.text, content.counted, page.config.execute_seconds)
+            content = msgspec.structs.replace(content, text=text)
         between = time.perf_counter()
         image = await (early.picture() if early else _capture_bare(page))
         if page.loader == loader:

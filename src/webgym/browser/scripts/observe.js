@@ -523,7 +523,7 @@
     if (wanted.aimed) return { missing: look.missing, aimed: webgym.aim(wanted.aimed, look.shown) };
     webgym.picture(look.shown);
     const read = look.wantsText
-      ? { text: shorten(look.lines.lines.join('\n'), 'text'), fields: firstOf(look.fields.lines) }
+      ? { text: shorten(look.lines.lines.join('\n'), 'text'), fields: firstOf(look.fields.lines), counted: sight.counted() }
       : {};
     const cuts = wanted.cuts ? { cuts: firstOf(walkAll(new Cuts(), true).cut) } : {};
     return {

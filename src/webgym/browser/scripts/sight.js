@@ -639,15 +639,26 @@
 
   // --- what style sheets write ----------------------------------------------------------------------
 
-  // The texts that style sheets put before and after the content of an element, where one can see them; numbers that they
-  // count are not known. {text, rects} by '::before' and '::after'.
+  // The texts that style sheets put before and after the content of an element, where one can see them. {text, rects} by
+  // '::before' and '::after'.
   const QUOTED = /"((?:[^"\\]|\\.)*)"/g;
   const ICONS = /\p{Co}/gu; // of fonts that are drawn as pictures
+  const contentOf = ({ content }) => {
+    const parts = [...content.matchAll(QUOTED)].map(([, text]) => text.replace(/\\(.)/g, '$1').replace(ICONS, ''));
+    return fold(parts.join(''));
+  };
+  // A placeholder for what contains a number that the style sheet counts, which the browser is asked for: see counters.py.
+  let counted = [];
+  const numberIn = (element, name) => {
+    const { left, top, width, height } = getBoundingClientRect(element);
+    return `\ufdd0${counted.push([localName(element), name, [left, top, width, height]]) - 1}\ufdd1`;
+  };
+  const counts = (element, { content }) =>
+    /\bcounters?\(/.test(content) && ownerDocument(element) === document && window === window.top;
   const writtenBy = (element, place) => {
     const written = {};
     for (const { name, style } of pseudosOf(element)) {
-      const parts = [...style.content.matchAll(QUOTED)].map(([, text]) => text.replace(/\\(.)/g, '$1').replace(ICONS, ''));
-      const text = fold(parts.join(''));
+      const text = counts(element, style) ? numberIn(element, name) : contentOf(style);
       const rect = text && (isLoose(style) ? boxOfPseudo(element, style) : endOf(element, name));
       if (rect && isPseudoSeen(element, style, rect, place)) written[name] = { text, rects: [plain(moved(rect, place.map))] };
     }
@@ -682,7 +693,8 @@
     fits = new Map();
     ellipses = new Map();
     loose = new Map();
+    counted = [];
   };
 
-  webgym.sight = { begin, read, writtenBy, join, isWithin, isVisible, isVeiledAt, isShownOf, sightOf, LEAST_ALPHA };
+  webgym.sight = { begin, read, writtenBy, counted: () => counted, join, isWithin, isVisible, isVeiledAt, isShownOf, sightOf, LEAST_ALPHA };
 })();

@@ -1,0 +1,101 @@
+"""Numbers that style sheets count (``counter()``), which no script can read: Chromium's snapshot has them.
+
+The scripts leave a placeholder in the text for each content that contains a number, and say at which element.
+Only pages that show such content are asked for a snapshot.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from typing import TypeAlias
+
+import msgspec
+
+from webgym.browser.cdp import CommandFailed, Session
+from webgym.browser.cdp_messages import CdpMessage
+from webgym.core.errors import BrowserTimeout
+
+Counted: TypeAlias = tuple[str, str, tuple[float, float, float, float]]
+"""A pseudo-element that counts: the tag of its element, its own name, and the element's left, top, width and
+height in the viewport, CSS pixels."""
+
+_PLACEHOLDER = re.compile("\ufdd0([0-9]+)\ufdd1")
+"""Written by ``scripts/sight.js``; no text has these two characters, which Unicode leaves out."""
+
+_SLACK = 1.5
+"""Most that two boxes of an element differ, CSS pixels."""
+
+
+class _Rare(CdpMessage, frozen=True):
+    index: tuple[int, ...] = ()
+
+
+class _Nodes(CdpMessage, frozen=True):
+    parent_index: tuple[int, ...]
+    node_name: tuple[int, ...]
+    pseudo_type: _Rare = _Rare()
+
+
+class _Layout(CdpMessage, frozen=True):
+    node_index: tuple[int, ...]
+    bounds: tuple[tuple[float, float, float, float], ...]
+    text: tuple[int, ...]
+
+
+class _Document(CdpMessage, frozen=True):
+    nodes: _Nodes
+    layout: _Layout
+    scroll_offset_x: float = 0.0
+    scroll_offset_y: float = 0.0
+
+    def written(self, strings: tuple[str, ...]) -> list[tuple[Counted, str]]:
+        """What the pseudo-elements of the document write."""
+        nodes, layout = self.nodes, self.layout
+        texts = dict.fromkeys(nodes.pseudo_type.index, "")
+        boxes = {}
+        for node, (x, y, width, height), text in zip(
+            layout.node_index, layout.bounds, layout.text, strict=True
+        ):
+            boxes.setdefault(node, (x - self.scroll_offset_x, y - self.scroll_offset_y, width, height))
+            if node in texts and text >= 0:
+                texts[node] += strings[text]
+        found = []
+        for node, text in texts.items():
+            parent = nodes.parent_index[node]
+            if text and parent in boxes:
+                tag, name = (strings[nodes.node_name[one]].lower() for one in (parent, node))
+                found.append(((tag, name, boxes[parent]), text))
+        return found
+
+
+class _Snapshot(msgspec.Struct, frozen=True):
+    documents: tuple[_Document, ...]
+    strings: tuple[str, ...]
+
+
+async def count(session: Session, text: str, counted: tuple[Counted, ...], seconds: float) -> str:
+    """The text with its numbers in place of the placeholders; without those that cannot be told.
+
+    Args:
+        session: the page's session.
+        text: the text of the page.
+        counted: what counts, in the order of the placeholders' numbers.
+        seconds: longest time for the snapshot.
+    """
+    written: list[tuple[Counted, str]] = []
+    with contextlib.suppress(CommandFailed, BrowserTimeout):  # reported by what is asked next
+        shot = await session.call(
+            "DOMSnapshot.captureSnapshot", {"computedStyles": []}, reply=_Snapshot, seconds=seconds
+        )
+        written = shot.documents[0].written(shot.strings)
+
+    def number(found: re.Match[str]) -> str:
+        wanted = counted[int(found[1])] if int(found[1]) < len(counted) else None
+        return next((text for one, text in written if wanted and _is_same(one, wanted)), "").strip()
+
+    return _PLACEHOLDER.sub(number, text)
+
+
+def _is_same(one: Counted, other: Counted) -> bool:
+    return one[:2] == other[:2] and all(abs(a - b) <= _SLACK for a, b in zip(one[2], other[2], strict=True))

@@ -192,8 +192,9 @@ async def visible_words(slot: Slot) -> Found:
             tokens[-1][2] = boxes[-1]
         else:
             tokens.append([text, state, boxes[-1]])
+    starts = {place[:3] for place in places}
     for line, box in await _lines(slot):
-        if (line.split()[0], round(box[0]), round(box[1])) in {place[:3] for place in places}:
+        if (line.split()[0], round(box[0]), round(box[1])) in starts:
             continue  # slotted into a closed component
         state = pixels.is_line_seen(box)
         tokens += [[word, state, box] for word in line.split()]
@@ -238,7 +239,7 @@ async def _lines(slot: Slot) -> list[tuple[str, Box]]:
             text = strings[layout["text"][index]].encode("utf-16-le")[2 * start : 2 * (start + length)]
             line = "".join(one for one in text.decode("utf-16-le") if not "\ue000" <= one <= "\uf8ff")
             lines.append((line, (x - dx, y - dy, x - dx + width, y - dy + height)))
-    return [(line, box) for line, box in lines if line.strip("•\u200b ") and box[2] > box[0]]
+    return [(line, box) for line, box in lines if line.strip("•\u200b \xa0\n").split() and box[2] > box[0]]
 
 
 # --- pages --------------------------------------------------------------------------------------------------

@@ -459,8 +459,9 @@ async def test_what_style_sheets_write_is_told(site: Site, tab: Tab) -> None:
 
 async def test_numbers_that_style_sheets_count_are_told(site: Site, tab: Tab) -> None:
     style = (
-        "h2 { counter-increment: part; counter-reset: point } h2::before { content: 'Part ' counter(part) ': ' }"
-        " p { counter-increment: point } p::before { content: counters(part, '.') '.' counter(point, upper-roman) }"
+        "h2 { counter-increment: part; counter-reset: point }"
+        " h2::before { content: 'Part ' counter(part) ': ' } p { counter-increment: point }"
+        " p::before { content: counters(part, '.') '.' counter(point, upper-roman) }"
     )
     rows = "<h2>one</h2><p>a</p><p>b</p><div style='height:700px'></div><h2>two</h2><p>c</p>"
     look = await tab.goto(site.page(f"<style>{style}</style><p>\ufdd07\ufdd1x</p>{rows}"))
@@ -468,3 +469,28 @@ async def test_numbers_that_style_sheets_count_are_told(site: Site, tab: Tab) ->
     assert look.observation.scroll[1] > VIEWPORT[1]
     await tab.step(Scroll("down"))
     assert tab.text[-2:] == ["Part 2: two", "2.I c"]
+
+
+MASKS = {
+    "an empty picture": "mask-image:url('data:image/svg+xml,<svg xmlns=%22http://www.w3.org/2000/svg%22/>')",
+    "a gradient from nothing to nothing": "mask-image:linear-gradient(transparent,transparent)",
+    "a path that is elsewhere": "clip-path:path('M500 500H600V600Z')",
+    "no light": "filter:brightness(0);background:#000",
+    "a blend with black": "mix-blend-mode:multiply;color:#fff",
+}
+SHOWN = {
+    "a gradient at the end": "mask-image:linear-gradient(to right,#000 90%,transparent)",
+    "less light": "filter:brightness(.7);background:#fff",
+    "a blend with white": "mix-blend-mode:multiply;color:#00c",
+}
+
+
+async def test_the_picture_tells_what_a_mask_a_blend_or_a_filter_leaves(site: Site, open_tab: Open) -> None:
+    rows = [f'<p style="{style}">word{number} <b>more</b></p>' for number, style in enumerate(MASKS.values())]
+    rows += [
+        f'<p style="{style}">shown{number} <b>more</b></p>' for number, style in enumerate(SHOWN.values())
+    ]
+    for mode in ("coordinates", "marks"):
+        tab = await open_tab(mode)
+        await tab.goto(site.page(f"<body style='background:#fff'><p>first</p>{''.join(rows)}"))
+        assert tab.text == ["first", *(f"shown{number} more" for number in range(len(SHOWN)))]

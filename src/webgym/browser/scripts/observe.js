@@ -262,7 +262,9 @@
     }
     addText(node, parent, place) {
       const seen = sight.read(node, parent, place);
-      if (seen) (isContentEditable(parent) ? this.fields : this.lines).add(seen.text, seen.rects);
+      if (!seen) return;
+      if (isContentEditable(parent)) this.fields.add(seen.text, seen.rects);
+      else this.lines.add(sight.isOdd(parent) ? sight.doubted(seen) : seen.text, seen.rects);
     }
     addWords(text, rects) {
       this.lines.add(` ${text} `, rects);
@@ -523,7 +525,7 @@
     if (wanted.aimed) return { missing: look.missing, aimed: webgym.aim(wanted.aimed, look.shown) };
     webgym.picture(look.shown);
     const read = look.wantsText
-      ? { text: shorten(look.lines.lines.join('\n'), 'text'), fields: firstOf(look.fields.lines), counted: sight.counted() }
+      ? { text: shorten(look.lines.lines.join('\n'), 'text'), fields: firstOf(look.fields.lines), ...sight.open() }
       : {};
     const cuts = wanted.cuts ? { cuts: firstOf(walkAll(new Cuts(), true).cut) } : {};
     return {

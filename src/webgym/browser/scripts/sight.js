@@ -51,9 +51,9 @@
 
   // --- what becomes of the text in an element -----------------------------------------------------
 
-  // For one look, by element: {style, alpha, blur, cut, sunk, line, isLettered}. `cut`: the innermost element around that
-  // is cut to a shape, or not seen from behind; `sunk`: that lies behind its parents; `line`: that breaks the
-  // text in lines. `isLettered`: something around paints its background in the letters alone.
+  // For one look, by element: {style, alpha, blur, cut, sunk, line, isLettered, isOdd}. `cut`: the innermost element around
+  // that is cut to a shape, or not seen from behind; `sunk`: that lies behind its parents; `line`: that breaks the text in
+  // lines. `isLettered`: something around paints its background in the letters alone; `isOdd`: or changes what it paints.
   let sights = new Map();
   let pseudos = new Map();
   let grounds = new Map();
@@ -64,11 +64,12 @@
     return found ? Number(found[1]) : null;
   };
 
-  // Is all of it masked by a gradient from nothing to nothing?
-  const isMaskedOut = ({ maskImage }) =>
-    maskImage.includes('gradient') && !maskImage.replace(/rgba\([^)]*, 0\)/g, '').includes('rgb');
+  // Does only the picture tell what becomes of it?
+  const isChanged = ({ maskImage, webkitMaskBoxImageSource, clipPath, mixBlendMode, filter }) =>
+    maskImage !== 'none' || webkitMaskBoxImageSource !== 'none' || mixBlendMode !== 'normal' ||
+    /url|shape|path/.test(clipPath) || /url|brightness|contrast/.test(filter);
 
-  const OUTSIDE = { alpha: 1, blur: 0, cut: null, sunk: null, line: null, isLettered: false };
+  const OUTSIDE = { alpha: 1, blur: 0, cut: null, sunk: null, line: null, isLettered: false, isOdd: false };
   const sightOf = (element) => {
     const known = sights.get(element);
     if (known) return known;
@@ -81,11 +82,12 @@
       alpha *= filtered(style.filter, 'opacity') ?? 1;
       blur = Math.max(blur, filtered(style.filter, 'blur') ?? 0);
     }
-    if (style.contentVisibility === 'hidden' || isMaskedOut(style)) alpha = 0;
+    if (style.contentVisibility === 'hidden') alpha = 0;
     if (style.clipPath !== 'none' || style.clip !== 'auto' || style.backfaceVisibility === 'hidden') cut = element;
     if (style.zIndex < 0) sunk = element;
     const isLettered = around.isLettered || style.backgroundClip.includes('text');
-    const sight = { style, alpha, blur, cut, sunk, line: isBox(style) ? element : around.line, isLettered };
+    const isOdd = around.isOdd || isChanged(style);
+    const sight = { style, alpha, blur, cut, sunk, line: isBox(style) ? element : around.line, isLettered, isOdd };
     sights.set(element, sight);
     return sight;
   };
@@ -647,7 +649,15 @@
     const parts = [...content.matchAll(QUOTED)].map(([, text]) => text.replace(/\\(.)/g, '$1').replace(ICONS, ''));
     return fold(parts.join(''));
   };
-  // A placeholder for what contains a number that the style sheet counts, which the browser is asked for: see counters.py.
+  // Words between marks, if only the picture tells whether they can be seen: see text.py.
+  let doubts = [];
+  const doubted = ({ text, rects }) => {
+    const boxes = rects.map(({ left, top, right, bottom }) => [left, top, right - left, bottom - top]);
+    return `\ufdd2${doubts.push(boxes) - 1}\ufdd3${text}\ufdd4`;
+  };
+  const isOdd = (element) => sightOf(element).isOdd && window === window.top;
+
+  // A placeholder for what contains a number that the style sheet counts, which the browser is asked for: see text.py.
   let counted = [];
   const numberIn = (element, name) => {
     const { left, top, width, height } = getBoundingClientRect(element);
@@ -694,7 +704,11 @@
     ellipses = new Map();
     loose = new Map();
     counted = [];
+    doubts = [];
   };
 
-  webgym.sight = { begin, read, writtenBy, counted: () => counted, join, isWithin, isVisible, isVeiledAt, isShownOf, sightOf, LEAST_ALPHA };
+  const open = () => ({ counted, doubts }); // what text.py is to fill in
+  webgym.sight = {
+    begin, read, writtenBy, isOdd, doubted, open, join, isWithin, isVisible, isVeiledAt, isShownOf, sightOf, LEAST_ALPHA,
+  };
 })();

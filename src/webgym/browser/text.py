@@ -1,30 +1,41 @@
-"""Numbers that style sheets count (``counter()``), which no script can read: Chromium's snapshot has them.
+"""What the scripts leave open in the text, by placeholders.
 
-The scripts leave a placeholder in the text for each content that contains a number, and say at which element.
-Only pages that show such content are asked for a snapshot.
+* Numbers that style sheets count (``counter()``), which no script can read: Chromium's snapshot has them.
+* Words under a mask, a blend or a filter, of which only the picture tells whether they can be seen.
+
+Pages that show neither cost nothing.
 """
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
+import io
 import re
 from typing import TypeAlias
 
 import msgspec
+from PIL import Image
 
 from webgym.browser.cdp import CommandFailed, Session
 from webgym.browser.cdp_messages import CdpMessage
 from webgym.core.errors import BrowserTimeout
 
-Counted: TypeAlias = tuple[str, str, tuple[float, float, float, float]]
-"""A pseudo-element that counts: the tag of its element, its own name, and the element's left, top, width and
-height in the viewport, CSS pixels."""
+Box: TypeAlias = tuple[float, float, float, float]
+"""Left, top, width and height in the viewport, CSS pixels."""
 
-_PLACEHOLDER = re.compile("\ufdd0([0-9]+)\ufdd1")
-"""Written by ``scripts/sight.js``; no text has these two characters, which Unicode leaves out."""
+Counted: TypeAlias = tuple[str, str, Box]
+"""A pseudo-element that counts: the tag of its element, its own name, and the element's box."""
+
+_NUMBER = re.compile("\ufdd0([0-9]+)\ufdd1")
+_DOUBTFUL = re.compile("\ufdd2([0-9]+)\ufdd3([^\ufdd4]*)(?:\ufdd4|$)")
+"""Written by ``scripts/sight.js``; no text has these characters, which Unicode leaves out."""
 
 _SLACK = 1.5
 """Most that two boxes of an element differ, CSS pixels."""
+
+_LEVELS = 20
+"""Least difference of a colour channel, of 255, between letters that can be read and what they lie on."""
 
 
 class _Rare(CdpMessage, frozen=True):
@@ -39,7 +50,7 @@ class _Nodes(CdpMessage, frozen=True):
 
 class _Layout(CdpMessage, frozen=True):
     node_index: tuple[int, ...]
-    bounds: tuple[tuple[float, float, float, float], ...]
+    bounds: tuple[Box, ...]
     text: tuple[int, ...]
 
 
@@ -94,8 +105,36 @@ async def count(session: Session, text: str, counted: tuple[Counted, ...], secon
         wanted = counted[int(found[1])] if int(found[1]) < len(counted) else None
         return next((text for one, text in written if wanted and _is_same(one, wanted)), "").strip()
 
-    return _PLACEHOLDER.sub(number, text)
+    return _NUMBER.sub(number, text)
 
 
 def _is_same(one: Counted, other: Counted) -> bool:
     return one[:2] == other[:2] and all(abs(a - b) <= _SLACK for a, b in zip(one[2], other[2], strict=True))
+
+
+async def drop_unseen(text: str, doubts: tuple[tuple[Box, ...], ...], image: bytes, scale: float) -> str:
+    """The text without the doubtful words where the picture has one colour.
+
+    Args:
+        text: the text of the page.
+        doubts: where the doubtful words stand, in the order of the placeholders' numbers.
+        image: the picture.
+        scale: of the picture.
+    """
+    return await asyncio.to_thread(_drop_unseen, text, doubts, image, scale)
+
+
+def _drop_unseen(text: str, doubts: tuple[tuple[Box, ...], ...], image: bytes, scale: float) -> str:
+    picture = Image.open(io.BytesIO(image)).convert("RGB")
+
+    def is_seen(box: Box) -> bool:
+        left, top, width, height = (at * scale for at in box)
+        inner = picture.crop((round(left), round(top), round(left + width), round(top + height)))
+        return any(high - low >= _LEVELS for low, high in inner.getextrema())  # type: ignore[misc]
+
+    def words(found: re.Match[str]) -> str:
+        boxes = doubts[int(found[1])] if int(found[1]) < len(doubts) else ()
+        return found[2] if any(is_seen(box) for box in boxes) else ""
+
+    lines = (" ".join(_DOUBTFUL.sub(words, line).split()) for line in text.split("\n"))
+    return "\n".join(line for line in lines if line)

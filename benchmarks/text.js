@@ -54,7 +54,8 @@
   // A line of a list that is open in the page: its text has no boxes of its own.
   const addOffer = (option, [dx, dy]) => {
     const { left, top, right, bottom, height } = option.getBoundingClientRect();
-    if (height) fields.push([option.label, [left + dx, top + dy, right + dx, bottom + dy], true]);
+    const isOpen = option.closest('select')?.clientHeight > height;
+    if (height && isOpen) fields.push([option.label, [left + dx, top + dy, right + dx, bottom + dy], true]);
   };
 
   const visit = (root, view, highlight, start, state) => {

@@ -184,9 +184,10 @@ async def visible_words(slot: Slot) -> Found:
     for number, (text, boxes, goes_on, is_painted) in enumerate(words):
         place = (text, *(round(at) for box in boxes for at in box))
         if place in places:
-            continue
-        places.add(place)
+            continue  # the same words lie upon each other
         state = pixels.is_seen(number, boxes, is_painted)
+        if state:
+            places.add(place)
         if goes_on and tokens and state == tokens[-1][1] and _touch(tokens[-1][2], boxes[0]):
             tokens[-1][0] += text
             tokens[-1][2] = boxes[-1]

@@ -51,9 +51,9 @@
 
   // --- what becomes of the text in an element -----------------------------------------------------
 
-  // For one look, by element: {style, alpha, blur, cut, sunk, line, isLettered, isOdd}. `cut`: the innermost element around
-  // that is cut to a shape, or not seen from behind; `sunk`: that lies behind its parents; `line`: that breaks the text in
-  // lines. `isLettered`: something around paints its background in the letters alone; `isOdd`: or changes what it paints.
+  // For one look, by element: {style, alpha, blur, cut, sunk, line, isOdd}. `cut`: the innermost element around that is
+  // cut to a shape, or not seen from behind; `sunk`: that lies behind its parents; `line`: that breaks the text in lines.
+  // `isOdd`: something around changes what is painted so that only the picture tells what can be seen.
   let sights = new Map();
   let pseudos = new Map();
   let grounds = new Map();
@@ -64,12 +64,12 @@
     return found ? Number(found[1]) : null;
   };
 
-  // Does only the picture tell what becomes of it?
-  const isChanged = ({ maskImage, webkitMaskBoxImageSource, clipPath, mixBlendMode, filter }) =>
+  // Does only the picture tell what becomes of what is in it?
+  const isChanged = ({ maskImage, webkitMaskBoxImageSource, backgroundClip, clipPath, mixBlendMode, filter }) =>
     maskImage !== 'none' || webkitMaskBoxImageSource !== 'none' || mixBlendMode !== 'normal' ||
-    /url|shape|path/.test(clipPath) || /url|brightness|contrast/.test(filter);
+    backgroundClip.includes('text') || /url|shape|path/.test(clipPath) || /url|brightness|contrast/.test(filter);
 
-  const OUTSIDE = { alpha: 1, blur: 0, cut: null, sunk: null, line: null, isLettered: false, isOdd: false };
+  const OUTSIDE = { alpha: 1, blur: 0, cut: null, sunk: null, line: null, isOdd: false };
   const sightOf = (element) => {
     const known = sights.get(element);
     if (known) return known;
@@ -85,9 +85,8 @@
     if (style.contentVisibility === 'hidden') alpha = 0;
     if (style.clipPath !== 'none' || style.clip !== 'auto' || style.backfaceVisibility === 'hidden') cut = element;
     if (style.zIndex < 0) sunk = element;
-    const isLettered = around.isLettered || style.backgroundClip.includes('text');
     const isOdd = around.isOdd || isChanged(style);
-    const sight = { style, alpha, blur, cut, sunk, line: isBox(style) ? element : around.line, isLettered, isOdd };
+    const sight = { style, alpha, blur, cut, sunk, line: isBox(style) ? element : around.line, isOdd };
     sights.set(element, sight);
     return sight;
   };
@@ -222,10 +221,10 @@
     style.textShadow !== 'none' || style.webkitTextStrokeWidth !== '0px';
 
   const standsOut = (element, rect) => {
-    const { style, alpha, blur, isLettered } = sightOf(element);
+    const { style, alpha, blur, isOdd } = sightOf(element);
     if (blur > MOST_BLUR * parseFloat(style.fontSize) || style.webkitTextSecurity !== 'none') return false;
     if (ofKind(element, 'ownerSVGElement')) return alpha >= LEAST_ALPHA;
-    if (isLettered || isWritten(style)) return alpha >= LEAST_ALPHA;
+    if (isOdd || isWritten(style)) return alpha >= LEAST_ALPHA;
     const colour = colourOf(style.webkitTextFillColor);
     const opacity = colour[3] * alpha;
     const isClear = (ground) => contrast(over(colour, opacity, ground), ground) >= LEAST_CONTRAST;

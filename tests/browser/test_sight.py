@@ -449,12 +449,14 @@ async def test_what_style_sheets_write_is_told(site: Site, tab: Tab) -> None:
         " .c::after { content: '\\e900' }"
         " .d::before { content: 'none'; display: none } .e::after { content: 'faint'; opacity: .02 }"
         " .f::after { content: 'tip'; position: absolute; left: -999px; width: 90px; top: 0; height: 20px }"
+        " .h { appearance: none; width: 90px; height: 20px } .h::after { content: attr(aria-label) }"
         " .g::before { content: 'placed'; position: absolute; left: 0; top: 0; width: 90px; height: 20px }"
     )
     rows = "".join(f"<p class={name} data-x=seven style='position:relative'>{name}</p>" for name in "abcdef")
     placed = "<p class=g style='position:relative;padding-left:100px'>g</p>"
-    await tab.goto(site.page(f"<style>{style}</style>{rows}{placed}"))
-    assert tab.text == ["a after", "seven of b", "c", "d", "e", "f", "placed g"]
+    tab_of_radio = "<input type=radio class=h aria-label='of a control'>"
+    await tab.goto(site.page(f"<style>{style}</style>{rows}{placed}{tab_of_radio}"))
+    assert tab.text == ["a after", "seven of b", "c", "d", "e", "f", "placed g", "of a control"]
 
 
 async def test_numbers_that_style_sheets_count_are_told(site: Site, tab: Tab) -> None:

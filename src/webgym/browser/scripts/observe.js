@@ -156,6 +156,7 @@
     if (isFrame(element) && element.contentWindow) walkFrame(element, place, sink);
     else if (name === 'input' || name === 'textarea' || (name === 'select' && roleOf(element) === 'combobox')) {
       if (hasText) addControl(element, place, sink);
+      if (isInView && sink.wantsText) Object.values(sight.writtenBy(element, place)).forEach((it) => addWritten(it, sink));
       if (isInView && isOpenInPage(element)) walkNodes(offersOf(element), place, sink);
     } else if (name === 'option' && !isOpenInPage(closest(element, 'select') || element)) {
       // Its text has no boxes of its own.

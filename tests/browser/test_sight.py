@@ -479,6 +479,7 @@ MASKS = {
     "a path that is elsewhere": "clip-path:path('M500 500H600V600Z')",
     "no light": "filter:brightness(0);background:#000",
     "a blend with black": "mix-blend-mode:multiply;color:#fff",
+    "letters of nothing": "background:linear-gradient(#fff,#fff);background-clip:text;color:transparent",
 }
 SHOWN = {
     "a gradient at the end": "mask-image:linear-gradient(to right,#000 90%,transparent)",

@@ -265,7 +265,7 @@
       const seen = sight.read(node, parent, place);
       if (!seen) return;
       if (isContentEditable(parent)) this.fields.add(seen.text, seen.rects);
-      else this.lines.add(sight.isOdd(parent) ? sight.doubted(seen) : seen.text, seen.rects);
+      else this.lines.add(seen.isOdd ? sight.doubted(seen) : seen.text, seen.rects);
     }
     addWords(text, rects) {
       this.lines.add(` ${text} `, rects);

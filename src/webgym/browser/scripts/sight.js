@@ -15,6 +15,7 @@
   const LEAST_CONTRAST = 1.2; // of a text and its ground, by WCAG's ratio; #eee on white has 1.16
   const LEAST_AREA = 12; // CSS pixels a character: of a font of 5 px
   const MOST_BLUR = 0.2; // of the font's size
+  const isTop = window === window.top; // where what is left open is filled in: see text.py
   const VEIL = 0.6; // what is at least this opaque hides what lies under it
 
   // --- colours ------------------------------------------------------------------------------------
@@ -207,14 +208,6 @@
     return [...path.slice(0, path.indexOf(layers[first])).filter(isPassedThrough), ...layers.slice(first)];
   };
 
-  // Is there something beside an element that takes no clicks, and so is in no list of layers, but may be its ground?
-  const isUnderlaid = (element, x, y) =>
-    near(getRootNode(element)).some(
-      ([other, box]) =>
-        isAt(box, x, y) && sightOf(other).style.pointerEvents === 'none' && !contains(other, element) &&
-        (paintOf(other)?.alpha ?? 1) >= VEIL,
-    );
-
   // --- whether it can be told from its ground -----------------------------------------------------
 
   const isWritten = (style) =>
@@ -233,7 +226,8 @@
     const layers = layersBelow(element, ...middle(rect));
     const below = layers && blend(layers, ownerDocument(element));
     if (below && isClear(below)) return true;
-    return opacity >= LEAST_ALPHA && (!below || isUnderlaid(element, ...middle(rect)));
+    if (below) sightOf(element).isOdd = true; // it may lie on what takes no clicks, and so is in no list of layers
+    return opacity >= LEAST_ALPHA && (!below || isTop);
   };
 
   // The innermost element around a text that has a box: a slot, say, has none.
@@ -612,10 +606,14 @@
 
   const isTurned = (style) => !style.writingMode.startsWith('horizontal');
 
-  // {text, rects}: what of a text node can be seen from `place`; null for nothing. As `pieces` for those who
+  // {text, rects, isOdd}: what of a text node can be seen from `place`; null for nothing. As `pieces` for those who
   // have to ask for more.
   const read = (node, holder, place, wantsPieces = false) => {
     const element = (rootOf(holder) && (node.assignedSlot || slotIn(holder, node))) || holder;
+    const seen = readIn(element, node, place, wantsPieces);
+    return seen && sightOf(element).isOdd && isTop ? { ...seen, isOdd: true } : seen;
+  };
+  const readIn = (element, node, place, wantsPieces) => {
     const isLong = !place.map && node.data.length >= LONG && !isTurned(sightOf(element).style);
     const part = isLong ? windowOf(node, place.clip) : [0, node.data.length];
     const lines = part[0] < part[1] ? rectsOf(node, ...part) : [];
@@ -654,7 +652,6 @@
     const boxes = rects.map(({ left, top, right, bottom }) => [left, top, right - left, bottom - top]);
     return `\ufdd2${doubts.push(boxes) - 1}\ufdd3${text}\ufdd4`;
   };
-  const isOdd = (element) => sightOf(element).isOdd && window === window.top;
 
   // A placeholder for what contains a number that the style sheet counts, which the browser is asked for: see text.py.
   let counted = [];
@@ -663,7 +660,7 @@
     return `\ufdd0${counted.push([localName(element), name, [left, top, width, height]]) - 1}\ufdd1`;
   };
   const counts = (element, { content }) =>
-    /\bcounters?\(/.test(content) && ownerDocument(element) === document && window === window.top;
+    /\bcounters?\(/.test(content) && ownerDocument(element) === document && isTop;
   const writtenBy = (element, place) => {
     const written = {};
     for (const { name, style } of pseudosOf(element)) {
@@ -708,6 +705,6 @@
 
   const open = () => ({ counted, doubts }); // what text.py is to fill in
   webgym.sight = {
-    begin, read, writtenBy, isOdd, doubted, open, join, isWithin, isVisible, isVeiledAt, isShownOf, sightOf, LEAST_ALPHA,
+    begin, read, writtenBy, doubted, open, join, isWithin, isVisible, isVeiledAt, isShownOf, sightOf, LEAST_ALPHA,
   };
 })();

@@ -1,7 +1,7 @@
 """The text of observations compared with the pixels of pages.
 
-    .venv/bin/python -m benchmarks.text
-    .venv/bin/python -m benchmarks.text --of npm --set half_b --details
+    PYTHONPATH=. .venv/bin/python benchmarks/text.py
+    PYTHONPATH=. .venv/bin/python benchmarks/text.py --of npm --set half_b --details
 
 After an observation three more pictures of the page are taken: as it is, with all text transparent, and with
 a coloured box behind every word, in two colours by turns. A word is visible if its transparency changes the
@@ -32,7 +32,8 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 import numpy as np
-from benchmarks import npm_pages
+from npm_pages import CACHE, PAGES
+from npm_pages import serving as serving_npm
 from numpy.typing import NDArray
 from PIL import Image
 from tests.browser.conftest import Site
@@ -277,8 +278,8 @@ async def pages_of(groups: list[str], sets: list[str], cache: Path) -> AsyncIter
             bodies = UNSEEN | SEEN | {"layers": layered(LAYERS), "clear layers": layered(CLEAR)}
             pages += [("sight", name, site.page(body), False) for name, body in bodies.items()]
         if "npm" in groups:
-            address = stack.enter_context(npm_pages.serving(cache))
-            names = [name for one in sets for name in npm_pages.PAGES[one]]
+            address = stack.enter_context(serving_npm(cache))
+            names = [name for one in sets for name in PAGES[one]]
             pages += [("npm", name, f"{address}/{name}", False) for name in names]
         yield rules, pages
 
@@ -366,11 +367,9 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--of", nargs="+", choices=GROUPS, default=list(GROUPS[:-1]), help="groups of pages")
-    parser.add_argument(
-        "--set", nargs="+", choices=npm_pages.PAGES, default=list(npm_pages.PAGES), help="sets of npm pages"
-    )
+    parser.add_argument("--set", nargs="+", choices=PAGES, default=list(PAGES), help="sets of npm pages")
     parser.add_argument("--pages", nargs="+", metavar="PAGE", help="only pages of these names")
-    parser.add_argument("--cache", type=Path, default=npm_pages.CACHE, help="folder of the npm packages")
+    parser.add_argument("--cache", type=Path, default=CACHE, help="folder of the npm packages")
     parser.add_argument("--details", action="store_true", help="print added and missing words")
     given = parser.parse_args()
     sys.exit(0 if asyncio.run(run(given)) else 1)

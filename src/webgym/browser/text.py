@@ -64,13 +64,11 @@ class _Document(CdpMessage, frozen=True):
         """What the pseudo-elements of the document write."""
         nodes, layout = self.nodes, self.layout
         texts = dict.fromkeys(nodes.pseudo_type.index, "")
-        boxes = {}
-        for node, (x, y, width, height), text in zip(
-            layout.node_index, layout.bounds, layout.text, strict=True
-        ):
-            boxes.setdefault(node, (x - self.scroll_offset_x, y - self.scroll_offset_y, width, height))
-            if node in texts and text >= 0:
-                texts[node] += strings[text]
+        boxes: dict[int, Box] = {}
+        for node, box, string in zip(layout.node_index, layout.bounds, layout.text, strict=True):
+            boxes.setdefault(node, (box[0] - self.scroll_offset_x, box[1] - self.scroll_offset_y, *box[2:]))
+            if node in texts and string >= 0:
+                texts[node] += strings[string]
         found = []
         for node, text in texts.items():
             parent = nodes.parent_index[node]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from webgym.core.action import Scroll
+
 from .conftest import VIEWPORT, Open, Site, Tab, batches
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
@@ -447,9 +449,51 @@ async def test_what_style_sheets_write_is_told(site: Site, tab: Tab) -> None:
         " .c::after { content: '\\e900' }"
         " .d::before { content: 'none'; display: none } .e::after { content: 'faint'; opacity: .02 }"
         " .f::after { content: 'tip'; position: absolute; left: -999px; width: 90px; top: 0; height: 20px }"
+        " .h { appearance: none; width: 90px; height: 20px } .h::after { content: attr(aria-label) }"
         " .g::before { content: 'placed'; position: absolute; left: 0; top: 0; width: 90px; height: 20px }"
     )
     rows = "".join(f"<p class={name} data-x=seven style='position:relative'>{name}</p>" for name in "abcdef")
     placed = "<p class=g style='position:relative;padding-left:100px'>g</p>"
-    await tab.goto(site.page(f"<style>{style}</style>{rows}{placed}"))
-    assert tab.text == ["a after", "seven of b", "c", "d", "e", "f", "placed g"]
+    tab_of_radio = "<input type=radio class=h aria-label='of a control'>"
+    await tab.goto(site.page(f"<style>{style}</style>{rows}{placed}{tab_of_radio}"))
+    assert tab.text == ["a after", "seven of b", "c", "d", "e", "f", "placed g", "of a control"]
+
+
+async def test_numbers_that_style_sheets_count_are_told(site: Site, tab: Tab) -> None:
+    style = (
+        "h2 { counter-increment: part; counter-reset: point }"
+        " h2::before { content: 'Part ' counter(part) ': ' } p { counter-increment: point }"
+        " p::before { content: counters(part, '.') '.' counter(point, upper-roman) }"
+    )
+    rows = "<h2>one</h2><p>a</p><p>b</p><div style='height:700px'></div><h2>two</h2><p>c</p>"
+    look = await tab.goto(site.page(f"<style>{style}</style><p>\ufdd07\ufdd1x</p>{rows}"))
+    assert tab.text == ["0.I x", "Part 1: one", "1.I a", "1.II b"]
+    assert look.observation.scroll[1] > VIEWPORT[1]
+    await tab.step(Scroll("down"))
+    assert tab.text[-2:] == ["Part 2: two", "2.I c"]
+
+
+MASKS = {
+    "an empty picture": "mask-image:url('data:image/svg+xml,<svg xmlns=%22http://www.w3.org/2000/svg%22/>')",
+    "a gradient from nothing to nothing": "mask-image:linear-gradient(transparent,transparent)",
+    "a path that is elsewhere": "clip-path:path('M500 500H600V600Z')",
+    "no light": "filter:brightness(0);background:#000",
+    "a blend with black": "mix-blend-mode:multiply;color:#fff",
+    "letters of nothing": "background:linear-gradient(#fff,#fff);background-clip:text;color:transparent",
+}
+SHOWN = {
+    "a gradient at the end": "mask-image:linear-gradient(to right,#000 90%,transparent)",
+    "less light": "filter:brightness(.7);background:#fff",
+    "a blend with white": "mix-blend-mode:multiply;color:#00c",
+}
+
+
+async def test_the_picture_tells_what_a_mask_a_blend_or_a_filter_leaves(site: Site, open_tab: Open) -> None:
+    rows = [f'<p style="{style}">word{number} <b>more</b></p>' for number, style in enumerate(MASKS.values())]
+    rows += [
+        f'<p style="{style}">shown{number} <b>more</b></p>' for number, style in enumerate(SHOWN.values())
+    ]
+    for mode in ("coordinates", "marks"):
+        tab = await open_tab(mode)
+        await tab.goto(site.page(f"<body style='background:#fff'><p>first</p>{''.join(rows)}"))
+        assert tab.text == ["first", *(f"shown{number} more" for number in range(len(SHOWN)))]

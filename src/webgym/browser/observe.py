@@ -25,6 +25,7 @@ from webgym.browser.page import Page
 from webgym.browser.pictures import white
 from webgym.browser.pointer import Point
 from webgym.browser.settle import settle
+from webgym.browser.text import Box, Counted, count, drop_unseen
 from webgym.core.action import DoubleClick, LeftClick, RightClick, Scroll, Wait
 from webgym.core.errors import ActionFailed, BrowserError, BrowserTimeout, NavigationFailed
 from webgym.core.observation import Element, Notice, Observation, scaled
@@ -91,6 +92,7 @@ class PageContent(msgspec.Struct, frozen=True):
         frames: the frames of other origins in its viewport.
         missing: those of them whose content was not provided.
         unknown: whether it contains frames or shadow roots that were not entered yet.
+        counted, doubts: what the text has placeholders for (:mod:`~webgym.browser.text`).
         shortened: kinds of content that were truncated (:data:`_SHORTENED`).
         said: what the browser itself shows beside the page, such as the bubble of a field that is not valid:
             number and text of each since the document began, the last ones.
@@ -106,6 +108,8 @@ class PageContent(msgspec.Struct, frozen=True):
     frames: frozenset[str] = frozenset()
     missing: frozenset[str] = frozenset()
     unknown: bool = False
+    counted: tuple[Counted, ...] = ()
+    doubts: tuple[tuple[Box, ...], ...] = ()
     shortened: tuple[str, ...] = ()
     said: tuple[tuple[str, str], ...] = ()
 
@@ -151,10 +155,16 @@ async def look(page: Page, settled: str, milliseconds: dict[str, float], early: 
         loader = page.loader
         start = time.perf_counter()
         content = early.content if early else await read_content(page, **content_options(page))
+        if content.text is not None and content.counted:
+            text = await count(page.session, content.text, content.counted, page.config.execute_seconds)
+            content = msgspec.structs.replace(content, text=text)
         between = time.perf_counter()
         image = await (early.picture() if early else _capture_bare(page))
         if page.loader == loader:
             break  # else the picture shows the next page
+    if content.text is not None and content.doubts:
+        text = await drop_unseen(content.text, content.doubts, image, page.capture_scale)
+        content = msgspec.structs.replace(content, text=text)
     if page.options.mode == "marks":
         elements, quality = content.elements or (), page.options.jpeg_quality
         image = await asyncio.to_thread(marks.draw, image, elements, quality, page.capture_scale)

@@ -156,6 +156,7 @@
     if (isFrame(element) && element.contentWindow) walkFrame(element, place, sink);
     else if (name === 'input' || name === 'textarea' || (name === 'select' && roleOf(element) === 'combobox')) {
       if (hasText) addControl(element, place, sink);
+      if (isInView && sink.wantsText) Object.values(sight.writtenBy(element, place)).forEach((it) => addWritten(it, sink));
       if (isInView && isOpenInPage(element)) walkNodes(offersOf(element), place, sink);
     } else if (name === 'option' && !isOpenInPage(closest(element, 'select') || element)) {
       // Its text has no boxes of its own.
@@ -262,7 +263,9 @@
     }
     addText(node, parent, place) {
       const seen = sight.read(node, parent, place);
-      if (seen) (isContentEditable(parent) ? this.fields : this.lines).add(seen.text, seen.rects);
+      if (!seen) return;
+      if (isContentEditable(parent)) this.fields.add(seen.text, seen.rects);
+      else this.lines.add(seen.isOdd ? sight.doubted(seen) : seen.text, seen.rects);
     }
     addWords(text, rects) {
       this.lines.add(` ${text} `, rects);
@@ -529,6 +532,7 @@
           text: shorten(look.lines.lines.join('\n'), 'text'),
           fields: firstOf(look.fields.lines),
           login: [...querySelectorAll(document, LOGIN)].some(isShown),
+          ...sight.open(),
         }
       : {};
     const cuts = wanted.cuts ? { cuts: firstOf(walkAll(new Cuts(), true).cut) } : {};

@@ -15,6 +15,7 @@
   const LEAST_CONTRAST = 1.2; // of a text and its ground, by WCAG's ratio; #eee on white has 1.16
   const LEAST_AREA = 12; // CSS pixels a character: of a font of 5 px
   const MOST_BLUR = 0.2; // of the font's size
+  const isTop = window === window.top; // where what is left open is filled in: see text.py
   const VEIL = 0.6; // what is at least this opaque hides what lies under it
 
   // --- colours ------------------------------------------------------------------------------------
@@ -51,9 +52,9 @@
 
   // --- what becomes of the text in an element -----------------------------------------------------
 
-  // For one look, by element: {style, alpha, blur, cut, sunk, line, isLettered}. `cut`: the innermost element around that
-  // is cut to a shape, or not seen from behind; `sunk`: that lies behind its parents; `line`: that breaks the
-  // text in lines. `isLettered`: something around paints its background in the letters alone.
+  // For one look, by element: {style, alpha, blur, cut, sunk, line, isOdd}. `cut`: the innermost element around that is
+  // cut to a shape, or not seen from behind; `sunk`: that lies behind its parents; `line`: that breaks the text in lines.
+  // `isOdd`: something around changes what is painted so that only the picture tells what can be seen.
   let sights = new Map();
   let pseudos = new Map();
   let grounds = new Map();
@@ -64,11 +65,12 @@
     return found ? Number(found[1]) : null;
   };
 
-  // Is all of it masked by a gradient from nothing to nothing?
-  const isMaskedOut = ({ maskImage }) =>
-    maskImage.includes('gradient') && !maskImage.replace(/rgba\([^)]*, 0\)/g, '').includes('rgb');
+  // Does only the picture tell what becomes of what is in it?
+  const isChanged = ({ maskImage, webkitMaskBoxImageSource, backgroundClip, clipPath, mixBlendMode, filter }) =>
+    maskImage !== 'none' || webkitMaskBoxImageSource !== 'none' || mixBlendMode !== 'normal' ||
+    backgroundClip.includes('text') || /url|shape|path/.test(clipPath) || /url|brightness|contrast/.test(filter);
 
-  const OUTSIDE = { alpha: 1, blur: 0, cut: null, sunk: null, line: null, isLettered: false };
+  const OUTSIDE = { alpha: 1, blur: 0, cut: null, sunk: null, line: null, isOdd: false };
   const sightOf = (element) => {
     const known = sights.get(element);
     if (known) return known;
@@ -81,11 +83,11 @@
       alpha *= filtered(style.filter, 'opacity') ?? 1;
       blur = Math.max(blur, filtered(style.filter, 'blur') ?? 0);
     }
-    if (style.contentVisibility === 'hidden' || isMaskedOut(style)) alpha = 0;
+    if (style.contentVisibility === 'hidden') alpha = 0;
     if (style.clipPath !== 'none' || style.clip !== 'auto' || style.backfaceVisibility === 'hidden') cut = element;
     if (style.zIndex < 0) sunk = element;
-    const isLettered = around.isLettered || style.backgroundClip.includes('text');
-    const sight = { style, alpha, blur, cut, sunk, line: isBox(style) ? element : around.line, isLettered };
+    const isOdd = around.isOdd || isChanged(style);
+    const sight = { style, alpha, blur, cut, sunk, line: isBox(style) ? element : around.line, isOdd };
     sights.set(element, sight);
     return sight;
   };
@@ -206,24 +208,16 @@
     return [...path.slice(0, path.indexOf(layers[first])).filter(isPassedThrough), ...layers.slice(first)];
   };
 
-  // Is there something beside an element that takes no clicks, and so is in no list of layers, but may be its ground?
-  const isUnderlaid = (element, x, y) =>
-    near(getRootNode(element)).some(
-      ([other, box]) =>
-        isAt(box, x, y) && sightOf(other).style.pointerEvents === 'none' && !contains(other, element) &&
-        (paintOf(other)?.alpha ?? 1) >= VEIL,
-    );
-
   // --- whether it can be told from its ground -----------------------------------------------------
 
   const isWritten = (style) =>
     style.textShadow !== 'none' || style.webkitTextStrokeWidth !== '0px';
 
   const standsOut = (element, rect) => {
-    const { style, alpha, blur, isLettered } = sightOf(element);
+    const { style, alpha, blur, isOdd } = sightOf(element);
     if (blur > MOST_BLUR * parseFloat(style.fontSize) || style.webkitTextSecurity !== 'none') return false;
     if (ofKind(element, 'ownerSVGElement')) return alpha >= LEAST_ALPHA;
-    if (isLettered || isWritten(style)) return alpha >= LEAST_ALPHA;
+    if (isOdd || isWritten(style)) return alpha >= LEAST_ALPHA;
     const colour = colourOf(style.webkitTextFillColor);
     const opacity = colour[3] * alpha;
     const isClear = (ground) => contrast(over(colour, opacity, ground), ground) >= LEAST_CONTRAST;
@@ -232,7 +226,8 @@
     const layers = layersBelow(element, ...middle(rect));
     const below = layers && blend(layers, ownerDocument(element));
     if (below && isClear(below)) return true;
-    return opacity >= LEAST_ALPHA && (!below || isUnderlaid(element, ...middle(rect)));
+    if (below) sightOf(element).isOdd = true; // it may lie on what takes no clicks, and so is in no list of layers
+    return opacity >= LEAST_ALPHA && (!below || isTop);
   };
 
   // The innermost element around a text that has a box: a slot, say, has none.
@@ -611,10 +606,14 @@
 
   const isTurned = (style) => !style.writingMode.startsWith('horizontal');
 
-  // {text, rects}: what of a text node can be seen from `place`; null for nothing. As `pieces` for those who
+  // {text, rects, isOdd}: what of a text node can be seen from `place`; null for nothing. As `pieces` for those who
   // have to ask for more.
   const read = (node, holder, place, wantsPieces = false) => {
     const element = (rootOf(holder) && (node.assignedSlot || slotIn(holder, node))) || holder;
+    const seen = readIn(element, node, place, wantsPieces);
+    return seen && sightOf(element).isOdd && isTop ? { ...seen, isOdd: true } : seen;
+  };
+  const readIn = (element, node, place, wantsPieces) => {
     const isLong = !place.map && node.data.length >= LONG && !isTurned(sightOf(element).style);
     const part = isLong ? windowOf(node, place.clip) : [0, node.data.length];
     const lines = part[0] < part[1] ? rectsOf(node, ...part) : [];
@@ -639,15 +638,33 @@
 
   // --- what style sheets write ----------------------------------------------------------------------
 
-  // The texts that style sheets put before and after the content of an element, where one can see them; numbers that they
-  // count are not known. {text, rects} by '::before' and '::after'.
+  // The texts that style sheets put before and after the content of an element, where one can see them. {text, rects} by
+  // '::before' and '::after'.
   const QUOTED = /"((?:[^"\\]|\\.)*)"/g;
   const ICONS = /\p{Co}/gu; // of fonts that are drawn as pictures
+  const contentOf = ({ content }) => {
+    const parts = [...content.matchAll(QUOTED)].map(([, text]) => text.replace(/\\(.)/g, '$1').replace(ICONS, ''));
+    return fold(parts.join(''));
+  };
+  // Words between marks, if only the picture tells whether they can be seen: see text.py.
+  let doubts = [];
+  const doubted = ({ text, rects }) => {
+    const boxes = rects.map(({ left, top, right, bottom }) => [left, top, right - left, bottom - top]);
+    return `\ufdd2${doubts.push(boxes) - 1}\ufdd3${text}\ufdd4`;
+  };
+
+  // A placeholder for what contains a number that the style sheet counts, which the browser is asked for: see text.py.
+  let counted = [];
+  const numberIn = (element, name) => {
+    const { left, top, width, height } = getBoundingClientRect(element);
+    return `\ufdd0${counted.push([localName(element), name, [left, top, width, height]]) - 1}\ufdd1`;
+  };
+  const counts = (element, { content }) =>
+    /\bcounters?\(/.test(content) && ownerDocument(element) === document && isTop;
   const writtenBy = (element, place) => {
     const written = {};
     for (const { name, style } of pseudosOf(element)) {
-      const parts = [...style.content.matchAll(QUOTED)].map(([, text]) => text.replace(/\\(.)/g, '$1').replace(ICONS, ''));
-      const text = fold(parts.join(''));
+      const text = counts(element, style) ? numberIn(element, name) : contentOf(style);
       const rect = text && (isLoose(style) ? boxOfPseudo(element, style) : endOf(element, name));
       if (rect && isPseudoSeen(element, style, rect, place)) written[name] = { text, rects: [plain(moved(rect, place.map))] };
     }
@@ -682,7 +699,12 @@
     fits = new Map();
     ellipses = new Map();
     loose = new Map();
+    counted = [];
+    doubts = [];
   };
 
-  webgym.sight = { begin, read, writtenBy, join, isWithin, isVisible, isVeiledAt, isShownOf, sightOf, LEAST_ALPHA };
+  const open = () => ({ counted, doubts }); // what text.py is to fill in
+  webgym.sight = {
+    begin, read, writtenBy, doubted, open, join, isWithin, isVisible, isVeiledAt, isShownOf, sightOf, LEAST_ALPHA,
+  };
 })();

@@ -81,7 +81,7 @@ def command(
     from webgym.train.stopping import ends_in_time
 
     files = list(config or ())
-    if (resume and (files or out or not _are_places(settings))) or not (explain or resume or (files and out)):
+    if (resume and (files or out or runs or not _are_places(settings))) or not (explain or resume or (files and out)):
         hint = "webgym train CONFIG --out FOLDER starts one, webgym train --resume FOLDER continues it"
         raise UsageError("give either settings and --out, or --resume", hint=hint)
     if ends and not stop_before:
@@ -102,10 +102,13 @@ def command(
         return
     folder = out or resume
     assert folder is not None
-    if runs and resume is None:
+    if runs and not check:
         from webgym.run.choice import all_tasks
+        from webgym.train.folder import TrainingFolder
         from webgym.train.warm_start import warm_start
 
+        if not is_follower():
+            TrainingFolder(folder).refuse_used()
         started = folder.with_name(f"{folder.name}-start")
         chosen = warm_start(chosen, runs, all_tasks(chosen.rollout), started, lambda line: say(line, console))
     if is_follower():

@@ -81,7 +81,8 @@ def command(
     from webgym.train.stopping import ends_in_time
 
     files = list(config or ())
-    if (resume and (files or out or runs or not _are_places(settings))) or not (explain or resume or (files and out)):
+    begins = bool(files or out or runs)
+    if (resume and (begins or not _are_places(settings))) or not (explain or resume or (files and out)):
         hint = "webgym train CONFIG --out FOLDER starts one, webgym train --resume FOLDER continues it"
         raise UsageError("give either settings and --out, or --resume", hint=hint)
     if ends and not stop_before:

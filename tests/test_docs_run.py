@@ -145,29 +145,12 @@ async def run(_: pytest.MonkeyPatch) -> AsyncIterator[Names]:
     yield {"RunReader": webgym.RunReader, "run": folder, "request_of": request_of}
 
 
-@asynccontextmanager
-async def training(patch: pytest.MonkeyPatch) -> AsyncIterator[Names]:
-    """A tiny model in place of the one of 8 B, in its precision on a processor."""
-    from tests.inference.tiny import write_tiny_model
-
-    from webgym.train.config import LearnConfig
-
-    model = write_tiny_model(Path("model"))
-    patch.setattr("webgym.train.config.LearnConfig", lambda **_: LearnConfig.model_validate(
-        {"model": str(model), "update": {"precision": "fp32", "batch": 4, "micro_batch": 2}}
-    ))  # fmt: skip
-    async with run(patch):
-        yield {}
-    assert Path("weights/1").is_dir()
-
-
 GIVEN: dict[str, Callable[[pytest.MonkeyPatch], AbstractAsyncContextManager[Names]]] = {
     "README.md": readme,
     "agent.md": run,
     "environment.md": environment,
     "models.md": models,
     "task-set.md": tasks,
-    "training.md": training,
     "tiny-policy.md": small_websites,
     "tutorial.md": readme,
 }

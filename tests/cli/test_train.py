@@ -162,3 +162,9 @@ def test_a_stop_says_how_to_go_on(
     (line,) = [each for each in printed.splitlines() if "resume with:" in each]
     assert line == f"finished work is stored; resume with: webgym train --resume '{folder}'"
     assert "Traceback" not in printed
+
+
+def test_a_warm_start_begins_a_training_and_continues_none(calls: Calls, tmp_path: Path) -> None:
+    code, said = calls.run("train", "--resume", tmp_path, "--from", tmp_path)
+    assert code == 2
+    assert "give either settings and --out, or --resume" in said

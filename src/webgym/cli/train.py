@@ -94,7 +94,8 @@ def command(
 
     files = list(config or ())
     settings |= {"layout": layout} if layout else {}
-    if (resume and (files or out or not _are_places(settings))) or not (explain or resume or (files and out)):
+    begins = bool(files or out or runs)
+    if (resume and (begins or not _are_places(settings))) or not (explain or resume or (files and out)):
         hint = "webgym train CONFIG --out FOLDER starts one, webgym train --resume FOLDER continues it"
         raise UsageError("give either settings and --out, or --resume", hint=hint)
     if ends and not stop_before:
@@ -122,10 +123,13 @@ def command(
     assert folder is not None
     placed(chosen)  # refuses a layout that does not fit before processes are started
     launch(chosen, arguments)
-    if runs and resume is None:
+    if runs and not check:
         from webgym.run.choice import all_tasks
+        from webgym.train.folder import TrainingFolder
         from webgym.train.warm_start import warm_start
 
+        if not is_follower():
+            TrainingFolder(folder).refuse_used()
         started = folder.with_name(f"{folder.name}-start")
         chosen = warm_start(chosen, runs, all_tasks(chosen.rollout), started, lambda line: say(line, console))
     if is_follower():

@@ -155,6 +155,7 @@ class Dialogue:
             prompt_format=config.prompt_format,
             screen=profile.screen(sent),
             space=config.actions,
+            sampling=config.sampling,
         )
         # A compact reply lists new entries only, so a missing one is not a dropped one.
         unseen = list(self.memory)

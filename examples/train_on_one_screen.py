@@ -79,9 +79,9 @@ async def play(
         # The websites carry the actions out; at an attempt's end the judge looks at all of it.
         texts = [model.renderer.decode(reply.ids) for reply in replies]
         stepped = await asyncio.gather(*(one.env.step(text) for one, text in zip(going, texts, strict=True)))
-        for attempt, turn, (_, attempt.reward, _, _, attempt.info) in zip(
-            going, zip(requests, replies, strict=True), stepped, strict=True
-        ):
+        turns = zip(requests, replies, strict=True)
+        for attempt, turn, step in zip(going, turns, stepped, strict=True):
+            _, attempt.reward, _, _, attempt.info = step
             attempt.turns.append(turn)
     return [attempt for attempt in attempts if not math.isnan(attempt.reward)]
 
@@ -148,16 +148,15 @@ async def main() -> None:
     config = webgym.RunConfig(**CONFIG)
     most = max(told.test, told.tasks * attempts_each)
     async with webgym.make_many(most, "offline-small-v2", split="all", config=config) as envs:
-        of_split: dict[str, list[str]] = {"train": [], "test": []}
-        for task in envs[0].tasks.values():
-            of_split[task.split].append(task.id)
-        test = random.Random(0).sample(of_split["test"], told.test)
+        tasks = envs[0].tasks.values()
+        to_learn, to_test = ([task.id for task in tasks if task.split == name] for name in ("train", "test"))
+        test = random.Random(0).sample(to_test, told.test)
         attempts = await play(envs, test, model, EXPLOIT, random.Random(0))
         print(f"before  {success(attempts)} unseen tasks", flush=True)
         for iteration in range(1, told.iterations + 1):
             # Collect: each task several times, so that its attempts can be compared.
-            tasks = rng.sample(of_split["train"], told.tasks) * attempts_each
-            attempts = await play(envs, tasks, model, EXPLORE, rng)
+            drawn = rng.sample(to_learn, told.tasks) * attempts_each
+            attempts = await play(envs, drawn, model, EXPLORE, rng)
             turns, losses = list(compared(attempts)), []
             # Learn: each turn some times, in batches.
             for _ in range(passes):

@@ -146,7 +146,9 @@ async def test_many_calls_share_batches_and_carry_their_tokens(folder: Path) -> 
         assert reply.completion_tokens == len(reply.tokens.reply_ids) <= 5
 
 
-async def test_a_turn_with_its_own_sampling_is_replied_to_with_it(folder: Path) -> None:
+async def test_a_turn_with_its_own_sampling_is_replied_to_with_it(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """An evaluation beside collection: one model, two ways to sample, never in one batch."""
     config = LocalConfig(path=str(folder), sampling=Sampling(max_tokens=4))
     greedy = Sampling(temperature=0.0, extra_body={"top_k": 2})
@@ -158,7 +160,7 @@ async def test_a_turn_with_its_own_sampling_is_replied_to_with_it(folder: Path) 
             batches.append(len(requests))
             return generated(requests, *given)
 
-        policy._generate = counted  # type: ignore[method-assign]
+        monkeypatch.setattr(policy, "_generate", counted)
         plain = turn("task say the number", "a")
         turns = [plain, replace(plain, sampling=greedy)] * 3
         replies = await asyncio.gather(*(policy.reply(each, seed) for seed, each in enumerate(turns)))

@@ -15,7 +15,7 @@ from webgym.agent.agent import Agent
 from webgym.agent.config import AgentConfig
 from webgym.agent.formats import render_reply
 from webgym.agent.openai_policy import OpenAIPolicy
-from webgym.agent.profile import DEFAULT_SAMPLING, PAPER_SAMPLING
+from webgym.agent.profile import DEFAULT_SAMPLING
 from webgym.core.action import LeftClick, Target
 from webgym.core.errors import PolicyBadReply, PolicyError, PolicyTimeout, PolicyUnreachable
 from webgym.core.observation import Observation
@@ -75,7 +75,12 @@ async def test_a_turn_over_the_wire(endpoint: Endpoint, png: bytes) -> None:
 
 
 @pytest.mark.parametrize(
-    "sampling", [Sampling(), PAPER_SAMPLING, Sampling(temperature=0, extra_body={"seed": 1})]
+    "sampling",
+    [
+        Sampling(),
+        Sampling(top_p=0.9, extra_body={"top_k": 2}),
+        Sampling(temperature=0, extra_body={"seed": 1}),
+    ],
 )
 async def test_the_sampling_is_recorded_as_it_was_sent(
     endpoint: Endpoint, png: bytes, sampling: Sampling

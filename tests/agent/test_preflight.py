@@ -85,14 +85,20 @@ def click(x: float, y: float) -> str:
 
 PIXELS = click(1178, 699)  # of 1280 x 768
 GRID = click(920, 910)
+PERCENT = click(92, 91)
+SHARES = click(0.92, 0.91)
 
 
 @pytest.mark.parametrize(
     ("profile", "text", "told", "hint"),
     [
-        ("generic", PIXELS, "points at pixels of the picture", "--profile qwen2.5-vl"),
-        ("qwen3-vl", PIXELS, "points at pixels of the picture", "--profile qwen2.5-vl"),
-        ("qwen2.5-vl", GRID, "points at a 0-1000 grid", "--profile generic"),
+        ("generic", PIXELS, "points in pixels of the picture", "--profile qwen2.5-vl"),
+        ("qwen3-vl", PIXELS, "points in pixels of the picture", "--profile qwen2.5-vl"),
+        ("qwen2.5-vl", GRID, "points on a 0-1000 grid", "--profile generic"),
+        ("glm-v", PERCENT, "points in per cent of the picture", "--profile molmoweb"),
+        ("molmoweb", GRID, "points on a 0-1000 grid", "--profile generic"),
+        ("internvl3", SHARES, "points in shares of the picture from 0 to 1", "grid: unit"),
+        ("fara-7b", SHARES, "points in shares of the picture from 0 to 1", "grid: unit"),
     ],
 )
 async def test_another_scale_than_the_profiles_stops_the_run(
@@ -108,7 +114,7 @@ async def test_another_scale_than_the_profiles_stops_the_run(
 
 
 @pytest.mark.parametrize("viewport", [(1280, 768), (1024, 768), (1920, 1080), (768, 1280), (390, 844)])
-@pytest.mark.parametrize("profile", ["generic", "qwen3-vl", "qwen2.5-vl"])
+@pytest.mark.parametrize("profile", ["generic", "qwen3-vl", "qwen2.5-vl", "glm-v", "molmoweb"])
 async def test_the_right_scale_is_none_of_another(profile: str, viewport: tuple[int, int]) -> None:
     chosen = choose_profile(profile, "m")
     width, height = chosen.screen(chosen.picture_size(viewport))

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from webgym.agent import profiles
 from webgym.agent.config import AgentConfig
 from webgym.agent.image_sizing import MultipleOf, Patches, TiledScaling
-from webgym.agent.profile import DEFAULT_SAMPLING, PAPER_SAMPLING, Profile
+from webgym.agent.profile import DEFAULT_SAMPLING
 from webgym.agent.profiles import GENERIC, all_profiles, choose_profile, profile_of
 from webgym.agent.prompts import tool_declaration
 from webgym.core.errors import ConfigError
@@ -20,6 +20,7 @@ from webgym.llm.config import ChatConfig, Sampling
 from webgym.run.config import PolicyChoice, RunConfig, resolved
 
 DOCS = Path(__file__).parents[2] / "docs" / "agent.md"
+PAPER_SAMPLING = Sampling(temperature=1.0, top_p=0.99, max_tokens=3072, extra_body={"top_k": 2})
 
 # As transformers 5.23 has them (`smart_resize` of its Qwen2VL processor), width first.
 QWEN3 = {
@@ -59,15 +60,25 @@ QWEN25 = {
         ("accounts/fireworks/models/qwen2p5-vl-32b-instruct", "qwen2.5-vl"),
         ("qwen25-vl-7b", "qwen2.5-vl"),
         ("qwen2-5-vl", "qwen2.5-vl"),
-        ("ByteDance-Seed/UI-TARS-1.5-7B", "qwen2.5-vl"),
-        ("ui-tars-1-5-7b-4bit", "qwen2.5-vl"),
-        ("microsoft/Fara-7B", "qwen2.5-vl"),
+        ("ByteDance-Seed/UI-TARS-1.5-7B", "ui-tars-1.5"),
+        ("ui-tars-1-5-7b-4bit", "ui-tars-1.5"),
+        ("microsoft/Fara-7B", "fara-7b"),
+        ("microsoft/Fara1.5-9B", "qwen3.5"),
+        ("fara-1.5-9b", "qwen3.5"),
         ("xlangai/OpenCUA-32B", "qwen2.5-vl"),
         ("Hcompany/Holo1.5-7B", "qwen2.5-vl"),
         ("Salesforce/GTA1-7B", "qwen2.5-vl"),
         ("mPLUG/GUI-Owl-32B", "qwen2.5-vl"),
         ("Qwen/Qwen3.5-9B", "qwen3.5"),
         ("qwen3.8-plus", "qwen3.5"),
+        ("Qwen/Qwen4-8B", "qwen3.5"),
+        ("zai-org/GLM-4.1V-9B-Thinking", "glm-v"),
+        ("zai-org/GLM-4.5V-FP8", "glm-v"),
+        ("glm-4.6v-flash", "glm-v"),
+        ("OpenGVLab/InternVL3-8B", "internvl3"),
+        ("OpenGVLab/InternVL3_5-38B", "internvl3"),
+        ("google/gemma-3-27b-it", "gemma-3"),
+        ("allenai/MolmoWeb-8B", "molmoweb"),
         ("gpt-4o", "gpt-4"),
         ("openai/gpt-4o-2024-08-06", "gpt-4"),
         ("gpt-4.1", "gpt-4"),
@@ -88,7 +99,10 @@ def test_a_family_is_known_by_the_models_name(model: str, name: str) -> None:
 
 @pytest.mark.parametrize(
     "model",
-    ["tiny", "scripted", "gpt-oss-20b", "Qwen/Qwen3-8B", "foo3", "turbo1", "UI-TARS-7B-DPO", "safara-1"],
+    [
+        *("tiny", "scripted", "gpt-oss-20b", "Qwen/Qwen3-8B", "foo3", "turbo1", "UI-TARS-7B-DPO", "safara-1"),
+        *("glm-4.5-air", "google/gemma-3n-E4B-it", "allenai/Molmo2-8B", "OpenGVLab/InternVL2-8B"),
+    ],
 )
 def test_other_models_are_of_no_family(model: str) -> None:
     assert profile_of(model) is None
@@ -111,6 +125,42 @@ def test_pictures_get_the_size_that_the_processor_makes(
 ) -> None:
     rule = all_profiles()[name].pictures
     assert {size: rule.size(size) for size in sizes} == sizes
+
+
+def test_glms_own_processor_leaves_its_pictures_as_they_are_sent() -> None:
+    smart_resize: Any = pytest.importorskip(
+        "transformers.models.glm4v.image_processing_pil_glm4v", exc_type=ImportError
+    ).smart_resize
+    rule = all_profiles()["glm-v"].pictures
+    for width, height in (*QWEN25, (3000, 2000), (60, 60)):
+        high, wide = smart_resize(2, height, width, factor=28, min_pixels=12544, max_pixels=9633792)
+        assert rule.size((width, height)) == (wide, high)
+
+
+@pytest.mark.parametrize(
+    ("name", "module", "processor", "settings", "each"),
+    [
+        (
+            "internvl3",
+            "got_ocr2.image_processing_pil_got_ocr2",
+            "GotOcr2ImageProcessorPil",
+            {"size": {"height": 448, "width": 448}, "crop_to_patches": True, "max_patches": 12},
+            256,
+        ),
+        ("molmoweb", "molmo2.image_processing_molmo2", "Molmo2ImageProcessor", {}, 1),
+    ],
+)
+def test_a_picture_that_the_processor_cuts_up_costs_no_more_than_the_profile_says(
+    name: str, module: str, processor: str, settings: dict[str, Any], each: int
+) -> None:
+    found = pytest.importorskip(f"transformers.models.{module}", exc_type=ImportError)
+    if not hasattr(found, processor):
+        pytest.skip(f"transformers has no {processor} here")
+    patches = getattr(found, processor)().get_number_of_image_patches
+    costs = [each * patches(height, width, settings) for width, height in (*QWEN3, *QWEN25)]
+    most = all_profiles()[name].pictures.tokens((1280, 768))
+    assert most / 2 < max(costs) <= most
+    assert all_profiles()[name].picture_size((1280, 768)) == (1280, 768)
 
 
 @given(st.sampled_from(sorted(all_profiles())), st.integers(30, 6000), st.integers(30, 6000))
@@ -170,24 +220,36 @@ def test_a_model_that_points_at_pixels_is_told_its_screen() -> None:
     assert '"maximum": 1288' in declared
 
 
-def test_a_new_family_is_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("name", "screen"), [("molmoweb", (100, 100)), ("glm-v", (1000, 1000)), ("ui-tars-1.5", (1288, 756))]
+)
+def test_points_refer_to_what_the_familys_own_code_reads_in_them(name: str, screen: tuple[int, int]) -> None:
+    family = all_profiles()[name]
+    assert family.screen(family.picture_size((1280, 768))) == screen
+    assert family.unverified
+
+
+def test_a_new_family_is_one_file(tmp_path: Path) -> None:
     """The file that the documentation shows is a family as it stands."""
-    shown = DOCS.read_text().partition("<!-- a family -->\n```python\n")[2].partition("```")[0]
-    (tmp_path / "docs_example.py").write_text(shown)
-    monkeypatch.setattr(profiles, "__path__", [*profiles.__path__, str(tmp_path)])
-    found = profile_of("acme/Looker-2-7B")
-    assert isinstance(found, Profile)
-    assert found.name == "looker"
+    shown = DOCS.read_text().partition("<!-- a family -->\n```toml\n")[2].partition("```")[0]
+    (tmp_path / "own.toml").write_text(shown)
+    found = all_profiles(tmp_path)["looker"]
+    assert found.fits("acme/Looker-2-7B")
     assert found.picture_size((1280, 768)) == (1280, 768)
     assert found.sampling_of(Sampling()).body()["top_k"] == 20
 
 
-def test_no_two_profiles_share_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    text = "from webgym.agent.profile import Profile\nPROFILES = (Profile(name='generic'),)\n"
-    (tmp_path / "twice.py").write_text(text)
-    monkeypatch.setattr(profiles, "__path__", [str(tmp_path)])
+def test_no_two_profiles_share_a_name(tmp_path: Path) -> None:
+    (tmp_path / "twice.toml").write_text("[generic]\n")
     with pytest.raises(ValueError, match="two profiles 'generic'"):
-        all_profiles()
+        all_profiles(tmp_path)
+
+
+@pytest.mark.parametrize("text", ["[a]\npictures = {rule = 'none'}\n", "[a]\nsampling = {top_q = 1}\n", "[a"])
+def test_a_file_that_holds_no_profiles_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "wrong.toml").write_text(text)
+    with pytest.raises(ValueError):  # noqa: PT011 - the libraries' own
+        all_profiles(tmp_path)
 
 
 @pytest.mark.parametrize(

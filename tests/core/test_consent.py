@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+import webgym
 from webgym.core.consent import ALLOW, confirm, remember
 from webgym.core.errors import ConfigError
 from webgym.core.settings import presets, read_yaml
@@ -17,6 +18,7 @@ CLAIMS = {
     "runs the code mine:judge": CODE,
     "runs the code ours.loss:mean": {"learn": {"objective": "ours.loss:mean"}},
     "runs the code my-file:Judge.strict": {"judge": ["rubric", "my-file:Judge.strict"]},
+    "runs the code webgym.study.model:x": {"learn": {"objective": {"name": "webgym.study.model:x"}}},
     "starts a program with executable /opt/chrome": {"browser": {"executable": "/opt/chrome"}},
     "starts a program with env {'LD_PRELOAD': 'x.so'}": {"vllm": {"env": {"LD_PRELOAD": "x.so"}}},
     "sends SECRET to http://far.example/v1": {
@@ -85,7 +87,8 @@ def test_nothing_is_asked_about_settings_that_only_set(tmp_path: Path, settings:
 def test_settings_of_the_package_and_those_that_one_has_read_are_trusted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for path in set(presets().values()):
+    study = Path(webgym.__file__).parent / "study" / "study.yaml"  # whose controls are code of the package
+    for path in {study, *presets().values()}:
         read_yaml(path, hint="")
     monkeypatch.setenv(ALLOW, "1")
     confirm(CODE, tmp_path / "config.yaml")

@@ -146,6 +146,31 @@ async def test_many_calls_share_batches_and_carry_their_tokens(folder: Path) -> 
         assert reply.completion_tokens == len(reply.tokens.reply_ids) <= 5
 
 
+async def test_a_turn_with_its_own_sampling_is_replied_to_with_it(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An evaluation beside collection: one model, two ways to sample, never in one batch."""
+    config = LocalConfig(path=str(folder), sampling=Sampling(max_tokens=4))
+    greedy = Sampling(temperature=0.0, extra_body={"top_k": 2})
+    async with LocalPolicy(config) as policy:
+        batches: list[int] = []
+        generated = policy._generate
+
+        def counted(requests: Any, *given: Any) -> Any:
+            batches.append(len(requests))
+            return generated(requests, *given)
+
+        monkeypatch.setattr(policy, "_generate", counted)
+        plain = turn("task say the number", "a")
+        turns = [plain, replace(plain, sampling=greedy)] * 3
+        replies = await asyncio.gather(*(policy.reply(each, seed) for seed, each in enumerate(turns)))
+    assert max(batches) <= 3
+    assert sum(batches) == 6
+    own = policy._sampling.body()
+    assert [reply.sampling for reply in replies] == [own, own | greedy.body()] * 3
+    assert len({reply.text for reply in replies[1::2]}) == 1, "the likeliest tokens, whatever the seed"
+
+
 async def test_published_weights_reply_from_then_on(folder: Path, tmp_path: Path) -> None:
     other = make_model(WORDS, TinyConfig(width=64, text_layers=2, vision_layers=2), seed=2)
     save_model(other, tmp_path)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
+import random
 import shutil
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -21,11 +23,15 @@ from tests.train.worlds import training_of
 
 from webgym.core.errors import ConfigError, RunFolderError, UsageError
 from webgym.offline.web import OfflineWeb
+from webgym.store.runs import RunReader
 from webgym.study import conditions as study
-from webgym.study.conditions import Result, carry_out, read_study, table, write
+from webgym.study.conditions import Result, carry_out, read_results, read_study, result_of, table, write
+from webgym.study.spread import Fit, student
 from webgym.tasks.selection import select
+from webgym.train.config import ObjectiveConfig
 from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig, Training
+from webgym.train.objectives import Attempt, make_objective
 
 STUDY = read_study([])
 
@@ -40,16 +46,15 @@ def test_a_row_differs_from_the_reference_in_what_it_is_named_for() -> None:
         45,
     ]
     differing = {name: set(paths(row, reference)) for name, row in rows.items()}
-    prompt, horizon = "rollout.agent.prompt_format", "rollout.attempt.budget_"
+    prompt = "rollout.agent.prompt_format"
     assert differing["reference"] == set()
     assert differing["without memory"] == {prompt}
-    assert differing["without repetition penalty"] == {"learn.replay.repetition_penalty"}
     assert differing["uniform sampling"] == {"sampler.ratio"}
     assert differing["fewer domains"] == {"sampler.without"}
-    assert differing["shorter horizon, uniform"] == {
-        "sampler.ratio",
-        *(f"{horizon}{level}" for level in ("easy", "medium", "hard")),
-    }
+    assert differing["frontier"] == {"sampler.ratio", "learn.frontier"}
+    assert differing["shuffled rewards"] == differing["all attempts cloned"] == {"learn.objective.name"}
+    sampling = {json.dumps(row["evaluation"]["sampling"]) for row in rows.values()}
+    assert sampling == {'{"top_p": 0.99, "extra_body": {"top_k": 2}}'}, "the paper's, in every row"
     assert all(row["sampler"]["split"] == "train" for row in rows.values())
     attempts = {name: row["loop"]["tasks"] * row["rollout"]["samples"] for name, row in rows.items()}
     assert set(attempts.values()) == {160}, "rows are compared at the same number of attempts"
@@ -69,19 +74,39 @@ def paths(row: object, other: object, at: str = "") -> list[str]:
 
 def test_the_table_holds_means_and_spreads_and_the_papers_figures(tmp_path: Path) -> None:
     results = [
-        Result("reference", 1, [0, 320, 640], [0.2, 0.5, 0.4]),
-        Result("reference", 2, [0, 320, 640], [0.3, 0.4, 0.6]),
+        Result("reference", 1, [0, 320, 640], [0.2, 0.5, 0.4], core_hours=0.1),
+        Result("reference", 2, [0, 320, 640], [0.2, 0.4, 0.6], core_hours=0.3),
         Result("only easy", 1, [0, 320, 640], [0.2, 0.3, 0.3]),
     ]
     lines = list(table(STUDY, results))
-    assert lines[2] == (
-        "| reference | 2 | 25.0 ± 7.1 | 50.0 ± 14.1 | 55.0 ± 7.1 | 25.0 ± 7.1 | 26.2, 34.5, +8.3 |"
-    )
-    assert lines[3].startswith("| only easy | 1 | 20.0 | 30.0 | 30.0 | 10.0 |")
+    # One evaluation before training, which rows share, has no spread of its own.
+    assert lines[2] == "| reference | 2 | 20.0 | 50.0 ± 14.1 | 40.0 ± 0.0 | 0.20 | 26.2, 34.5, +8.3 |"
+    assert lines[3].startswith("| only easy | 1 | 20.0 | 30.0 | 27.5 |  | 26.2,")
     write(STUDY, results, tmp_path)
     assert (tmp_path / "study.md").read_text().splitlines()[: len(lines)] == lines
-    assert len(json.loads((tmp_path / "study.json").read_text())) == 3
+    assert read_results(tmp_path) == results
     assert (tmp_path / "study.png").stat().st_size > 1000
+
+
+def test_the_area_under_the_curve_is_over_trajectories_and_may_be_of_some_kinds() -> None:
+    kinds = {"News": [(1, 10), (3, 10), (5, 10)], "Shopping": [(1, 10), (1, 10), (3, 10)], "Other": []}
+    result = Result("reference", 1, [0, 100, 400], [0.2, 0.4, 0.6], kinds=kinds)
+    assert result.area() == pytest.approx((100 * 0.3 + 300 * 0.5) / 400)
+    assert result.area(["News", "Shopping"]) == pytest.approx((100 * 0.15 + 300 * 0.3) / 400)
+    assert result.area(["Sports"]) is None
+    assert Result("reference", 1, [0, 0], [0.2, 0.4]).area() is None
+
+
+def test_only_attempts_with_a_reward_are_trajectories_and_each_kind_is_counted(tmp_path: Path) -> None:
+    build_training(tmp_path / "training", iterations=2, count=12)
+    folder = TrainingFolder(tmp_path / "training")
+    result = result_of(folder, "reference", 1)
+    run = RunReader(folder.run(1))
+    rewarded = [each for each in run.trajectories() if each.outcome.is_rewarded]
+    assert result.trajectories[1] == len(rewarded) < len(run.attempts)
+    for number, rate in enumerate(result.rates):
+        counts = [kind[number] for kind in result.kinds.values()]
+        assert sum(right for right, _ in counts) / sum(count for _, count in counts) == pytest.approx(rate)
 
 
 def test_a_training_with_an_evaluation_that_was_not_judged_is_left_out(tmp_path: Path) -> None:
@@ -90,7 +115,7 @@ def test_a_training_with_an_evaluation_that_was_not_judged_is_left_out(tmp_path:
     assert not (tmp_path / "study.png").exists()
     results = [unjudged, Result("reference", 2, [0, 640], [0.2, 0.3])]
     write(STUDY, results, tmp_path)
-    assert study._read(tmp_path / "study.json") == results
+    assert read_results(tmp_path) == results
     (row,) = list(table(STUDY, results))[2:]
     assert row.startswith("| reference | 1 | 20.0 | 30.0 |")
     assert list(study.findings(STUDY, results))[2:] == []
@@ -98,24 +123,90 @@ def test_a_training_with_an_evaluation_that_was_not_judged_is_left_out(tmp_path:
 
 def test_a_finding_repeats_where_the_difference_is_beyond_its_interval() -> None:
     after = {
-        "reference": (0.40, 0.41, 0.42),
-        "without memory": (0.30, 0.31, 0.32),
-        "uniform sampling": (0.30, 0.41, 0.52),
-        "fewer domains": (0.50, 0.51, 0.52),
-        "without repetition penalty": (0.1,),
+        "reference": (0.40, 0.45, 0.50),
+        "without memory": (0.30, 0.35, 0.41),
+        "uniform sampling": (0.40, 0.46, 0.50),
+        "shuffled rewards": (0.60, 0.65, 0.69),
     }
     results = [
-        Result(row, seed, [0, 640], [0.25, last])
+        Result(row, seed, [0, 640], [0.0, 2 * last])
         for row, lasts in after.items()
         for seed, last in enumerate(lasts)
     ]
-    lines = list(study.findings(STUDY, results))[2:]
-    assert lines == [
-        "| memory helps | +10.0 ± 2.3 | yes |",
-        "| uniform sampling beats biased | +0.0 ± 27.4 | not decided |",
-        "| breadth of domains helps | -10.0 ± 2.3 | no, the opposite |",
+    # Seeds explain most of the spread, and all rows share what is left of it.
+    assert list(study.findings(STUDY, results))[2:] == [
+        "| rewards teach (control) | -19.7 ± 1.1 | no, the opposite |",
+        "| memory helps | +9.7 ± 1.1 | yes |",
+        "| uniform sampling beats biased | +0.3 ± 1.1 | not decided |",
     ]
-    assert {row for pair in STUDY.findings.values() for row in pair} <= set(STUDY.rows)
+    named = {row for each in STUDY.findings.values() for row in (each.better, each.worse)}
+    assert named <= set(STUDY.rows)
+
+
+def test_the_spread_of_results_is_what_their_rows_and_seeds_do_not_explain() -> None:
+    rng, rows, seeds = random.Random(5), [f"row {number}" for number in range(12)], range(40)
+    results = {
+        (row, seed): 0.1 * seed + 0.02 * (row == "row 3") + rng.gauss(0, 0.01)
+        for row in rows
+        for seed in seeds
+    }
+    fit = Fit(results)
+    assert fit.freedom == 11 * 39
+    assert fit.spread == pytest.approx(0.01, rel=0.1)
+    found = fit.difference("row 3", "row 5")
+    assert found is not None
+    assert found.mean == pytest.approx(0.02, abs=0.005)
+    # As for two means of 40 with a known spread.
+    assert found.half_width == pytest.approx(1.966 * fit.spread * math.sqrt(2 / 40), rel=0.001)
+    assert fit.difference("row 3", "row 99") is None
+    # A training that is missing leaves the others what they are.
+    del results["row 3", 0]
+    assert Fit(results).freedom == 11 * 39 - 1
+
+
+@pytest.mark.parametrize(("freedom", "quantile"), [(2, 4.303), (3, 3.182), (9, 2.262), (63, 1.998)])
+def test_students_t(freedom: int, quantile: float) -> None:
+    assert student(0.975, freedom) == pytest.approx(quantile, rel=0.01)
+
+
+def test_the_plan_says_what_differences_will_show() -> None:
+    rows = list(STUDY.rows)[:8]
+    cost, shows = study.plan(STUDY, rows, 10, [])
+    assert cost == "8 rows x 10 seeds: 80 trainings, about 8.0 core hours (0.10 each, expected)"
+    assert "2.3 points" in shows
+    assert "spread 1.8 points, expected" in shows
+    # Found by chance alone in four of five made-up studies of that size.
+    rng, found = random.Random(2), 0
+    for _ in range(200):
+        results = {
+            (row, seed): rng.gauss(0.023 * (row == rows[0]), 0.018) for row in rows for seed in range(10)
+        }
+        difference = Fit(results).difference(rows[0], rows[1])
+        assert difference is not None
+        found += difference.mean > difference.half_width
+    assert 140 < found < 180
+    assert list(study.plan(STUDY, rows[:1], 10, []))[1].startswith("too few rows")
+    measured = [
+        Result(row, seed, [0, 640], [0.2, 0.4 + 0.01 * ((seed + place) % 3)], core_hours=0.5)
+        for place, row in enumerate(rows)
+        for seed in range(3)
+    ]
+    cost, shows = study.plan(STUDY, rows, 10, measured)
+    assert "about 40.0 core hours (0.50 each, measured)" in cost
+    assert "measured" in shows
+
+
+def test_controls_imitate_regardless_of_the_reward() -> None:
+    attempts = [Attempt(f"a{number}", "task", float(number < 5)) for number in range(20)]
+    objectives = [
+        make_objective(ObjectiveConfig.model_validate(STUDY.rows[row].settings["learn"]["objective"]))
+        for row in ("shuffled rewards", "all attempts cloned")
+    ]
+    shuffled, cloned = (objective.advantages(attempts) for objective in objectives)
+    assert cloned == {attempt.id: 1.0 for attempt in attempts}
+    assert len(shuffled) == 5
+    assert set(shuffled) != {f"a{number}" for number in range(5)}
+    assert objectives[0].advantages(reversed(attempts)) == shuffled
 
 
 def test_what_is_not_there_is_told_in_one_line(tmp_path: Path) -> None:
@@ -150,7 +241,7 @@ async def test_a_training_that_was_killed_after_its_last_evaluation_is_brought_t
 
     monkeypatch.setattr(study, "open_training", opened)
     (result,) = await carry_out(short, first, ["reference"], 1, tmp_path, print)
-    assert result.trajectories == [0, 6, 12]
+    assert result.trajectories == [0, 5, 10], "one of six has no reward"
 
     # What is in study.json is not made again: on another machine that file is enough.
     def never(*_: Any, **__: Any) -> None:
@@ -190,6 +281,11 @@ def test_the_pages_commands_train_the_rows_that_are_asked_for(
     small = ("small.yaml", "--seeds", 1, "--row", "reference")
     code, said = calls.run(*documented("webgym study --out study"), *small)
     assert code == 0, said
+    assert "1 rows x 1 seeds: 1 trainings" in said
+    code, said = calls.run(*documented("webgym study --plan --seeds 10"))
+    assert code == 0, said
+    assert said.splitlines()[0] == "reference"
+    assert "points between two rows" in said
     assert len(json.loads(Path("study/study.json").read_text())) == 2
 
 
@@ -239,12 +335,12 @@ async def test_the_first_weights_are_evaluated_once_for_all_rows_with_the_same_a
     monkeypatch.setattr(study, "open_training", opened)
     monkeypatch.setattr(study, "result_of", lambda _, row, seed: Result(row, seed, [0, 640], [0.25, 0.5]))
     (first := tmp_path / "weights").mkdir()
-    rows = ["reference", "without memory", "shorter horizon, uniform", "groups with importance weights"]
+    rows = ["reference", "without memory", "uniform sampling", "groups"]
     with monkeypatch.context() as killing:
         killing.setattr(shutil, "copytree", killed)
         with pytest.raises(MemoryError):
             await carry_out(STUDY, first, rows, 2, tmp_path, print)
-    part = tmp_path / "trainings/shorter-horizon-uniform/seed-1/evaluations/0000"
+    part = tmp_path / "trainings/uniform-sampling/seed-1/evaluations/0000"
     assert not part.exists(), "it would be continued as a run"
     await carry_out(STUDY, first, rows, 2, tmp_path, print)
     assert not list(part.parent.glob(".*"))

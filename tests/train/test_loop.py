@@ -33,7 +33,7 @@ from webgym.offline.config import SitesConfig
 from webgym.results.summary import Summary
 from webgym.rollout.config import AttemptConfig
 from webgym.rollout.sessions import Places
-from webgym.run.config import RunConfig
+from webgym.run.config import RunConfig, read_config
 from webgym.store.runs import RunReader
 from webgym.train.config import FrontierConfig, LearnConfig, ReplayConfig
 from webgym.train.folder import Stage, TrainingFolder
@@ -215,6 +215,21 @@ def test_samples_of_one_test_task_are_one_piece_of_evidence(tmp_path: Path) -> N
             assert found[name]["hard"] is None
 
 
+def test_evaluations_have_their_own_sampling_and_collection_does_not(tmp_path: Path) -> None:
+    chosen = Sampling(top_p=0.99, extra_body={"top_k": 2})
+    settings = config(iterations=1, evaluate_every=1)
+    run(
+        tmp_path,
+        World(),
+        settings.model_copy(update={"evaluation": EvaluationConfig(count=2, sampling=chosen)}),
+    )
+    folder = TrainingFolder(tmp_path)
+    made = {
+        path: read_config(RunReader(path))[0].agent.sampling for path in (folder.run(1), folder.evaluation(1))
+    }
+    assert list(made.values()) == [None, chosen]
+
+
 @pytest.mark.parametrize(
     ("changed", "differs"),
     [
@@ -225,6 +240,7 @@ def test_samples_of_one_test_task_are_one_piece_of_evidence(tmp_path: Path) -> N
         ({"rollout": RunConfig(judge=judge("another"))}, "rollout.judge"),
         ({"rollout": RunConfig(judge=judge("m"), agent=AgentConfig(rounds=1))}, "rollout.agent"),
         ({"local": LocalConfig(path="m", sampling=Sampling(temperature=0.5))}, "sampling"),
+        ({"evaluation": EvaluationConfig(count=2, sampling=Sampling(top_p=0.5))}, "sampling"),
         ({"local": LocalConfig(path="m", threads=1)}, ""),
         ({"local": LocalConfig.model_validate(LocalConfig(path="m").model_dump(mode="json"))}, ""),
         ({"rollout": on_pages(browser=BrowserConfig(settle_seconds=1))}, "rollout.browser"),

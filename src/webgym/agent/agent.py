@@ -155,6 +155,7 @@ class Dialogue:
             prompt_format=config.prompt_format,
             screen=profile.screen(sent),
             space=config.actions,
+            sampling=config.sampling,
         )
         # What a reply need not repeat is not dropped by being left out.
         unseen = list(self.memory)

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from webgym.core.action import Mode, Space
 from webgym.core.settings import Settings
+from webgym.llm.config import Sampling
 
 PromptFormat: TypeAlias = Literal["memory", "official", "compact", "compact_official"]
 """``memory``: Memory, Progress, Intention, Action, tool call. ``official``: the last two (paper §5). The
@@ -34,6 +35,10 @@ class AgentConfig(Settings):
     clicks, holding the button down, drags, scrolling a given element, scrolling left and right, typing
     without Enter, uploading files of the task, and answering dialogs; in marks mode, coordinates for places
     that carry no number."""
+
+    sampling: Sampling | None = None
+    """Sampling parameters of this run's replies, over those that the policy has (``evaluation.sampling`` of a
+    training sets it)."""
 
     rounds: int = Field(default=4, ge=0, le=50)
     """Past rounds that are shown in full, as screenshot and reply, before the current screenshot. The paper

@@ -7,7 +7,7 @@ does not change it: the model sees the recorded pixels, and its coordinates refe
 from __future__ import annotations
 
 import math
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 import msgspec
 
@@ -15,19 +15,19 @@ Size: TypeAlias = tuple[int, int]
 """Width and height, pixels."""
 
 
-class PictureRule(Protocol):
+class PictureRule(msgspec.Struct, frozen=True, kw_only=True, tag_field="rule"):
     """How a model family scales pictures. ``size`` must be idempotent."""
 
     def size(self, size: Size) -> Size:
-        """The size at which the model sees a picture of this size."""
-        ...
+        """The size at which the model sees a picture of this size; by default the given one."""
+        return size
 
     def tokens(self, size: Size) -> int:
         """Cost of a picture of this size, in tokens; rather too many than too few."""
-        ...
+        raise NotImplementedError
 
 
-class Unscaled(msgspec.Struct, frozen=True, kw_only=True):
+class Unscaled(PictureRule, frozen=True, kw_only=True, tag="unscaled"):
     """A picture is sent unchanged, and costs a token per square.
 
     Attributes:
@@ -36,20 +36,30 @@ class Unscaled(msgspec.Struct, frozen=True, kw_only=True):
 
     square: int = 28
 
-    def size(self, size: Size) -> Size:
-        """The given size."""
-        return size
-
     def tokens(self, size: Size) -> int:
         """One token per square, partial ones included."""
         return math.ceil(size[0] / self.square) * math.ceil(size[1] / self.square)
 
 
-class MultipleOf(msgspec.Struct, frozen=True, kw_only=True):
+class CutUp(PictureRule, frozen=True, kw_only=True, tag="cut_up"):
+    """A picture is sent unchanged, and the processor stretches it or cuts it into tiles of its own.
+
+    Attributes:
+        most_tokens: that a picture of any size may cost.
+    """
+
+    most_tokens: int
+
+    def tokens(self, size: Size) -> int:  # noqa: ARG002
+        """The most, whatever the size."""
+        return self.most_tokens
+
+
+class MultipleOf(PictureRule, frozen=True, kw_only=True, tag="multiple_of"):
     """Both sides are rounded to multiples of a factor, and the area is kept between two bounds.
 
-    This is ``smart_resize`` of the Qwen-VL processors: patches of 14 or 16 pixels, of which two by two become
-    one token.
+    This is ``smart_resize`` of the processors of Qwen-VL and GLM-V: patches of 14 or 16 pixels, of which two
+    by two become one token.
 
     Attributes:
         factor: patch side times merge size, pixels.
@@ -78,7 +88,7 @@ class MultipleOf(msgspec.Struct, frozen=True, kw_only=True):
         return (width // self.factor) * (height // self.factor) + 2
 
 
-class TiledScaling(msgspec.Struct, frozen=True, kw_only=True):
+class TiledScaling(PictureRule, frozen=True, kw_only=True, tag="tiled_scaling"):
     """A picture is scaled down into a box and to a shortest side, then cut into tiles.
 
     The rule of GPT-4o, GPT-4.1 and GPT-5 at ``detail: high``, after OpenAI's guide to images.
@@ -109,7 +119,7 @@ class TiledScaling(msgspec.Struct, frozen=True, kw_only=True):
         return self.base_tokens + self.tile_tokens * tiles
 
 
-class Patches(msgspec.Struct, frozen=True, kw_only=True):
+class Patches(PictureRule, frozen=True, kw_only=True, tag="patches"):
     """A picture is scaled down until a limited number of patches cover it.
 
     The rule of GPT-4.1 mini, GPT-5 mini and o4-mini, after OpenAI's guide to images.

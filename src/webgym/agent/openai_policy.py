@@ -84,7 +84,7 @@ class OpenAIPolicy(BasePolicy):
             PolicyTimeout: no complete reply came in time.
             PolicyBadReply: the endpoint's answer is not a completion.
         """
-        return await self.ask(turn.messages, turn.images)
+        return await self.ask(turn.messages, turn.images, turn.sampling)
 
     async def ask(
         self, messages: Sequence[Message], images: Mapping[str, bytes], sampling: Sampling | None = None

@@ -18,6 +18,7 @@ from webgym.core.action import GRID, Mode, Space
 from webgym.core.observation import Observation
 from webgym.core.task import Task
 from webgym.core.trajectory import Message, Reply, Step
+from webgym.llm.config import Sampling
 
 ORACLES: Final = frozenset({"scripted", "demonstrators"})
 """Names of policies that know the solutions of tasks, so that their success rate says nothing about
@@ -39,6 +40,7 @@ class PolicyInput(msgspec.Struct, frozen=True):
         prompt_format: the format that the reply must have.
         screen: largest x and y of points in the reply.
         space: the action space.
+        sampling: parameters over the policy's own, for policies that sample.
     """
 
     task: Task
@@ -52,6 +54,7 @@ class PolicyInput(msgspec.Struct, frozen=True):
     prompt_format: PromptFormat
     screen: Size = (GRID, GRID)
     space: Space = "paper"
+    sampling: Sampling | None = None
 
 
 class PolicySession(Protocol):

@@ -10,12 +10,14 @@ import hashlib
 import io
 from typing import Final
 
+import msgspec
 from PIL import Image, ImageDraw
 
 from webgym.agent.agent import Agent
 from webgym.agent.context import thinking_of
 from webgym.agent.formats import parse_reply
 from webgym.agent.parser import ParsedReply
+from webgym.agent.profile import SCALES
 from webgym.agent.profiles import all_profiles
 from webgym.core.action import GRID, Answer, LeftClick, Target
 from webgym.core.errors import ConfigError
@@ -52,10 +54,12 @@ async def check_policy(agent: Agent, viewport: tuple[int, int]) -> None:
         _refuse_other_scale(agent, step, viewport)
         if step.action is not None:
             return
+    doubt = agent.profile.unverified
     raise ConfigError(
         f"{agent.policy.name} replied {TRIES} times to a test page, never with a valid action; the last: "
         f"{step.parse_error}",
-        hint="is it a chat model that sees pictures, and the right --profile? policy.check: false skips this",
+        hint="is it a chat model that sees pictures, and the right --profile? policy.check: false skips this"
+        + (f" (not verified for {agent.profile.name}: {doubt})" if doubt else ""),
     )
 
 
@@ -101,7 +105,7 @@ async def _ask(agent: Agent, instruction: str, label: str, viewport: tuple[int, 
 
 
 def _refuse_other_scale(agent: Agent, step: Step, viewport: tuple[int, int]) -> None:
-    """Refuse a reply whose point misses the button as the profile reads it and hits it as another would.
+    """Refuse a reply whose point misses the button as the profile reads it and hits it by another scale.
 
     Raises:
         ConfigError: it is such a reply.
@@ -110,13 +114,15 @@ def _refuse_other_scale(agent: Agent, step: Step, viewport: tuple[int, int]) -> 
     sent = profile.picture_size(viewport, agent.config.image_max_side)
     if profile.mode != "coordinates" or _hits(agent, step, profile.screen(sent)):
         return
-    for other in all_profiles().values():
-        if other.mode == "coordinates" and _hits(agent, step, other.screen(sent)):
-            scale = "pixels of the picture" if other.grid == "pixels" else "a 0-1000 grid"
+    for grid, scale in SCALES.items():
+        other = msgspec.structs.replace(profile, grid=grid)
+        if _hits(agent, step, other.screen(sent)):
+            fitting = (each.name for each in all_profiles().values() if each.grid == grid)
             raise ConfigError(
-                f"{agent.policy.name} points at {scale}, and the profile {profile.name} reads its points as "
-                f"on {'a 0-1000 grid' if profile.grid == 'thousand' else 'pixels of the picture'}",
-                hint=f"use --profile {other.name}; policy.check: false skips this",
+                f"{agent.policy.name} points {scale}, and the profile {profile.name} reads its points "
+                f"{SCALES[profile.grid]}",
+                hint=f"use --profile {next(fitting, 'NAME')}, or a profile of your own with grid: {grid}; "
+                "policy.check: false skips this",
             )
 
 

@@ -7,7 +7,15 @@ from typing import Final, Literal, TypeAlias
 
 import msgspec
 
-from webgym.agent.image_sizing import PictureRule, Size, Unscaled, within
+from webgym.agent.image_sizing import (
+    CutUp,
+    MultipleOf,
+    Patches,
+    Size,
+    TiledScaling,
+    Unscaled,
+    within,
+)
 from webgym.core.action import GRID, Mode
 from webgym.llm.config import Sampling
 
@@ -15,11 +23,20 @@ Thinking: TypeAlias = Literal["tagged", "opened"]
 """``tagged``: thinking in a reply begins with ``<think>``. ``opened``: the chat template has opened the
 thinking already, so that a reply without ``</think>`` is thinking that was cut off."""
 
-PAPER_SAMPLING: Final = Sampling(temperature=1.0, top_p=0.99, max_tokens=3072, extra_body={"top_k": 2})
-"""The paper's sampling in training (appendix F). vLLM and SGLang support ``top_k``, some endpoints do not."""
+Grid: TypeAlias = Literal["thousand", "pixels", "percent", "unit"]
+
+SCALES: Final[dict[Grid, str]] = {
+    "thousand": "on a 0-1000 grid",
+    "pixels": "in pixels of the picture",
+    "percent": "in per cent of the picture",
+    "unit": "in shares of the picture from 0 to 1",
+}
+"""What points of a family refer to, in words."""
+
+_SCREENS: Final[dict[Grid, Size]] = {"thousand": (GRID, GRID), "percent": (100, 100), "unit": (1, 1)}
 
 DEFAULT_SAMPLING: Final = Sampling(temperature=1.0, top_p=0.99, max_tokens=3072)
-"""The paper's sampling without the parameters that some endpoints do not support."""
+"""The paper's sampling (appendix F) without ``top_k``, which some endpoints do not support."""
 
 
 class Profile(msgspec.Struct, frozen=True, kw_only=True):
@@ -30,8 +47,9 @@ class Profile(msgspec.Struct, frozen=True, kw_only=True):
         models: regular expressions, case-insensitive, one of which matches part of every model name of the
             family.
         pictures: how pictures are scaled, and what they cost.
-        grid: ``thousand``: points are on a 0-1000 grid over the picture, whatever its size. ``pixels``: they
-            are pixels of the picture as the model sees it.
+        grid: what points refer to: a 0-1000 grid over the picture, whatever its size (``thousand``), pixels
+            of the picture as the model sees it (``pixels``), ``percent`` of it, or shares from 0 to 1
+            (``unit``).
         mode: how a target is named, unless the settings override it.
         thinking: how a reply marks its thinking.
         detail: the ``detail`` of every picture in a request; empty to leave it out.
@@ -40,12 +58,14 @@ class Profile(msgspec.Struct, frozen=True, kw_only=True):
         request_tokens: longest request, in tokens: the usual context length of the model, less the longest
             reply.
         max_images: most pictures in a request; ``None`` if there is no limit.
+        unverified: what of this neither the family's own code nor its documentation confirms, in words; the
+            check before a run shows it when it fails.
     """
 
     name: str
     models: tuple[str, ...] = ()
-    pictures: PictureRule = Unscaled()
-    grid: Literal["thousand", "pixels"] = "thousand"
+    pictures: Unscaled | CutUp | MultipleOf | TiledScaling | Patches = Unscaled()
+    grid: Grid = "thousand"
     mode: Mode = "coordinates"
     thinking: Thinking = "tagged"
     detail: str = ""
@@ -53,6 +73,7 @@ class Profile(msgspec.Struct, frozen=True, kw_only=True):
     length_key: Literal["max_tokens", "max_completion_tokens"] = "max_tokens"
     request_tokens: int = 28672
     max_images: int | None = None
+    unverified: str = ""
 
     def fits(self, model: str) -> bool:
         """Whether a model of this name belongs to the family."""
@@ -69,7 +90,7 @@ class Profile(msgspec.Struct, frozen=True, kw_only=True):
 
     def screen(self, sent: Size) -> Size:
         """Largest x and y of points in the family's replies, given the size at which pictures are sent."""
-        return sent if self.grid == "pixels" else (GRID, GRID)
+        return _SCREENS.get(self.grid, sent)
 
     def sampling_of(self, given: Sampling) -> Sampling:
         """The sampling of a request: the given parameters over the family's, under the family's names."""

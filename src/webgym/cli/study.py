@@ -35,7 +35,9 @@ def command(
     row: list[str] = typer.Option(
         None, "--row", help="Row of the study to train. May be repeated.", show_default="all"
     ),
-    list_rows: bool = typer.Option(False, "--list", help="Print the names of the rows and exit."),
+    plan_only: bool = typer.Option(
+        False, "--plan", help="Print the rows, their cost and what they can show, and exit."
+    ),
 ) -> None:
     """Train the tiny policy with the settings of every row of the paper's study, and compare the results.
 
@@ -47,7 +49,7 @@ def command(
     from webgym.cli._checks import check_folder, check_model
     from webgym.core.errors import UsageError
 
-    if out is None and not list_rows:
+    if out is None and not plan_only:
         raise UsageError("the study needs a folder", hint="--out FOLDER makes or continues one")
     if out is not None:
         check_folder(out)
@@ -58,19 +60,22 @@ def command(
 
     from webgym.cli._print import say
     from webgym.store.files import locked, make_folder
-    from webgym.study.conditions import carry_out, findings, read_study, table
+    from webgym.study.conditions import carry_out, findings, plan, read_results, read_study, table
     from webgym.study.demo import WEIGHTS
 
     study = read_study(config or [], settings)
     rows = row or list(study.rows)
     if unknown := [name for name in rows if name not in study.rows]:
         raise UsageError(f"unknown row {unknown[0]!r}", hint=f"choose one of {', '.join(study.rows)}")
-    if list_rows or out is None:
+    console, initial = Console(), weights or WEIGHTS
+    if plan_only:
         print("\n".join(rows))
+    for line in plan(study, rows, seeds, read_results(out) if out is not None else []):
+        say(line, console)
+    if plan_only or out is None:
         return
     torch.set_num_threads(1)
     make_folder(out)
-    console, initial = Console(), weights or WEIGHTS
     with locked(out):
         results = _run.run(
             lambda: carry_out(study, initial, rows, seeds, out, lambda line: say(line, console)),

@@ -22,6 +22,8 @@ ALLOW: Final = "WEBGYM_TRUST_SETTINGS"
 
 _NAMES_CODE: Final = ("judge", "name", "objective")
 """The settings that may name an object to import, as ``module:object``."""
+_HARMLESS: Final = "webgym.study.controls:"
+"""The study's own objectives: every name in that module may be called with anything."""
 _STARTS: Final = ("executable", "extra_args", "env")
 _KEYS_OF: Final = {
     "base_url": ("WEBGYM_API_KEY", "WEBGYM_JUDGE_API_KEY"),
@@ -78,7 +80,7 @@ def _claims(settings: Any, key: str = "") -> Iterator[str]:
     elif isinstance(settings, list | tuple):
         for each in settings:
             yield from _claims(each, key)
-    elif key in _NAMES_CODE and isinstance(settings, str) and ":" in settings:
+    elif key in _NAMES_CODE and isinstance(settings, str) and ":" in settings.removeprefix(_HARMLESS):
         yield f"runs the code {settings}"
 
 

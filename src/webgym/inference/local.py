@@ -64,12 +64,13 @@ class LocalConfig(Settings):
         return sampling
 
 
-@dataclass
+@dataclass(eq=False)
 class _Call:
     """A request that waits for its reply."""
 
     encoded: Encoded
     seed: int
+    sampling: Sampling
     reply: asyncio.Future[tuple[Generated, str]]
 
 
@@ -131,10 +132,11 @@ class LocalPolicy:
         started = time.monotonic()
         encoded = await self._encode(turn.messages, turn.images)
         future: asyncio.Future[tuple[Generated, str]] = asyncio.get_running_loop().create_future()
-        self._waiting.append(_Call(encoded, seed, future))
+        sampling = turn.sampling.over(self._sampling) if turn.sampling else self._sampling
+        self._waiting.append(_Call(encoded, seed, sampling, future))
         self._arrived.set()
         generated, version = await future
-        return self._reply(encoded, generated, version, self._sampling, started)
+        return self._reply(encoded, generated, version, sampling, started)
 
     async def ask(
         self, messages: Sequence[Message], images: Mapping[str, bytes], sampling: Sampling
@@ -202,12 +204,13 @@ class LocalPolicy:
         loop = asyncio.get_running_loop()
         while True:
             await self._arrived.wait()
-            batch = self._waiting[: self.config.most_at_once]
-            del self._waiting[: len(batch)]
+            # Cancelled calls need no reply.
+            self._waiting = [call for call in self._waiting if not call.reply.done()]
+            alike = [call for call in self._waiting if call.sampling == self._waiting[0].sampling]
+            batch = alike[: self.config.most_at_once]
+            self._waiting = [call for call in self._waiting if call not in batch]
             if not self._waiting:
                 self._arrived.clear()
-            # Cancelled calls need no reply.
-            batch = [call for call in batch if not call.reply.done()]
             if not batch:
                 continue
             try:
@@ -216,7 +219,7 @@ class LocalPolicy:
                     self._generate,
                     [call.encoded for call in batch],
                     [call.seed for call in batch],
-                    self._sampling,
+                    batch[0].sampling,
                 )
             except asyncio.CancelledError:
                 self._waiting += batch  # closed, and whoever waits is told

@@ -1,5 +1,7 @@
 """The paper's study in miniature: a training per row and seed, and a table of the results.
 
+A training's result is the area under its curve: mean success over the trajectories collected.
+
 out/trainings/<row>/seed-<n>/   training folders of `webgym train`
 out/study.json                  success over trajectories, per row and seed; trainings in it are not repeated,
                                 so this file alone suffices to continue a study on another machine
@@ -15,9 +17,12 @@ import json
 import math
 import re
 import shutil
+import time
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import accumulate, pairwise
 from pathlib import Path
-from statistics import mean, stdev, variance
+from statistics import mean, stdev
 from typing import Any, Final
 
 import msgspec
@@ -27,6 +32,9 @@ from webgym.core.errors import RunFolderError, UsageError
 from webgym.core.plotting import CATEGORIES, PAGE, new_figure, save, styled
 from webgym.core.settings import Settings, load_settings, merged
 from webgym.store.files import CONFIG, TORN, write_whole
+from webgym.store.runs import RunReader
+from webgym.study.spread import LEAST_FREEDOM, Fit, detectable
+from webgym.train.figures import judged
 from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig
 from webgym.train.start import open_training, read_config
@@ -45,6 +53,29 @@ class Row(Settings):
     """Settings that override the base."""
 
 
+class Finding(Settings):
+    """That one row is better than another."""
+
+    better: str
+    """The row that is held to be better."""
+
+    worse: str
+    """The other."""
+
+    kinds: tuple[str, ...] = ()
+    """Subdomains whose test tasks count; all by default."""
+
+
+class Expected(Settings):
+    """What is assumed of trainings before any is finished."""
+
+    spread: float = Field(default=0.018, gt=0)
+    """Standard deviation of a training's result, apart from what row and seed explain."""
+
+    core_hours: float = Field(default=0.1, gt=0)
+    """Processor time of a training, hours."""
+
+
 class StudyConfig(Settings):
     """Settings of the study."""
 
@@ -54,8 +85,11 @@ class StudyConfig(Settings):
     rows: dict[str, Row]
     """Rows by name, in the order of the table."""
 
-    findings: dict[str, tuple[str, str]] = Field(default_factory=dict)
-    """The paper's findings: for each, two rows of which the first was better than the second."""
+    findings: dict[str, Finding] = Field(default_factory=dict)
+    """The paper's findings, and controls."""
+
+    expected: Expected = Expected()
+    """For the plan."""
 
     def training(self, row: str, seed: int, weights: Path) -> TrainConfig:
         """The settings of a training with these initial weights.
@@ -78,10 +112,12 @@ class Result(msgspec.Struct):
 
     Attributes:
         row, seed: of the training.
-        trajectories: number collected before each evaluation.
+        trajectories: number with a reward, collected before each evaluation.
         success: success rate of each evaluation, ``None`` without a judged attempt; empty until the training
             is finished.
         settings: hash of the training's settings and initial weights.
+        kinds: successes and judged attempts of each evaluation, by the tasks' subdomain.
+        core_hours: processor time; ``None`` if it was made in several parts.
     """
 
     row: str
@@ -89,6 +125,8 @@ class Result(msgspec.Struct):
     trajectories: list[int]
     success: list[float | None]
     settings: str = ""
+    kinds: dict[str, list[tuple[int, int]]] = {}
+    core_hours: float | None = None
 
     @property
     def rates(self) -> list[float]:
@@ -102,14 +140,29 @@ class Result(msgspec.Struct):
         return self.rates[0]
 
     @property
-    def peak(self) -> float:
-        """The best success of an evaluation during training, as reported in the paper."""
-        return max(self.rates[1:])
-
-    @property
     def last(self) -> float:
-        """Success of the final weights, free of selection bias."""
+        """Success of the final weights, free of the selection bias of a peak."""
         return self.rates[-1]
+
+    def area(self, on: Sequence[str] = ()) -> float | None:
+        """Mean success over the trajectories collected, by the trapezoidal rule.
+
+        Args:
+            on: subdomains whose tasks count; all by default. ``None`` if none of them was attempted.
+        """
+        rates = self.rates
+        if on:
+            counts = [
+                [self.kinds[kind][number] for kind in on if kind in self.kinds]
+                for number in range(len(rates))
+            ]
+            if not all(sum(count for _, count in each) for each in counts):
+                return None
+            rates = [sum(right for right, _ in each) / sum(count for _, count in each) for each in counts]
+        width = self.trajectories[-1] - self.trajectories[0]
+        pairs = zip(pairwise(self.trajectories), pairwise(rates), strict=True)
+        total = sum((end - start) * (before + after) / 2 for (start, end), (before, after) in pairs)
+        return total / width if width else None
 
 
 def read_study(files: Sequence[Path], overrides: Mapping[str, Any] | None = None) -> StudyConfig:
@@ -137,7 +190,7 @@ async def carry_out(
     Raises:
         RunFolderError: ``study.json`` cannot be read, or a training in it was started with other settings.
     """
-    results = {(result.row, result.seed): result for result in _read(out / RESULTS)}
+    results = {(result.row, result.seed): result for result in read_results(out)}
     # Rows with the same agent reuse the evaluation of the initial weights.
     evaluated: dict[str, TrainingFolder] = {}
     first = await asyncio.to_thread(_hash_of, weights)
@@ -155,14 +208,17 @@ async def carry_out(
             )
         if not (result_so_far.success and result_so_far.settings):
             write(study, list(results.values()), out)
+            core_hours = None
             if folder.stage(config.loop.iterations) is not None:
                 resume = (folder.path / CONFIG).exists()
-                training_config = read_config(folder.path) if resume else config
+                training_config, started = read_config(folder.path) if resume else config, time.process_time()
                 async with open_training(training_config, folder.path, resume=resume, tell=tell) as training:
                     if reusable is not None and not folder.evaluation(0).exists():
                         _copy_evaluation(reusable, folder)
                     await training.run()
-            results[row, seed] = msgspec.structs.replace(result_of(folder, row, seed), settings=settings)
+                core_hours = None if resume else (time.process_time() - started) / 3600
+            found = result_of(folder, row, seed)
+            results[row, seed] = msgspec.structs.replace(found, settings=settings, core_hours=core_hours)
             write(study, list(results.values()), out)
         if None in results[row, seed].success:
             tell(
@@ -191,7 +247,13 @@ def _copy_evaluation(made: TrainingFolder, folder: TrainingFolder) -> None:
     shutil.copy(source.with_suffix(".json"), own.with_suffix(".json"))
 
 
-def _read(path: Path) -> list[Result]:
+def read_results(out: Path) -> list[Result]:
+    """The results in a study's folder so far.
+
+    Raises:
+        RunFolderError: ``study.json`` cannot be read.
+    """
+    path = out / RESULTS
     try:
         return msgspec.json.decode(path.read_bytes(), type=list[Result]) if path.exists() else []
     except ValueError as error:
@@ -215,14 +277,64 @@ def _settings(config: TrainConfig, weights: str) -> str:
 
 def result_of(folder: TrainingFolder, row: str, seed: int) -> Result:
     """The result of a finished training."""
-    evaluations = folder.evaluations()
-    collected = {0: 0} | {result["iteration"]: result["trajectories"] for result in folder.write_metrics()}
+    evaluations, rows = folder.evaluations(), folder.write_metrics()
+    # Attempts that a resumed run threw away are on disk, too.
+    collected = dict(enumerate(accumulate((judged(each["collect"]) for each in rows), initial=0)))
+    kinds: defaultdict[str, list[tuple[int, int]]] = defaultdict(list)
+    for number in sorted(evaluations):
+        for kind, counts in _by_kind(RunReader(folder.evaluation(number))).items():
+            kinds[kind].append(counts)
     return Result(
         row,
         seed,
         [collected[number] for number in sorted(evaluations)],
         [evaluations[number]["success_rate"]["overall"] for number in sorted(evaluations)],
+        kinds={kind: counts for kind, counts in kinds.items() if len(counts) == len(evaluations)},
     )
+
+
+def _by_kind(run: RunReader) -> Mapping[str, tuple[int, int]]:
+    """Successes and attempts with a reward, by subdomain."""
+    found: defaultdict[str, tuple[int, int]] = defaultdict(lambda: (0, 0))
+    for trajectory in run.trajectories():
+        if (reward := trajectory.outcome.reward) is not None:
+            right, count = found[kind := run.tasks[trajectory.episode.task_id].subdomain]
+            found[kind] = right + int(reward), count + 1
+    return found
+
+
+def plan(study: StudyConfig, rows: Sequence[str], seeds: int, results: Sequence[Result]) -> Iterator[str]:
+    """What a study costs and can show, before it is carried out.
+
+    Args:
+        study: its settings.
+        rows: names of the rows to run.
+        seeds: number of trainings per row.
+        results: of trainings that are finished; the more there are, the less is assumed.
+    """
+    hours = [result.core_hours for result in results if result.core_hours is not None]
+    trainings, each = len(rows) * seeds, mean(hours) if hours else study.expected.core_hours
+    yield (
+        f"{len(rows)} rows x {seeds} seeds: {trainings} trainings, about {trainings * each:.1f} core hours "
+        f"({each:.2f} each, {'measured' if hours else 'expected'})"
+    )
+    fit = _fit(results, ())
+    is_measured = fit is not None and fit.freedom >= LEAST_FREEDOM
+    spread = fit.spread if fit is not None and is_measured else study.expected.spread
+    least = detectable(spread, len(rows), seeds)
+    if least == math.inf:
+        yield "too few rows and seeds to tell differences from chance"
+        return
+    yield (
+        f"a difference of {100 * least:.1f} points between two rows shows four times of five (area under the "
+        f"curve; spread {100 * spread:.1f} points, {'measured' if is_measured else 'expected'})"
+    )
+
+
+def _fit(results: Sequence[Result], on: Sequence[str]) -> Fit | None:
+    found = {(each.row, each.seed): each.area(on) for each in results if each.rates}
+    areas = {key: area for key, area in found.items() if area is not None}
+    return Fit(areas) if areas else None
 
 
 def write(study: StudyConfig, results: Sequence[Result], out: Path) -> None:
@@ -234,51 +346,44 @@ def write(study: StudyConfig, results: Sequence[Result], out: Path) -> None:
 
 
 def table(study: StudyConfig, results: Sequence[Result]) -> Iterator[str]:
-    """The table in Markdown: mean and standard deviation over seeds, per cent."""
-    yield "| row | seeds | before | after | peak | rise | the paper: before, peak, rise |"
+    """The table in Markdown: mean and standard deviation over seeds, per cent. Before training there is none:
+    rows with the same agent share one evaluation."""
+    yield "| row | seeds | before | after | area | core hours each | the paper: before, peak, rise |"
     yield "|---|---|---|---|---|---|---|"
     for row, row_results in _by_row(results).items():
         paper = study.rows[row].paper if row in study.rows else None
         paper_cells = f"{paper[0]:.1f}, {paper[1]:.1f}, {paper[1] - paper[0]:+.1f}" if paper else ""
-        figures = (
-            [result.before for result in row_results],
-            [result.last for result in row_results],
-            [result.peak for result in row_results],
-            [result.last - result.before for result in row_results],
+        hours = [result.core_hours for result in row_results if result.core_hours is not None]
+        cells = (
+            row,
+            str(len(row_results)),
+            f"{100 * mean(result.before for result in row_results):.1f}",
+            _spread([result.last for result in row_results]),
+            _spread([area for result in row_results if (area := result.area()) is not None]),
+            f"{mean(hours):.2f}" if hours else "",
+            paper_cells,
         )
-        yield f"| {row} | {len(row_results)} | {' | '.join(map(_spread, figures))} | {paper_cells} |"
+        yield f"| {' | '.join(cells)} |"
 
 
 def findings(study: StudyConfig, results: Sequence[Result]) -> Iterator[str]:
-    """The paper's findings in Markdown, each with the 95 % interval of its difference (Welch's t)."""
-    rows = _by_row(results)
-    yield "| the paper's finding | difference after training, 95 % | repeats? |"
+    """The findings in Markdown, with 95 % intervals of their differences (:mod:`webgym.study.spread`)."""
+    yield "| finding | difference of areas, 95 % | repeats? |"
     yield "|---|---|---|"
-    for finding, (better, worse) in study.findings.items():
-        first, second = ([result.last for result in rows.get(row, [])] for row in (better, worse))
-        if min(len(first), len(second)) < 2:
+    for name, finding in study.findings.items():
+        fit = _fit(results, finding.kinds)
+        found = fit.difference(finding.better, finding.worse) if fit is not None else None
+        if found is None or found.half_width == math.inf:
             continue
-        difference, half = mean(first) - mean(second), _half_width(first, second)
         verdict = "not decided"
-        if abs(difference) > half > 0:
-            verdict = "yes" if difference > 0 else "no, the opposite"
-        yield f"| {finding} | {100 * difference:+.1f} ± {100 * half:.1f} | {verdict} |"
-
-
-_STUDENT: Final = (12.71, 4.30, 3.18, 2.78, 2.57, 2.45, 2.36, 2.31, 2.26)
-"""97.5 % quantiles of Student's t with 1, 2, … degrees of freedom; the last is used for more."""
-
-
-def _half_width(first: Sequence[float], second: Sequence[float]) -> float:
-    """Half of a difference of means' 95 % interval, degrees of freedom rounded down; 0 without variance."""
-    a, b = variance(first) / len(first), variance(second) / len(second)
-    if not a + b:
-        return 0.0
-    freedom = (a + b) ** 2 / (a**2 / (len(first) - 1) + b**2 / (len(second) - 1))
-    return _STUDENT[min(int(freedom), len(_STUDENT)) - 1] * math.sqrt(a + b)
+        if abs(found.mean) > found.half_width:
+            verdict = "yes" if found.mean > 0 else "no, the opposite"
+        yield f"| {name} | {100 * found.mean:+.1f} ± {100 * found.half_width:.1f} | {verdict} |"
 
 
 def _spread(values: Sequence[float]) -> str:
+    if not values:
+        return ""
     about = f" ± {100 * stdev(values):.1f}" if len(values) > 1 else ""
     return f"{100 * mean(values):.1f}{about}"
 

@@ -121,6 +121,9 @@ class EvaluationConfig(Section):
     seed: int = 0
     """Seed of the draw and of the attempts."""
 
+    sampling: Sampling | None = None
+    """Sampling parameters of the replies, over those of training; the paper's are top-p 0.99 and top-k 2."""
+
 
 class TrainConfig(Section):
     """The config of a training, stored in resolved form as ``config.yaml`` in its folder. No secrets."""
@@ -666,6 +669,7 @@ class Training:
                 "seed": config.seed,
                 "samples": config.samples,
                 "tasks": choice,
+                "agent": self._rollout.agent.model_copy(update={"sampling": config.sampling}),
                 "attempt": self._rollout.attempt.model_copy(update=limits),
                 "collector": self._rollout.collector.model_copy(update={"straggler_share": 1.0}),
             }
@@ -687,7 +691,8 @@ class Training:
             return
         newest = RunReader(paths[-1].parent, skip_corrupt=True)
         run, tasks = self._planned_evaluation()
-        now = _conditions(run, tasks, self.config.sampling.body(), name_of(run.judge))
+        sampling = (run.agent.sampling or Sampling()).over(self.config.sampling)
+        now = _conditions(run, tasks, sampling.body(), name_of(run.judge))
         replies = (step.reply for each in newest.trajectories() for step in each.episode.steps)
         known = now["sampling"]
         recorded = next((reply.sampling for reply in replies if known.keys() & reply.sampling), known)
@@ -755,7 +760,7 @@ def _conditions(
         "evaluation.samples": config.samples,
         "evaluation.budget": config.attempt.budget,
         "sampling": EXPLICIT.body() | dict(sampling),
-        "rollout.agent": config.agent,
+        "rollout.agent": config.agent.model_copy(update={"sampling": None}),
         "rollout.attempt.viewport": config.attempt.viewport,
         "rollout.browser": config.browser.model_dump(exclude=_OF_THE_MACHINE),
         "rollout.sites": config.sites.model_dump(include=_OF_THE_PAGES),

@@ -1,37 +1,46 @@
 """The families of models that are known by name.
 
-A file of this folder that has ``PROFILES``, a tuple of :class:`~webgym.agent.profile.Profile`, adds families.
-Nothing else needs to know of it. ``docs/agent.md`` shows a whole one.
+A file ``*.toml`` of this folder adds families: a table each, whose name is the profile's and whose keys are
+the attributes of :class:`~webgym.agent.profile.Profile`. ``docs/agent.md`` shows a whole one.
 """
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
 
 import msgspec
 
 from webgym.agent.profile import Profile
 from webgym.core.action import Mode
 from webgym.core.errors import ConfigError
+from webgym.llm.config import Sampling
+
+FOLDER: Final = Path(__file__).parent
 
 GENERIC = Profile(name="generic")
 """For models that no family knows: nothing is assumed that an endpoint may not understand."""
 
 
-def all_profiles() -> dict[str, Profile]:
+@cache
+def all_profiles(folder: Path = FOLDER) -> dict[str, Profile]:
     """Every profile by its name, :data:`GENERIC` first.
 
     Raises:
-        ValueError: two have the same name.
+        ValueError: two have the same name, or a file holds something else.
     """
     found = {GENERIC.name: GENERIC}
-    for module in sorted(pkgutil.iter_modules(__path__, f"{__name__}."), key=lambda module: module.name):
-        for profile in importlib.import_module(module.name).PROFILES:
-            if profile.name in found:
-                raise ValueError(f"there are two profiles {profile.name!r}")
-            found[profile.name] = profile
+    for path in sorted(folder.glob("*.toml")):
+        for name, family in msgspec.toml.decode(path.read_bytes()).items():
+            if name in found:
+                raise ValueError(f"there are two profiles {name!r}")
+            found[name] = msgspec.convert(family | {"name": name}, Profile, dec_hook=_sampling)
     return found
+
+
+def _sampling(_type: type, value: Any) -> Sampling:
+    return Sampling.model_validate(value)
 
 
 def profile_of(model: str) -> Profile | None:

@@ -188,6 +188,7 @@ def _observation(
         cuts=content.cuts,
         elements=content.elements,
         milliseconds=milliseconds,
+        route=page.route,
     )
 
 

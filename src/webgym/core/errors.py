@@ -9,7 +9,8 @@
     │   └── RunFolderError     the folder is not a run, or not the run that was asked for
     ├── PageError              of a page or an action; the agent is informed and the attempt continues
     │   ├── NavigationFailed   DNS, TLS, refused connection, reset, deadline
-    │   │   └── EgressRefused  refused by the egress policy or its limit on connections to a host
+    │   │   ├── EgressRefused  refused by the egress policy or its limit on connections to a host
+    │   │   └── RouteFailed    an upstream proxy failed
     │   └── ActionFailed       no such element, nothing to go back to
     ├── BrowserError           a browser process failed
     │   ├── BrowserNotFound    no Chromium on this machine
@@ -134,6 +135,10 @@ class EgressRefused(NavigationFailed):
 
     by_policy: ClassVar[str] = "refused by the egress policy"
     """The beginning of the reason, unless it was the limit."""
+
+
+class RouteFailed(NavigationFailed):
+    """An upstream proxy failed: the environment's failure, whatever was asked for and whoever did."""
 
 
 class SiteRefused(NavigationFailed):

@@ -9,6 +9,7 @@ Who caused the end of an attempt is decided here, by what was asked for and by w
   failure. Otherwise it is a step with a notice.
 - If the last page of its own website that an agent asked for did not come, whoever asked, that probe is made
   before the attempt is judged: what an agent did while its website was down says nothing about it.
+- An upstream proxy that failed is the environment's failure, whoever asked for what.
 - A renderer that is lost takes with it what the page's scripts had done, so that nothing the agent does
   afterwards counts: the environment's failure, unless the agent had typed the page's address.
 
@@ -34,6 +35,7 @@ from webgym.core.errors import (
     BrowserCrashed,
     EgressRefused,
     NavigationFailed,
+    RouteFailed,
     SiteRefused,
     WebGymError,
 )
@@ -254,8 +256,9 @@ class EpisodeDriver:
         for _ in range(_START_TRIES):
             view = await self._act(Navigate(url))
             seen = view.observation
-            failed = (it for it in seen.faults if it.kind == "renderer" or self._is_of_website(it))
-            refused = next((fault.why for fault in failed), "")
+            causes = ("renderer", "route")
+            failed = next((it for it in seen.faults if it.kind in causes or self._is_of_website(it)), None)
+            refused = failed.why if failed else ""
             if not refused and seen.status is None:
                 refused = next((it.text for it in seen.notices if it.kind == "navigation_failed"), "")
             if not refused:
@@ -270,7 +273,8 @@ class EpisodeDriver:
             if EgressRefused.by_policy in refused
             else ""
         )
-        raise NavigationFailed(f"{url} cannot be opened: {refused}{allow}")
+        kind = RouteFailed if failed is not None and failed.kind == "route" else NavigationFailed
+        raise kind(f"{url} cannot be opened: {refused}{allow}")
 
     async def _insist(self, view: View) -> View:
         """Ask a website of the web that refuses its start page once more after a pause.
@@ -373,8 +377,11 @@ class EpisodeDriver:
 
         Raises:
             BrowserCrashed: the renderer of a page was lost that the agent had not chosen.
+            RouteFailed: an upstream proxy failed.
             NavigationFailed: the task's own website is down.
         """
+        if failed := next((fault.why for fault in seen.faults if fault.kind == "route"), ""):
+            raise RouteFailed(failed)
         has_led_away, self._has_typed = self._has_typed, self._has_typed or is_typed
         asked = [fault for fault in seen.faults if self._is_of_website(fault)]
         unchosen = [fault for fault in seen.faults if not (fault.is_typed and self._has_typed)]
@@ -398,6 +405,7 @@ class EpisodeDriver:
             failed: what raised the doubt.
 
         Raises:
+            RouteFailed: an upstream proxy failed.
             NavigationFailed: the task's website is down; or it was, and has lost what this attempt did.
             WebGymError: the server or the offline web does not answer.
         """
@@ -409,6 +417,8 @@ class EpisodeDriver:
         if is_offline and site_state is not None and not problem:
             is_known = await site_state.state(self.visitor, host_or_text(self._start_url)) is not None
             problem = "" if is_known else "the offline web was started again during the attempt"
+        if probed.is_route:
+            raise RouteFailed(problem)
         if problem:
             raise NavigationFailed(f"the website failed during the attempt: {failed}; probed: {problem}")
 

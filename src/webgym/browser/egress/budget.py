@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from webgym.browser.egress.config import EgressConfig
+from webgym.browser.egress.upstream import SessionRoute
 
 
 class BudgetExceeded(Exception):
@@ -20,6 +21,7 @@ class Budget:
 
     Attributes:
         bytes: bytes forwarded so far, in both directions.
+        route: the upstream proxy that its connections take.
     """
 
     def __init__(self, config: EgressConfig) -> None:
@@ -28,6 +30,7 @@ class Budget:
         self._names: set[str] = set()
         self._connections = 0
         self.bytes = 0
+        self.route = SessionRoute()
 
     def enter(self) -> None:
         """Count a new connection, until :meth:`leave`.

@@ -110,7 +110,7 @@ def training(file: Path) -> None:
 
 READERS: dict[str, list[Callable[[Path], object]]] = {
     "integrations.md": [agent_loops],
-    "live-web.md": [lambda file: load_settings(webgym.RunConfig, [file], hint="")],
+    "live-web.md": [lambda file: load_settings(webgym.RunConfig, [file], hint="")] * 2,
     "judge.md": [lambda file: load_settings(JudgeChoice, [file], hint="")],
     "models.md": [Prices.read],
     "scaling.md": [scraped],

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from webgym.browser.find import find_browser, run_bounded
+from webgym.browser.find import FULL, find_browser, run_bounded
 from webgym.core.errors import BrowserNotFound
 
 
@@ -53,6 +53,16 @@ def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Machine:
     for name in ("WEBGYM_BROWSER", "PLAYWRIGHT_BROWSERS_PATH", "XDG_CACHE_HOME"):
         monkeypatch.delenv(name, raising=False)
     return made
+
+
+def test_a_full_browser_by_one_word(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:
+    shell = machine.program("chromium-headless-shell")
+    with pytest.raises(BrowserNotFound):
+        find_browser(FULL)
+    full = machine.program("chromium")
+    assert find_browser().path == shell
+    monkeypatch.setenv("WEBGYM_BROWSER", str(shell))
+    assert find_browser(FULL).path == full
 
 
 def test_the_order_of_places(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 from typing import Any
 
 import pytest
+from PIL import Image
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, Response
 
@@ -87,6 +89,7 @@ async def test_an_identity_of_ones_own_is_consistent(site: Site, open_tab: Open)
         "contact": "+https://lab.example/bot",
     }
     own = {"headers": {"x-visit": "study"}, "color_scheme": "dark", "webdriver": False, "place": (52.5, 13.4)}
+    own["device_scale"] = 2
     tab = await open_tab(identity=wanted | own)
     read, sent = await told_everywhere(site, tab)
     assert len({json.dumps(told) for told in read.values()}) == 1, read
@@ -97,10 +100,11 @@ async def test_an_identity_of_ones_own_is_consistent(site: Site, open_tab: Open)
     assert {one["accept-language"].partition(",")[0] for one in sent} == {"de-CH"}
     asks = (
         "navigator.geolocation.getCurrentPosition(({ coords }) => document.title = [coords.latitude,"
-        "matchMedia('(prefers-color-scheme: dark)').matches, navigator.webdriver])"
+        "matchMedia('(prefers-color-scheme: dark)').matches, navigator.webdriver, devicePixelRatio])"
     )
     look = await tab.goto(site.page(f"<script>{asks}</script>"))
-    assert look.observation.title == "52.5,true,false"
+    assert look.observation.title == "52.5,true,false,2"
+    assert Image.open(io.BytesIO(look.image)).size == look.observation.viewport
     await tab.slot.close()
     launches = tab.slot.launches
     await tab.slot.open(PageOptions(identity=wanted | own))

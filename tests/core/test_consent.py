@@ -24,6 +24,9 @@ CLAIMS = {
     "sends SECRET to http://far.example/v1": {
         "policy": {"chat": {"base_url": "http://far.example/v1", "api_key_env": "SECRET"}}
     },
+    "sends the credentials in $SECRET": {
+        "upstream": {"far": {"address": "http://far.example:1", "credentials": "$SECRET"}}
+    },
     "sends WEBGYM_API_KEY to http://far.example/v1": {"models": [{"base_url": "http://far.example/v1"}]},
 }
 

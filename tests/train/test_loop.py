@@ -375,7 +375,7 @@ def test_an_update_does_not_wait_for_stragglers_which_are_learned_from_once_with
     assert [row["trajectories"] for row in rows] == [4, 8, 12, 16, 20, 24]
 
 
-@pytest.mark.parametrize("steps", (1, 6, 9, 12, 16, 23, 30))
+@pytest.mark.parametrize("steps", [1, 6, 9, 12, 16, 23, 30])
 def test_late_attempts_are_used_once_wherever_the_training_was_killed(tmp_path: Path, steps: int) -> None:
     out, again = tmp_path / "out", Late()
     killed = life(out, Late, once(), steps)

@@ -81,6 +81,18 @@ class Frame(CdpMessage, frozen=True):
     unreachable_url: str = ""
 
 
+class FrameTreeNode(CdpMessage, frozen=True):
+    """A frame of the page, without those within it."""
+
+    frame: Frame
+
+
+class FrameTree(CdpMessage, frozen=True):
+    """``Page.getFrameTree``."""
+
+    frame_tree: FrameTreeNode
+
+
 class FrameAttached(CdpMessage, frozen=True):
     """``Page.frameAttached``."""
 

@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeAlias
 from urllib.parse import quote
 
 import msgspec
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from webgym.browser.egress.config import EgressConfig
 from webgym.core.action import Mode
@@ -122,7 +122,14 @@ class BrowserConfig(Settings):
     """How a slot's browser is started, its deadlines and limits, and when it is replaced."""
 
     executable: Path | None = None
-    """The Chromium to run; by default the first one found."""
+    """The Chromium to run; by default the first one found, headless shells first. ``full``: the first
+    that can show windows, with the plug-ins and the ``window.chrome`` of people's browsers; its pictures cost
+    twice as much."""
+
+    remote: str | None = None
+    """The endpoint of a browser elsewhere: ``wss://HOST/PATH``, or ``http://HOST:9222`` of a Chromium with
+    a debugging port; or the environment variable that holds it, such as ``$BROWSER``, as one with a
+    password or a query has to be given. What does not hold for such a browser is said at the start."""
 
     egress: EgressConfig = Field(default_factory=EgressConfig)
     """What pages may connect to."""
@@ -241,6 +248,13 @@ class BrowserConfig(Settings):
     reserve_bytes: int = Field(default=512 * 1024**2, ge=0)
     """Memory that must stay available on the machine. When less is available, the largest browser, or its
     largest renderer, is ended."""
+
+    @field_validator("remote")
+    @classmethod
+    def _holds_no_secret(cls, value: str | None) -> str | None:
+        if value is not None and any(mark in value for mark in "@?"):  # the message must not repeat it
+            raise ValueError("put an endpoint with a query or a password into a variable, such as $BROWSER")
+        return value
 
     def allowing(self, *rules: str) -> BrowserConfig:
         """A copy with these rules before the egress policy's own."""

@@ -58,7 +58,7 @@ def permissions(context: str, identity: Identity) -> list[dict[str, Any]]:
     ]
 
 
-def metrics(viewport: tuple[int, int]) -> dict[str, Any]:
+def metrics(viewport: tuple[int, int], device_scale: float) -> dict[str, Any]:
     """Parameters of ``Emulation.setDeviceMetricsOverride`` for a window with this viewport."""
     width, height = viewport
     return {
@@ -66,7 +66,7 @@ def metrics(viewport: tuple[int, int]) -> dict[str, Any]:
         "height": height,
         "screenWidth": max(width, SCREEN[0]),
         "screenHeight": max(height, SCREEN[1]),
-        "deviceScaleFactor": 1,
+        "deviceScaleFactor": device_scale,
         "mobile": False,
     }
 

@@ -71,17 +71,25 @@ VERSION_SECONDS = 15.0
 """Time limit for one browser to print its version; a cold disk takes a few seconds."""
 
 
+FULL = Path("full")
+"""Instead of an executable: the first full browser."""
+
+
 def find_browser(explicit: Path | None = None, *, headed: bool = False) -> FoundBrowser:
     """The browser to start.
 
     Args:
         explicit: path of an executable. If it cannot be used, that is an error: no other one is searched for.
+            :data:`FULL` searches for a full browser.
         headed: whether it has to show windows, which headless shells cannot.
 
     Raises:
         BrowserNotFound: there is no Chromium, or the explicit one cannot be used. The hint says what to do.
     """
-    setting = explicit or os.environ.get(ENVIRONMENT_VARIABLE)
+    if explicit == FULL:
+        explicit, headed, setting = None, True, ""
+    else:
+        setting = str(explicit or os.environ.get(ENVIRONMENT_VARIABLE, ""))
     if setting:
         return _examine(Path(setting).expanduser().absolute(), "setting")
     unusable: list[str] = []

@@ -204,6 +204,7 @@ def _observation(
         bytes=sent,
         limited=limited,
         milliseconds=milliseconds,
+        route=page.route,
     )
 
 

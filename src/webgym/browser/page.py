@@ -23,6 +23,7 @@ from webgym.browser.cdp_messages import (
     EmptyReply,
     FileChooser,
     FrameNavigated,
+    FrameTree,
     LayoutMetrics,
     Navigated,
     NavigatedWithinDocument,
@@ -45,7 +46,7 @@ from webgym.browser.pdf import Pdfs
 from webgym.browser.pictures import Stillness
 from webgym.browser.timers import Timers
 from webgym.browser.traffic import AUTO_ATTACH, Traffic, Workers
-from webgym.core.errors import BrowserTimeout, EgressRefused, NavigationFailed
+from webgym.core.errors import BrowserTimeout, EgressRefused, NavigationFailed, RouteFailed
 from webgym.core.identity import credentials_of, origin_of
 from webgym.core.observation import Fault, FaultKind, NoticeKind
 from webgym.core.websites import site_or_text
@@ -292,7 +293,7 @@ class Page:
             ("Inspector.enable", {}),
             ("Target.setAutoAttach", AUTO_ATTACH),
             ("Network.enable", {"maxTotalBufferSize": 0, "maxResourceBufferSize": 0}),
-            ("Emulation.setDeviceMetricsOverride", desktop.metrics(self.options.viewport)),
+            self._metrics,
             ("Emulation.setFocusEmulationEnabled", {"enabled": True}),
             ("Page.setInterceptFileChooserDialog", {"enabled": True}),
             ("Page.addScriptToEvaluateOnNewDocument", self.worlds.script_in_page),
@@ -300,6 +301,11 @@ class Page:
             *self.access.commands,
             ("Runtime.runIfWaitingForDebugger", {}),
         ]
+
+    @property
+    def _metrics(self) -> tuple[str, dict[str, Any]]:
+        scale = self.who.identity.device_scale
+        return "Emulation.setDeviceMetricsOverride", desktop.metrics(self.options.viewport, scale)
 
     def beside(self, session: Session, target: TargetInfo) -> Page:
         """The page of a window of the same episode, which waits for the debugger, and then runs."""
@@ -309,13 +315,21 @@ class Page:
             session.send(method, params)  # its errors are ignored: it may be closed already
         return page
 
+    async def catch_up(self) -> None:
+        """Ask for the document that came before the page was attached to, if one did."""
+        seconds = self.config.execute_seconds
+        with contextlib.suppress(CommandFailed, TargetGone, BrowserTimeout):
+            tree = await self.session.call("Page.getFrameTree", reply=FrameTree, seconds=seconds)
+            if not self.loader:
+                self._on_navigated(FrameNavigated(tree.frame_tree.frame))
+
     async def begin(self, options: PageOptions) -> None:
         """Start an episode in this tab. Needs no command if the options are those of every tab."""
         commands: list[tuple[str, dict[str, Any]]] = []
         has_own_size = options.viewport != self.options.viewport
         self.options = options
         if has_own_size:
-            commands.append(("Emulation.setDeviceMetricsOverride", desktop.metrics(self.options.viewport)))
+            commands.append(self._metrics)
             await self._fit_window()
         if options.credentials:
             self.access.credentials = credentials_of(self.who.identity) | options.credentials
@@ -368,7 +382,8 @@ class Page:
         """
         lossless = {"format": "png", "optimizeForSpeed": True}
         params = lossless if quality is None else {"format": "jpeg", "quality": quality}
-        if self.capture_scale == 1:
+        scale = self.capture_scale / self.who.identity.device_scale
+        if scale == 1:
             return params
         seconds, (width, height) = self.config.execute_seconds, self.options.viewport
         try:
@@ -377,12 +392,17 @@ class Page:
             raise DocumentGone(error.message) from error
         view = metrics.css_visual_viewport
         clip = {"x": view.page_x, "y": view.page_y, "width": width, "height": height}
-        return params | {"clip": clip | {"scale": self.capture_scale}}
+        return params | {"clip": clip | {"scale": scale}}
 
     @property
     def address(self) -> str:
         """Its URL, truncated to ``ADDRESS_CHARACTERS``."""
         return self.url[:ADDRESS_CHARACTERS]
+
+    @property
+    def route(self) -> str:
+        """The name of the route by which it came; empty without upstream proxies."""
+        return self._listener.route_to(self.url)
 
     @property
     def is_chosen(self) -> bool:
@@ -489,7 +509,8 @@ class Page:
         self.note("navigation_failed", error.message)
         if error.url and not isinstance(error, EgressRefused):
             is_typed = self.next_is_typed if is_typed is None else is_typed
-            self._add_fault("connection", error.url, error.message, is_typed, error.error)
+            kind: FaultKind = "route" if isinstance(error, RouteFailed) else "connection"
+            self._add_fault(kind, error.url, error.message, is_typed, error.error)
 
     def _add_fault(self, kind: FaultKind, url: str, why: str, is_typed: bool, error: str = "") -> None:
         self.notices.add_fault(Fault(kind, url[:ADDRESS_CHARACTERS], why, is_typed, error))
@@ -497,7 +518,11 @@ class Page:
     def take_faults(self) -> tuple[Fault, ...]:
         """The faults since the last call."""
         explained = ((url, *self._explain(url, error)) for url, error in self.traffic.take_broken())
-        parts = [Fault("part", url, f"{url}: {why}") for url, why, is_refused in explained if not is_refused]
+        parts = [
+            Fault("route" if kind is RouteFailed else "part", url, f"{url}: {why}")
+            for url, why, kind in explained
+            if kind is not EgressRefused
+        ]
         return (*self.notices.take_faults(), *parts)
 
     def take_usage(self) -> tuple[dict[str, int], dict[str, int]]:
@@ -677,19 +702,18 @@ class Page:
     def _failure(self, url: str, navigated: Navigated) -> NavigationFailed:
         """The error for a failed navigation, with the URL that it was redirected to."""
         failed = self.traffic.document_url(navigated.loader_id) or url
-        why, is_refused = self._explain(failed, navigated.error_text)
+        why, kind = self._explain(failed, navigated.error_text)
         quoted_url = url[:_QUOTED_LENGTH]
         if urldefrag(failed).url != urldefrag(url).url:
             quoted_url = f"{quoted_url} (which leads to {failed[:_QUOTED_LENGTH]})"
-        kind = EgressRefused if is_refused else NavigationFailed
         return kind(f"{quoted_url}: {why}", url=failed, error=why)
 
-    def _explain(self, url: str, error: str) -> tuple[str, bool]:
-        """The reason for a browser's error, and whether the egress policy refused the connection."""
+    def _explain(self, url: str, error: str) -> tuple[str, type[NavigationFailed]]:
+        """The reason for a browser's error, and what kind of failure it is."""
         if error == _FORM_RESULT:
-            return f"{error}, this page was the answer to a form, which is not sent again", False
+            return f"{error}, this page was the answer to a form, which is not sent again", NavigationFailed
         failure = self._listener.failure(url) if error in _PROXY_ERRORS else None
-        return (failure.message, failure.is_refusal) if failure is not None else (error, False)
+        return (failure.message, failure.kind) if failure is not None else (error, NavigationFailed)
 
     async def revive(self, why: str) -> None:
         """Reload a crashed page at its URL, or load the one whose address was typed and that has not come.
@@ -779,8 +803,7 @@ class Page:
         # The error page of our own navigation may be committed before the reply to it is processed.
         if frame.unreachable_url and not self._is_navigating and frame.loader_id != self._reported_failure:
             failure = self._failures.get(frame.loader_id, "it could not be opened")
-            why, is_refused = self._explain(self.url, failure)
-            kind = EgressRefused if is_refused else NavigationFailed
+            why, kind = self._explain(self.url, failure)
             self.fail(kind(f"{self.url[:_QUOTED_LENGTH]}: {why}", url=self.url, error=why))
         self._statuses.clear()
         self._failures.clear()

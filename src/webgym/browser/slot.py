@@ -42,6 +42,7 @@ from webgym.browser.observe import (
 from webgym.browser.page import BLANK, Page
 from webgym.browser.process import BrowserProcess, launch_sandboxed
 from webgym.browser.profiles import ProfileRoot
+from webgym.browser.remote import SANDBOX, RemoteBrowser, connect
 from webgym.browser.sandbox import SandboxState
 from webgym.browser.settle import settle_timed
 from webgym.browser.timers import Timers
@@ -103,7 +104,7 @@ class Slot:
         self._egress = egress
         self._identity = config.identity
         self._listener: ProxyListener | None = None
-        self._process: BrowserProcess | None = None
+        self._process: BrowserProcess | RemoteBrowser | None = None
         self._context = ""
         self._windows: Windows | None = None
         self._is_open = False
@@ -149,8 +150,13 @@ class Slot:
 
     @property
     def process(self) -> BrowserProcess | None:
-        """The browser, for measurements."""
-        return self._process
+        """The browser, for measurements; ``None`` also for a remote one."""
+        return self._process if isinstance(self._process, BrowserProcess) else None
+
+    @property
+    def version(self) -> str:
+        """Product and version of the browser; empty if it is not running."""
+        return self._process.version if self._process is not None else ""
 
     @property
     def needs_replacement(self) -> bool:
@@ -195,20 +201,20 @@ class Slot:
         return self._frozen_at is not None
 
     def _freeze(self) -> None:
-        if self.is_up and self._process is not None:
+        if self.is_up and isinstance(self._process, BrowserProcess):
             self._process.freeze()
             self._frozen_at = asyncio.get_running_loop().time()
 
     def _thaw(self) -> None:
         frozen_at, self._frozen_at = self._frozen_at, None
-        if frozen_at is None or self._process is None:
+        if frozen_at is None or not isinstance(self._process, BrowserProcess):
             return
         for page in self._windows.pages if self._windows is not None else ():
             page.traffic.pass_over(asyncio.get_running_loop().time() - frozen_at)
         self._process.thaw()
 
     async def start(self) -> None:
-        """Start a browser, replacing a running one.
+        """Start a browser, or connect to the remote one, replacing a running one.
 
         Raises:
             BrowserLaunchFailed: it does not start.
@@ -217,19 +223,29 @@ class Slot:
         self._listener = await self._egress.open_listener()
         try:
             config = self.config.model_copy(update={"identity": self._identity})
-            self._process, self.sandbox = await launch_sandboxed(
-                config, self.executable, self._profiles, self.sandbox, self._listener
-            )
+            if config.remote is not None:
+                self._process, self.sandbox = await connect(config), SANDBOX
+            else:
+                self._process, self.sandbox = await launch_sandboxed(
+                    config, self.executable, self._profiles, self.sandbox, self._listener
+                )
         except BaseException:
             await self.stop()
             raise
         self.launches += 1
         self._episodes = 0
         connection = self._process.connection
-        self._timers = Timers(connection)
+        self._timers = Timers(connection, is_shared=self._is_remote)
+        if (
+            self._context and self._is_remote
+        ):  # if the last connection was lost without the browser's noticing
+            connection.send("Target.disposeBrowserContext", {"browserContextId": self._context})
+            self._context = ""
         connection.on("Target.attachedToTarget", AttachedToTarget, self._on_attached)
         connection.on("Target.detachedFromTarget", DetachedFromTarget, self._on_detached)
-        attach = {"autoAttach": True, "waitForDebuggerOnStart": True, "flatten": True, "filter": _ATTACHED}
+        # A remote browser would make windows of others wait for us, for ever if it does not notice our end.
+        waits = not self._is_remote
+        attach = {"autoAttach": True, "waitForDebuggerOnStart": waits, "flatten": True, "filter": _ATTACHED}
         try:
             await connection.call(
                 "Target.setAutoAttach", attach, reply=EmptyReply, seconds=self.config.launch_seconds
@@ -252,9 +268,16 @@ class Slot:
         if listener is not None:
             await listener.close()
 
+    @property
+    def _is_remote(self) -> bool:
+        return isinstance(self._process, RemoteBrowser)
+
     def _on_attached(self, attached: AttachedToTarget) -> None:
         windows, target, expected = self._windows, attached.target_info, self._attached
-        if target.type == "shared_worker":
+        if self._process is not None and self._is_remote and target.browser_context_id != self._context:
+            # Somebody else's.
+            self._process.connection.send("Target.detachFromTarget", {"sessionId": attached.session_id})
+        elif target.type == "shared_worker":
             if windows is not None:
                 windows.front.workers.adopt(attached)
         elif target.type == "service_worker":
@@ -327,6 +350,8 @@ class Slot:
                     await storage.put(tab, options.storage, self.config.open_seconds)
                 page.origins.update(origin_of(one.origin) for one in options.storage.origins)
             if options.files:
+                if not isinstance(self._process, BrowserProcess):
+                    raise BrowserError("the task has files, which cannot be uploaded into a remote browser")
                 page.files = await write_files(options.files, self._process.profile / "files")
         except OSError as error:
             raise BrowserError(f"the task's files cannot be written: {error.strerror}") from error
@@ -360,7 +385,7 @@ class Slot:
         self._was_revived = False
         self._settled, self._last = "", None
 
-    async def _new_page(self, process: BrowserProcess) -> Page:
+    async def _new_page(self, process: BrowserProcess | RemoteBrowser) -> Page:
         connection, seconds = process.connection, self.config.open_seconds
         context = await connection.call(
             "Target.createBrowserContext", {"disposeOnDetach": True}, reply=BrowserContext, seconds=seconds
@@ -508,7 +533,10 @@ class Slot:
     async def _front(self) -> Page:
         """The page in front, after waiting for one that has just come there until it is quiet."""
         while self._living_windows().update():
-            await self._settle(self._living_windows().front)
+            page = self._living_windows().front
+            if self._is_remote:
+                await page.catch_up()
+            await self._settle(page)
         return self._living_windows().front
 
     async def _skip_redirects(self, page: Page, action: GoBack) -> None:
@@ -653,8 +681,14 @@ class Slot:
         )
 
     async def probe(self, url: str) -> Probed:
-        """Ask for a page from outside the browser, to see whether its website is there."""
-        return await self._egress.probe(url, self.config.navigate_seconds)
+        """Ask for a page from outside the browser, to see whether its website is there.
+
+        Raises:
+            BrowserCrashed: the browser is gone.
+        """
+        if self._listener is None:
+            raise BrowserCrashed("the browser process ended")
+        return await self._listener.probe(url, self.config.navigate_seconds)
 
     async def read(self, request: ReadRequest) -> Document:
         """Read the whole document, in view or not."""
@@ -671,7 +705,7 @@ class Slot:
             raise BrowserCrashed("the page closed itself")
         return self._windows
 
-    def _living_process(self) -> BrowserProcess:
+    def _living_process(self) -> BrowserProcess | RemoteBrowser:
         if self._process is not None and self._process.is_alive:
             return self._process
         lost = self._process.connection.lost if self._process is not None else None

@@ -86,10 +86,12 @@ class Timers:
 
     Args:
         connection: the browser's connection.
+        is_shared: whether the browser is others' as well: it has one trace, so that no timers are known.
     """
 
-    def __init__(self, connection: Connection) -> None:
+    def __init__(self, connection: Connection, *, is_shared: bool = False) -> None:
         self._connection = connection
+        self._is_shared = is_shared
         self._is_wanted = False
         self._is_on = False
         self._has_ended = asyncio.Event()
@@ -111,7 +113,7 @@ class Timers:
         """Start the trace. Call it when the page's renderer exists: a renderer that starts later delays the
         first reading by seconds."""
         self._is_wanted = True
-        if self._is_on or not self._has_ended.is_set():
+        if self._is_on or self._is_shared or not self._has_ended.is_set():
             return
         self._is_on, self._began_at = True, time.monotonic()
         trace = {
@@ -145,7 +147,7 @@ class Timers:
         is_read = await self._end()
         events, self._events = self._events, []
         if not is_read:
-            return True
+            return not self._is_shared
         self._worker_fires.clear()
         if began_at < since:
             self._missed.clear()

@@ -174,6 +174,8 @@ def _print_server(url: str, token: str, info: ServerInfo, wanted: int) -> None:
     print(f"slots    {info.slots}{' so far' if more else ''}")
     print(f"workers  {running}{f' of {wanted}' if more else ''}{'' if wanted else ': no node has CPUs yet'}")
     print(f"browser  {f'{info.browser} ({info.executable})' if running else 'not known yet'}")
+    for line in info.without:
+        print(f"remote   without {line}")
     sandbox = "on" if info.sandboxed else f"OFF: {info.sandbox_reason}"
     print(f"sandbox  {sandbox if running else 'not known yet'}", flush=True)
 

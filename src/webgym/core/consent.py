@@ -68,7 +68,7 @@ def remember(settings: Mapping[str, Any], file: Path) -> None:
 
 def _claims(settings: Any, key: str = "") -> Iterator[str]:
     """What settings would have this machine do, in words."""
-    if key in _STARTS and settings:
+    if key in _STARTS and settings and settings != "full":
         yield f"starts a program with {key} {settings}"
     elif isinstance(settings, Mapping):
         for name, value in settings.items():
@@ -76,6 +76,8 @@ def _claims(settings: Any, key: str = "") -> Iterator[str]:
                 given = settings.get("api_key_env")
                 keys = (str(given),) if given else _KEYS_OF[name]
                 yield from (f"sends {variable} to {value}" for variable in keys if os.environ.get(variable))
+            if name == "credentials" and value:
+                yield f"sends the credentials in {value}"
             yield from _claims(value, str(name))
     elif isinstance(settings, list | tuple):
         for each in settings:

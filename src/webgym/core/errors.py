@@ -13,6 +13,7 @@
     │   │   ├── SiteRefused    the task's website refuses its start page
     │   │   └── SiteDead       the task's website has no start page to show: SiteNameGone, SiteTls,
     │   │                      SiteNoAnswer, SiteServerError, SiteRegion, SiteParked, SiteRobots
+    │   │   └── RouteFailed    an upstream proxy failed
     │   └── ActionFailed       no such element, nothing to go back to
     ├── BrowserError           a browser process failed
     │   ├── BrowserNotFound    no Chromium on this machine
@@ -140,6 +141,10 @@ class EgressRefused(NavigationFailed):
 
     by_policy: ClassVar[str] = "refused by the egress policy"
     """The beginning of the reason, unless it was the limit."""
+
+
+class RouteFailed(NavigationFailed):
+    """An upstream proxy failed: the environment's failure, whatever was asked for and whoever did."""
 
 
 class SiteRefused(NavigationFailed):

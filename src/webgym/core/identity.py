@@ -62,6 +62,9 @@ class Identity(Settings):
     color_scheme: Literal["light", "dark"] = "light"
     """The scheme that the user prefers."""
 
+    device_scale: float = Field(default=1.0, gt=0, le=4)
+    """Pixels of the screen for each CSS pixel. Screenshots have the same size all the same."""
+
     headers: dict[str, str] = Field(default_factory=dict)
     """Further headers of every request, to any website."""
 

@@ -34,7 +34,7 @@ class Notice(msgspec.Struct, frozen=True):
     text: str
 
 
-FaultKind: TypeAlias = Literal["connection", "status", "part", "renderer"]
+FaultKind: TypeAlias = Literal["connection", "status", "part", "renderer", "route"]
 
 
 class Fault(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -44,7 +44,8 @@ class Fault(msgspec.Struct, frozen=True, omit_defaults=True):
     Attributes:
         kind: ``connection``: a document of the tab could not be opened, or broke off. ``status``: its server
             failed (5xx). ``part``: the same of another request of a page to its own website. ``renderer``:
-            the process that showed the page was lost, and what its scripts had done with it.
+            the process that showed the page was lost, and what its scripts had done with it. ``route``: an
+            upstream proxy failed, for a document or a part of it.
         url: what was asked for; of a renderer, the page that it showed.
         why: for people.
         is_typed: whether it was asked for by the address of a ``navigate`` action, and not by the page itself
@@ -68,10 +69,12 @@ class Probed(msgspec.Struct, frozen=True, omit_defaults=True):
         problem: why the website gave no answer; empty if it gave one, or if a limit of ours refused the
             probe.
         status: HTTP status of the answer, redirects not followed; ``None`` without one.
+        is_route: whether the problem is that an upstream proxy failed, and not the website.
     """
 
     problem: str = ""
     status: int | None = None
+    is_route: bool = False
 
 
 class Element(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -134,6 +137,7 @@ class Observation(msgspec.Struct, frozen=True, omit_defaults=True):
         milliseconds: wall time per operation (``execute``, ``navigate``, ``settle``, ``screenshot``,
             ``metadata``), and how long the step waited in the server's queues: to act (``queued``) and to be
             observed (``queued_screenshot``).
+        route: the upstream proxy by which the page came, or ``direct``; empty if there are none.
     """
 
     screenshot: str
@@ -155,6 +159,7 @@ class Observation(msgspec.Struct, frozen=True, omit_defaults=True):
     bytes: dict[str, int] = {}
     limited: dict[str, int] = {}
     milliseconds: dict[str, float] = {}
+    route: str = ""
 
     def seconds(self, *operations: str) -> float:
         """Total wall time of these operations, seconds.

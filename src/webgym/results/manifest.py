@@ -15,6 +15,7 @@ from typing import Any, Final
 
 import msgspec
 
+from webgym.core.identity import Identity
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Failure, Step, TextPart, Trajectory
 from webgym.core.verdict import Verdict
@@ -57,9 +58,13 @@ class Manifest(msgspec.Struct, frozen=True):
         judge_prompts: SHA-256 of the prompts of the judges that ask a model, by name.
         browser: product and version at the start of the run.
         sandboxed: whether Chromium's sandbox was on.
+        without: what did not hold because the browser was a remote one, a line each.
+        identity: what was set of who the browser says that it is, for the run; tasks may set more.
+        routes: attempts by the upstream proxy of the last page, or ``direct``; ``None`` if there were none.
         viewport: width and height, CSS pixels.
         server: ``here``, ``elsewhere``, or ``static`` for small websites without browsers.
-        egress: what pages could connect to: rules, ports, connections per second. A server elsewhere
+        egress: what pages could connect to: rules, ports, connections per second, and the names of upstream
+            proxies. A server elsewhere
             reports them when the run begins; ``None`` if it is too old to.
         attempts: number of all attempts, including repeated ones.
         planned: number of samples of all tasks.
@@ -93,6 +98,9 @@ class Manifest(msgspec.Struct, frozen=True):
     judge_prompts: dict[str, str] | None
     browser: str | None
     sandboxed: bool | None
+    without: list[str] | None
+    identity: dict[str, Any]
+    routes: dict[str, int] | None
     viewport: tuple[int, int] | None
     server: str | None
     egress: dict[str, Any] | None
@@ -119,6 +127,7 @@ class Records:
     ended: float | None = None
     invalid: dict[str, Counter[str]] = field(default_factory=dict)
     blocked: Counter[str] = field(default_factory=Counter)
+    routes: Counter[str] = field(default_factory=Counter)
     left_out: list[str] = field(default_factory=list)
     """A line for each kind of records that are in no figure."""
 
@@ -150,6 +159,9 @@ class Records:
             self._add_step(step)
         if not outcome.is_rewarded:
             self.invalid.setdefault(outcome.value, Counter())[failure.code if failure else ""] += 1
+        seen = trajectory.episode.observations
+        if seen and seen[-1].route:
+            self.routes[seen[-1].route] += 1
         if outcome is Outcome.BLOCKED:
             self.blocked[host_or_text(website)] += 1
 
@@ -216,6 +228,9 @@ def manifest_of(
         judge_prompts={name: digest for name, digest in records.judges.items() if digest} or None,
         browser=software.get("browser"),
         sandboxed=software.get("sandboxed"),
+        without=software.get("without"),
+        identity=_identity(config),
+        routes=dict(records.routes.most_common()) or None,
         viewport=tuple(attempt["viewport"]) if attempt.get("viewport") else None,
         server=server_location,
         egress=_egress(config, server_location),
@@ -253,7 +268,18 @@ def _offline_web(reader: RunReader, config: Mapping[str, Any]) -> dict[str, Any]
     return {name: sites.get(name) for name in ("collection", "seed", "per_family", "latency")}
 
 
+def _identity(config: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields that differ from the usual identity, the run's over the server's."""
+    parts = (_part(_part(config, name), "identity") for name in ("browser", "attempt"))
+    usual = Identity().model_dump(mode="json")
+    fields = {name: value for part in parts for name, value in part.items() if value != usual.get(name)}
+    return {name: value for name, value in fields.items() if name not in ("credentials", "headers")}
+
+
 def _egress(config: Mapping[str, Any], server_location: str | None) -> dict[str, Any] | None:
     places = {"here": "browser", "elsewhere": "software"}
     egress = _part(_part(config, places.get(server_location or "", "")), "egress")
-    return {name: egress.get(name) for name in ("allow", "ports", "rate")} if egress else None
+    if not egress:
+        return None
+    upstream = list(egress.get("upstream") or ())
+    return {name: egress.get(name) for name in ("allow", "ports", "rate")} | {"upstream": upstream}

@@ -9,6 +9,7 @@ Who caused the end of an attempt is decided here, by what was asked for and by w
   failure. Otherwise it is a step with a notice.
 - If the last page of its own website that an agent asked for did not come, whoever asked, that probe is made
   before the attempt is judged: what an agent did while its website was down says nothing about it.
+- An upstream proxy that failed is the environment's failure, whoever asked for what.
 - A renderer that is lost takes with it what the page's scripts had done, so that nothing the agent does
   afterwards counts: the environment's failure, unless the agent had typed the page's address.
 
@@ -34,6 +35,7 @@ from webgym.core.errors import (
     BrowserCrashed,
     EgressRefused,
     NavigationFailed,
+    RouteFailed,
     SiteRefused,
     WebGymError,
     error_from_code,
@@ -268,7 +270,8 @@ class EpisodeDriver:
         if state is not None:
             code = found.dead if state == "dead" else ""
             wall = state == "open" and has_login_wall(self.start_url, seen)
-            self.arrival = Arrival(state, code, found.why, wall, seconds, self.identity)
+            route = seen.route or "direct"
+            self.arrival = Arrival(state, code, found.why, wall, seconds, self.identity, route)
         if found.is_open or found.is_of_page:
             await self._record_view(view)
         self._refuse(found, seen)
@@ -294,14 +297,17 @@ class EpisodeDriver:
 
     def _find(self, seen: Observation) -> Finding:
         """What a look at the start page shows."""
-        failed = (it for it in seen.faults if it.kind == "renderer" or self._is_of_website(it))
-        problem = next((fault.why for fault in failed), "")
+        causes = ("renderer", "route")
+        failed = next((it for it in seen.faults if it.kind in causes or self._is_of_website(it)), None)
+        problem = failed.why if failed else ""
         if not problem and seen.status is None:
             problem = next((it.text for it in seen.notices if it.kind == "navigation_failed"), "")
         if self.planned.task.truth is not None:  # the offline web is a part of the environment
             return Finding(why=problem)
         if problem:
-            error = next((fault.error for fault in seen.faults if fault.kind == "connection"), "")
+            is_route = failed is not None and failed.kind == "route"  # which says nothing about the website
+            errors = (it.error for it in seen.faults if it.kind == "connection" and not is_route)
+            error = next(errors, "")
             return Finding(dead=dead_by_error(error), why=problem)
         return finding_of(self.start_url, seen)
 
@@ -316,7 +322,8 @@ class EpisodeDriver:
             # For the user alone: the agent sees notices, and this ends the episode before its first request.
             hint = "; browser.egress.allow, or webgym serve --allow-host, allows it"
             allow = hint if EgressRefused.by_policy in found.why else ""
-            raise NavigationFailed(f"{url} cannot be opened: {found.why}{allow}")
+            kind = RouteFailed if any(it.kind == "route" for it in seen.faults) else NavigationFailed
+            raise kind(f"{url} cannot be opened: {found.why}{allow}")
         if seen.status == HTTPStatus.NOT_FOUND and self.planned.task.truth is not None:
             raise NavigationFailed(f"{url} is not among the websites that are served")
 
@@ -417,8 +424,11 @@ class EpisodeDriver:
 
         Raises:
             BrowserCrashed: the renderer of a page was lost that the agent had not chosen.
+            RouteFailed: an upstream proxy failed.
             NavigationFailed: the task's own website is down.
         """
+        if failed := next((fault.why for fault in seen.faults if fault.kind == "route"), ""):
+            raise RouteFailed(failed)
         has_led_away, self._has_typed = self._has_typed, self._has_typed or is_typed
         asked = [fault for fault in seen.faults if self._is_of_website(fault)]
         unchosen = [fault for fault in seen.faults if not (fault.is_typed and self._has_typed)]
@@ -442,6 +452,7 @@ class EpisodeDriver:
             failed: what raised the doubt.
 
         Raises:
+            RouteFailed: an upstream proxy failed.
             NavigationFailed: the task's website is down; or it was, and has lost what this attempt did.
             WebGymError: the server or the offline web does not answer.
         """
@@ -453,6 +464,8 @@ class EpisodeDriver:
         if is_offline and site_state is not None and not problem:
             is_known = await site_state.state(self.visitor, host_or_text(self.start_url)) is not None
             problem = "" if is_known else "the offline web was started again during the attempt"
+        if probed.is_route:
+            raise RouteFailed(problem)
         if problem:
             raise NavigationFailed(f"the website failed during the attempt: {failed}; probed: {problem}")
 

@@ -339,6 +339,8 @@ async def _software(client: Browsers, *, is_ours: bool) -> dict[str, Any]:
     if isinstance(client, BrowserClient):
         info = await client.info()
         versions |= {"browser": info.browser, "sandboxed": info.sandboxed}
+        if info.without:
+            versions["without"] = list(info.without)
         if not is_ours and info.egress is not None:
             versions["egress"] = msgspec.to_builtins(info.egress)
     return versions

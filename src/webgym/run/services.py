@@ -180,6 +180,8 @@ async def _sites(
             hint="start webgym sites serve where its browsers run, the server with the rules it prints, "
             "and give its URL with --sites, or as server.sites_url",
         )
+    elif config.browser.remote is not None:
+        raise ConfigError("these tasks are on the offline web, which a remote browser does not reach")
     else:
         async with serving(config.sites) as sites, SitesClient(sites.url, sites.token) as client:
             _check_served(tasks, sites.web.specs.keys())
@@ -285,6 +287,8 @@ async def _browsers(
         BrowserClient(server.url, token=server.token, limits=config.limits, calls=calls) as client,
     ):
         info = await client.info()
-        if not info.sandboxed:
+        for line in info.without:
+            say(tell, f"the browser is a remote one, without {line}")
+        if not info.sandboxed and not info.without:
             say(tell, "browsers run without a sandbox here: open only pages that you trust")
         yield client

@@ -229,6 +229,7 @@ class EgressInfo(msgspec.Struct, frozen=True):
     allow: tuple[str, ...]
     ports: tuple[int, ...]
     rate: float
+    upstream: tuple[str, ...] = ()
 
 
 class ServerInfo(msgspec.Struct, frozen=True):
@@ -245,6 +246,7 @@ class ServerInfo(msgspec.Struct, frozen=True):
         workers: a gateway's workers.
         egress: what pages may connect to; ``None`` from servers of older versions. The rate is of all workers
             together.
+        without: what does not hold because the browser is a remote one, a line each.
     """
 
     version: str
@@ -256,6 +258,7 @@ class ServerInfo(msgspec.Struct, frozen=True):
     viewport: tuple[int, int] = (1280, 768)
     workers: tuple[WorkerInfo, ...] = ()
     egress: EgressInfo | None = None
+    without: tuple[str, ...] = ()
 
 
 class ErrorBody(msgspec.Struct, frozen=True):

@@ -67,6 +67,13 @@ def _egress_metrics(load: EgressLoad) -> Iterable[Metric]:
     for result, count in load.results.items():
         connections.add_metric([result], count)
     yield connections
+    routes = CounterMetricFamily(
+        "webgym_egress_routes", "The same by upstream proxy", labels=["route", "result"]
+    )
+    for route, results in load.routes.items():
+        for result, count in results.items():
+            routes.add_metric([route, result], count)
+    yield routes
     transferred = CounterMetricFamily("webgym_egress_bytes", "Bytes of pages", labels=["direction"])
     transferred.add_metric(["sent"], load.sent)
     transferred.add_metric(["received"], load.received)

@@ -67,9 +67,8 @@ class Pool:
         await self.egress.start()
         first = self._new_slot(self._config.browser)
         await self._make_ready(first)
-        assert first.process is not None
         assert first.sandbox is not None
-        self.browser, self.sandbox = first.process.version, first.sandbox
+        self.browser, self.sandbox = first.version, first.sandbox
         self._free.put_nowait(first)
         self._tasks.start(self.memory.run())
         self._tasks.start(self._sweep_periodically())

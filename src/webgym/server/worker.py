@@ -18,9 +18,9 @@ from typing import Any, TypeVar
 import msgspec
 from starlette.requests import Request
 
+from webgym.browser import remote
 from webgym.browser.config import CAPTURE_SCALES
 from webgym.browser.document import Document, ReadRequest
-from webgym.browser.find import find_browser
 from webgym.browser.gestures import AnyAction
 from webgym.browser.observe import Metadata
 from webgym.browser.slot import Slot
@@ -304,7 +304,8 @@ class Service:
             executable=str(self.pool.executable),
             sandboxed=self.pool.sandbox.on,
             sandbox_reason=self.pool.sandbox.reason,
-            egress=EgressInfo(egress.allow, egress.ports, egress.rate),
+            egress=EgressInfo(egress.allow, egress.ports, egress.rate, tuple(egress.upstream)),
+            without=remote.WITHOUT if self.config.browser.remote else (),
         )
 
     async def pressure(self) -> Pressure:
@@ -384,7 +385,7 @@ async def running_server(config: ServerConfig | None = None) -> AsyncIterator[Ru
     token = config.token or secrets.token_urlsafe(TOKEN_BYTES)
     tokens = Tokens(token, config.tokens_file)
     instance = new_instance()
-    executable = (await asyncio.to_thread(find_browser, config.browser.executable)).path
+    executable = await asyncio.to_thread(remote.executable_of, config.browser)
     with closing(listen(config)) as listener:
         url = url_of(listener)
         async with Service(config, executable) as service:

@@ -269,7 +269,7 @@ class Updater:
         }
         given |= {"new": new, "advantage": batch.advantage, "behaviour": batch.behaviour, "step": batch.rows}
         found = self.objective.loss(
-            Tokens(**{name: each if each is None else each[real] for name, each in given.items()})  # type: ignore[arg-type]
+            Tokens(**{name: each if each is None else each[real] for name, each in given.items()})
         )
         figures.add({"entropy": entropy[real].sum(), "logprob": new[real].detach().sum()} | found.sums)
         figures.add_maxima(found.maxima)

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from webgym.browser.egress.config import EgressConfig
+from webgym.browser.egress.upstream import SessionRoute
 from webgym.core.websites import site_or_text
 
 
@@ -23,6 +24,7 @@ class Budget:
     Attributes:
         bytes: bytes forwarded so far, in both directions.
         site: the website of the page that was opened last, as from :func:`webgym.core.websites.site_of`.
+        route: the upstream proxy that its connections take.
     """
 
     def __init__(self, config: EgressConfig) -> None:
@@ -34,6 +36,7 @@ class Budget:
         self.site = ""
         self._bytes_of: Counter[str] = Counter()
         self._limited: Counter[str] = Counter()
+        self.route = SessionRoute()
 
     def enter(self) -> None:
         """Count a new connection, until :meth:`leave`.

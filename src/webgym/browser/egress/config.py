@@ -2,13 +2,48 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final, Literal
+from urllib.parse import urlsplit
 
-from pydantic import AfterValidator, Field, field_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from webgym.browser.egress.rules import read_rule
 from webgym.core.settings import Settings
+
+DIRECT: Final = "direct"
+"""Name of the route without an upstream proxy."""
+
+
+class UpstreamConfig(Settings):
+    """An upstream proxy."""
+
+    address: str
+    """``http://HOST:PORT`` (a proxy that takes CONNECT) or ``socks5://HOST:PORT``."""
+
+    credentials: str = ""
+    """An environment variable, such as ``$PROXY``, or else a file that holds ``NAME:PASSWORD``. In the name,
+    ``{session}`` becomes a word of the session's own, by which many providers choose an address for it."""
+
+    resolve: Literal["there", "here"] = "there"
+    """Where names are looked up. ``here``: the proxy gets addresses, all of which the policy has checked. It
+    is for proxies that reach private networks, since ``there`` only names can be checked."""
+
+    @field_validator("address")
+    @classmethod
+    def _is_an_address(cls, value: str) -> str:
+        parts = urlsplit(value)
+        if "@" in value:  # the message must not repeat it
+            raise ValueError("a user name and a password belong into credentials")
+        if parts.scheme not in ("http", "socks5") or not parts.hostname or parts.port is None:
+            raise ValueError("it is no proxy's address, such as http://HOST:PORT or socks5://HOST:PORT")
+        return f"{parts.scheme}://{parts.netloc}"
+
+    @field_validator("credentials")
+    @classmethod
+    def _is_absolute(cls, value: str) -> str:
+        return value if not value or value.startswith("$") else str(Path(value).absolute())
 
 
 class EgressConfig(Settings):
@@ -30,6 +65,14 @@ class EgressConfig(Settings):
 
     ports: tuple[int, ...] = (80, 443, 8080, 8443)
     """Ports that pages may connect to on hosts that no rule allows; an empty list allows all."""
+
+    upstream: dict[str, UpstreamConfig] = Field(default_factory=dict)
+    """Proxies, by names of your choice, one of which carries all connections of a session. Sessions take them
+    in turn; one that fails is left out for a while."""
+
+    routes: tuple[str, ...] = ()
+    """Routes of single hosts, ``PATTERN[:PORT]=NAME``, with the patterns of ``allow`` and a name of
+    ``upstream`` or ``direct``. The first match decides. What ``allow`` redirects is connected to directly."""
 
     # --- deadlines, seconds -----------------------------------------------------------------------
 
@@ -75,6 +118,17 @@ class EgressConfig(Settings):
         for rule in rules:
             read_rule(rule)
         return rules
+
+    @model_validator(mode="after")
+    def _routes_exist(self) -> EgressConfig:
+        if wrong := [name for name in self.upstream if name == DIRECT or not re.fullmatch(r"[\w.-]+", name)]:
+            raise ValueError(f"{wrong[0]!r} cannot be the name of an upstream proxy")
+        for route in self.routes:
+            pattern, _, name = route.rpartition("=")
+            read_rule(pattern)
+            if name not in (DIRECT, *self.upstream):
+                raise ValueError(f"{route!r} is no route: {name!r} is not among the upstream proxies")
+        return self
 
     def allowing(self, *rules: str) -> EgressConfig:
         """A copy with these rules before the others."""

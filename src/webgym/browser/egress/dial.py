@@ -7,19 +7,24 @@ The rate of connections to one host is limited for all sessions of this process 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import errno
 from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal, TypeAlias, TypeVar
+
+from publicsuffixlist import PublicSuffixList
 
 from webgym.browser.egress.addresses import kind_of, plain
 from webgym.browser.egress.budget import Budget, BudgetExceeded
-from webgym.browser.egress.config import EgressConfig
+from webgym.browser.egress.config import DIRECT, EgressConfig
 from webgym.browser.egress.hosts import Address, Host, read_host
 from webgym.browser.egress.resolver import CACHE_SECONDS, Machine, Resolver
 from webgym.browser.egress.rules import Place, read_rule
-from webgym.core.errors import EgressRefused, NavigationFailed
+from webgym.browser.egress.upstream import SessionRoute, Talk, Upstream, UpstreamFailed, Upstreams
+from webgym.core.errors import EgressRefused, NavigationFailed, RouteFailed
 
 
 class Forbidden(Exception):
@@ -37,10 +42,12 @@ class Route:
     Attributes:
         place: the host and port to resolve and connect to.
         is_allowed: whether a rule allows it, whatever its addresses are.
+        is_elsewhere: whether that rule leads somewhere else.
     """
 
     place: Place
     is_allowed: bool
+    is_elsewhere: bool = False
 
 
 @dataclass(frozen=True)
@@ -73,7 +80,8 @@ class Policy:
             if rule.matches(host, port):
                 if rule.is_nowhere:
                     raise Nowhere
-                return Route(rule.target or Place(host, port), is_allowed=True)
+                place = rule.target or Place(host, port)
+                return Route(place, is_allowed=True, is_elsewhere=rule.target is not None)
         return Route(Place(host, port), is_allowed=False)
 
     def admit(self, route: Route, addresses: Iterable[Address], own: frozenset[Address]) -> Admitted:
@@ -98,9 +106,24 @@ class Policy:
         public = tuple(address for address, why in refusals.items() if why is None)
         if not public:
             raise Forbidden(next(why for why in refusals.values() if why))
+        self._check_port(port)
+        return Admitted(public, is_allowed=False)
+
+    def admit_name(self, name: str, route: Route) -> Admitted:
+        """The same for a name that an upstream proxy looks up: without addresses.
+
+        Raises:
+            Forbidden: it is no name of the public internet.
+        """
+        if not route.is_allowed:
+            if not _is_public(name):
+                raise Forbidden(f"{name} is not a name of the public internet")
+            self._check_port(route.place.port)
+        return Admitted((), route.is_allowed)
+
+    def _check_port(self, port: int) -> None:
         if self._ports and port not in self._ports:
             raise Forbidden(f"port {port} is not among those that websites use")
-        return Admitted(public, is_allowed=False)
 
     @staticmethod
     def _refusal(address: Address, own: frozenset[Address]) -> str | None:
@@ -111,7 +134,21 @@ class Policy:
         return f"{address} is {article} {kind} address"
 
 
-P = TypeVar("P", bound=asyncio.BaseProtocol)
+@cache
+def _suffixes() -> PublicSuffixList:
+    return PublicSuffixList(accept_unknown=False)
+
+
+_TESTING = frozenset({"test", "example"})
+"""Top-level domains that nobody can have (RFC 2606), so that they lead into no private network either."""
+
+
+def _is_public(name: str) -> bool:
+    top = name.rpartition(".")[2]
+    return "." in name and top != "arpa" and (top in _TESTING or _suffixes().publicsuffix(name) is not None)
+
+
+P = TypeVar("P", bound=asyncio.Protocol)
 
 Reason: TypeAlias = Literal[
     "no_such_name",
@@ -126,6 +163,8 @@ Reason: TypeAlias = Literal[
     "malformed",
     "forbidden",
     "too_many",
+    "unreached",
+    "upstream",
 ]
 
 _CHROMIUM_ERRORS: dict[Reason, str] = {
@@ -156,11 +195,17 @@ ATTEMPT_SECONDS = 2.5
 """Connecting to one address out of several; the last one has the remaining time."""
 
 
+UPSTREAM_SECONDS = 3.0
+"""Connecting to an upstream proxy, which then has the whole time for its own connection: both together, and a
+second try, take less than a navigation may."""
+
+
 class NotConnected(NavigationFailed):
     """No connection could be opened.
 
     Attributes:
-        reason: the reason, as a code.
+        reason: the reason, as a code. ``upstream``: an upstream proxy failed; ``unreached``: it did not reach
+            the host.
     """
 
     code = "not_connected"
@@ -170,9 +215,11 @@ class NotConnected(NavigationFailed):
         self.reason = reason
 
     @property
-    def is_refusal(self) -> bool:
-        """Whether the connection was refused without being tried."""
-        return self.reason in ("forbidden", "too_many", "malformed")
+    def kind(self) -> type[NavigationFailed]:
+        """The error of a page that needed the connection."""
+        if self.reason in ("forbidden", "too_many", "malformed"):  # without being tried
+            return EgressRefused
+        return RouteFailed if self.reason == "upstream" else NavigationFailed
 
 
 class Dialer:
@@ -183,6 +230,7 @@ class Dialer:
         self._machine = machine
         self._policy = Policy(config)
         self._resolver = Resolver(machine)
+        self.upstreams = Upstreams(config)
         self._politeness = Politeness(config.rate, config.burst, config.wait_seconds)
         self._own_addresses_cache: frozenset[Address] = frozenset()
         self._own_until = 0.0
@@ -211,26 +259,108 @@ class Dialer:
             raise NotConnected("malformed", f"{text[:80]!r} cannot be connected to: {error}") from None
         try:
             route = self._policy.route(host, port)
-            addresses = await self._resolve(route.place.host, budget)
-            admitted = self._policy.admit(route, addresses, self._own_addresses())
+            upstream = self._upstream_of(route, host, port, budget.route)
+            admitted = await self._admit(route, upstream, budget)
         except Nowhere:
             raise NotConnected("no_such_name") from None
         except Forbidden as error:
             raise NotConnected("forbidden", f"{EgressRefused.by_policy}: {error}") from None
         except BudgetExceeded as error:
             raise NotConnected("too_many", f"refused: {error}") from None
-        self._refuse_own_ports(admitted, route)
         if not admitted.is_allowed:
             await self._wait_for_rate(str(host), budget)
-        return await self._connect(admitted.addresses, route.place.port, protocol)
+        if upstream is not None:
+            return await self._tunnel(upstream, admitted, route.place, budget.route, protocol)
+        self._refuse_own_ports(admitted, route)
+        seconds = self._config.connect_seconds
+        return await self._connect(admitted.addresses, route.place.port, protocol, seconds)
+
+    async def _admit(self, route: Route, upstream: Upstream | None, budget: Budget) -> Admitted:
+        name = route.place.host
+        if upstream is not None and upstream.resolves and isinstance(name, str):
+            return self._policy.admit_name(name, route)
+        return self._policy.admit(route, await self._resolve(name, budget), self._own_addresses())
+
+    # --- upstream proxies ---------------------------------------------------------------------------
+
+    def _upstream_of(self, route: Route, host: Host, port: int, session: SessionRoute) -> Upstream | None:
+        name = self.upstreams.by_rule(host, port)
+        return None if route.is_elsewhere and not name else self.upstreams.of(name, session)
+
+    def route_name(self, host: Host, port: int, session: SessionRoute) -> str:
+        """The name of the route to a host, for records; empty where there are no upstream proxies."""
+        if not self.upstreams:
+            return ""
+        name = self.upstreams.by_rule(host, port)
+        if not name:
+            with contextlib.suppress(Nowhere):
+                name = DIRECT if self._policy.route(host, port).is_elsewhere else session.name
+        return name
+
+    async def _tunnel(
+        self,
+        upstream: Upstream,
+        admitted: Admitted,
+        place: Place,
+        session: SessionRoute,
+        protocol: Callable[[], P],
+    ) -> P:
+        """A connection through an upstream proxy, tried again if the proxy itself failed: by the next one in
+        turn, unless the session is settled."""
+        host = str(admitted.addresses[0] if admitted.addresses else place.host)
+        tries = 2 if session.is_settled else max(2, len(self.upstreams))
+        deadline = asyncio.get_running_loop().time() + self._config.connect_seconds
+        while True:
+            tries -= 1
+            try:
+                talk = await self._open_tunnel(upstream, session, host, place.port)
+            except UpstreamFailed as failure:
+                upstream.note(failure, host)
+                why = f"the upstream proxy {upstream.name} {failure}"
+                if not failure.is_own:
+                    raise NotConnected("unreached", why) from None
+                if not tries or asyncio.get_running_loop().time() > deadline:
+                    raise NotConnected("upstream", why) from None
+                if upstream.name == session.name:
+                    upstream = self.upstreams.of("", session) or upstream
+            else:
+                break
+        upstream.note_success()
+        session.is_settled |= upstream.name == session.name
+        end = protocol()
+        talk.transport.set_protocol(end)
+        end.connection_made(talk.transport)
+        if talk.data:
+            end.data_received(talk.data)
+        return end
+
+    async def _open_tunnel(self, upstream: Upstream, session: SessionRoute, host: str, port: int) -> Talk:
+        talk: Talk | None = None
+        try:
+            addresses = await self._look_up(upstream.host)
+            talk = await self._connect(addresses, upstream.port, Talk, UPSTREAM_SECONDS)
+            async with asyncio.timeout(self._config.connect_seconds):
+                await talk.open(upstream, session, host, port)
+            return talk
+        except BaseException as error:
+            if talk is not None:
+                talk.transport.abort()
+            if isinstance(error, NotConnected):
+                raise UpstreamFailed(f"cannot be connected to: {error.reason}", is_own=True) from None
+            if isinstance(error, TimeoutError):
+                raise UpstreamFailed("gave no answer", is_own=False) from None
+            raise
 
     # --- names --------------------------------------------------------------------------------------
 
     async def _resolve(self, host: Host, budget: Budget) -> tuple[Address, ...]:
+        with budget.lookup(host) if isinstance(host, str) else contextlib.nullcontext():
+            return await self._look_up(host)
+
+    async def _look_up(self, host: Host) -> tuple[Address, ...]:
         if not isinstance(host, str):
             return (host,)
-        with budget.lookup(host):
-            answer = await self._resolver.resolve(host)
+        answer = await self._resolver.resolve(host)
         if isinstance(answer, tuple):
             return answer
         if answer != "no_such_name" and not self._machine.is_online():
@@ -262,11 +392,13 @@ class Dialer:
         if delay:
             await asyncio.sleep(delay)
 
-    async def _connect(self, addresses: tuple[Address, ...], port: int, protocol: Callable[[], P]) -> P:
+    async def _connect(
+        self, addresses: tuple[Address, ...], port: int, protocol: Callable[[], P], seconds: float
+    ) -> P:
         """Connect to the first address that accepts. One that does not answer delays the next only
         briefly."""
         failures: list[NotConnected] = []
-        deadline = asyncio.get_running_loop().time() + self._config.connect_seconds
+        deadline = asyncio.get_running_loop().time() + seconds
         for nth, address in enumerate(addresses, 1):
             until = deadline
             if nth < len(addresses):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import ssl
-from collections import OrderedDict
+from collections import Counter, OrderedDict, defaultdict
 from collections.abc import Callable
 from typing import cast
 from urllib.parse import urlsplit
@@ -64,12 +64,14 @@ class EgressLoad(msgspec.Struct, frozen=True):
         results: number of requested connections by result: ``connected``, ``abandoned`` by the browser,
             ``not_socks``, or a :data:`Reason`.
         sent, received: bytes, from the browsers' point of view.
+        routes: the results by route; empty without upstream proxies.
     """
 
     open: int
     results: dict[str, int]
     sent: int
     received: int
+    routes: dict[str, dict[str, int]] = {}
 
 
 class Egress:
@@ -90,6 +92,7 @@ class Egress:
         self._main: ProxyListener | None = None
         self._listeners: set[ProxyListener] = set()
         self._failures: OrderedDict[tuple[str, int], NotConnected] = OrderedDict()
+        self._routes: defaultdict[str, Counter[str]] = defaultdict(Counter)
 
     # --- life ---------------------------------------------------------------------------------------
 
@@ -142,7 +145,9 @@ class Egress:
     def load(self) -> EgressLoad:
         """The statistics at this moment."""
         connections = self._connections
-        return EgressLoad(connections.open, dict(connections.results), connections.sent, connections.received)
+        routes = {name: dict(results) for name, results in self._routes.items()}
+        results = dict(connections.results)
+        return EgressLoad(connections.open, results, connections.sent, connections.received, routes)
 
     @property
     def waiting(self) -> int:
@@ -151,18 +156,10 @@ class Egress:
 
     def failure(self, url: str) -> NotConnected | None:
         """The last failure to connect to a URL's host and port, if there was one and it is still stored."""
-        try:
-            parts = urlsplit(url)
-            port = parts.port or _DEFAULT_PORTS.get(parts.scheme, 0)
-        except ValueError:
-            return None
-        return self._failures.get((_normalised(parts.hostname or ""), port))
+        host, port = _place(url)
+        return self._failures.get((_normalised(host), port))
 
     # --- connections --------------------------------------------------------------------------------
-
-    async def probe(self, url: str, seconds: float) -> Probed:
-        """Ask for a page from outside all browsers: see :func:`webgym.browser.egress.proxy.probe`."""
-        return await probe(self._dialer, self.config, url, seconds)
 
     async def connect(self, host: str, port: int, budget: Budget) -> ServerEnd:
         """Connect to a host, if that is allowed. The statistics record the result.
@@ -199,8 +196,17 @@ class Egress:
             raise
         finally:
             self._connections.results[result] += 1
+            if route := self.route_name(host, port, budget):
+                self._routes[route][result] += 1
             if is_counted and result != "connected":
                 budget.leave()
+
+    def route_name(self, host: str, port: int, budget: Budget) -> str:
+        """The name of a session's route to a host; empty without upstream proxies."""
+        try:
+            return self._dialer.route_name(read_host(host), port, budget.route)
+        except ValueError:
+            return ""
 
 
 class ProxyListener:
@@ -289,6 +295,25 @@ class ProxyListener:
     def failure(self, url: str) -> NotConnected | None:
         """See :meth:`Egress.failure`."""
         return self._egress.failure(url)
+
+    def route_to(self, url: str) -> str:
+        """The name of the session's route to a URL's host; empty without upstream proxies."""
+        return self._egress.route_name(*_place(url), self.budget)
+
+    async def probe(self, url: str, seconds: float) -> Probed:
+        """Ask for a page from outside all browsers, by the session's route: see :func:`probe`."""
+        budget = Budget(self._egress.config)
+        budget.route = self.budget.route
+        return await probe(self._egress._dialer, budget, url, seconds)
+
+
+def _place(url: str) -> tuple[str, int]:
+    """The host and port of a URL; empty and 0 if it has none."""
+    try:
+        parts = urlsplit(url)
+        return parts.hostname or "", parts.port or _DEFAULT_PORTS.get(parts.scheme, 0)
+    except ValueError:
+        return "", 0
 
 
 def _normalised(host: str) -> str:
@@ -391,26 +416,27 @@ class _Handshake(asyncio.Protocol):
             browser.data_received(self._buffer)
 
 
-_PORTS = {"http": 80, "https": 443}
 _LINE_BYTES = 2**16
 
 
-async def probe(dialer: Dialer, config: EgressConfig, url: str, seconds: float) -> Probed:
-    """Ask a website for a page, with a budget of the probe's own.
+async def probe(dialer: Dialer, budget: Budget, url: str, seconds: float) -> Probed:
+    """Ask a website for a page.
 
     Args:
         dialer: opens the connection, under the same policy as any other.
-        config: limits of the budget.
+        budget: of the probe.
         url: address of the page.
         seconds: until the status of the answer has come.
     """
     try:
         async with asyncio.timeout(seconds):
-            return await _ask(dialer, config, url)
+            return await _ask(dialer, budget, url)
     except TimeoutError:
         return Probed(f"{url} gave a probe no answer within {seconds:g} s")
     except NotConnected as failure:
-        return Probed() if failure.reason == "too_many" else Probed(f"{url}: {failure.message}")
+        if failure.reason == "too_many":
+            return Probed()
+        return Probed(f"{url}: {failure.message}", is_route=failure.reason == "upstream")
     except (OSError, ValueError) as error:
         return Probed(f"{url}: {type(error).__name__}")
 
@@ -424,12 +450,12 @@ class _Asking(asyncio.StreamReaderProtocol):
         super().connection_made(transport)
 
 
-async def _ask(dialer: Dialer, config: EgressConfig, url: str) -> Probed:
+async def _ask(dialer: Dialer, budget: Budget, url: str) -> Probed:
     parts = urlsplit(url)
     reader = asyncio.StreamReader(limit=_LINE_BYTES)
     protocol = _Asking(reader)
-    host, port = parts.hostname or "", parts.port or _PORTS[parts.scheme]
-    await dialer.dial(host, port, Budget(config), lambda: protocol)
+    host, port = _place(url)
+    await dialer.dial(host, port, budget, lambda: protocol)
     writer = asyncio.StreamWriter(protocol.transport, protocol, reader, asyncio.get_running_loop())
     try:
         if parts.scheme == "https":

@@ -33,11 +33,11 @@ from webgym.llm.config import Sampling
 from webgym.store.runs import RunReader
 from webgym.study.model import save_model
 from webgym.train.config import LoraConfig
+from webgym.train.engine_serving import EnginePolicy, EngineServing
 from webgym.train.folder import TrainingFolder
 from webgym.train.logprobs import ReplyLogProbs, collate
 from webgym.train.samples import Sample, SampleMaker
 from webgym.train.selftest import GREEDY, distance, read_selftest
-from webgym.train.vllm_serving import VllmPolicy, VllmServing
 
 EXECUTABLE = Path(sys.executable).with_name("vllm")
 KEY = "secret"
@@ -123,22 +123,22 @@ def updates(model: Path, out: Path, **settings: Any) -> tuple[Path, Path]:
     return out / "1", out / "2"
 
 
-def serving_of(url: str, model: Path, logs: Path, *, lora: bool = False) -> VllmServing:
+def serving_of(url: str, model: Path, logs: Path, *, lora: bool = False) -> EngineServing:
     config = VllmConfig(base_url=url, sampling=Sampling(temperature=1.0, top_p=1.0, max_tokens=6))
     adapters = LoraConfig.model_validate(LORA) if lora else None
-    return VllmServing(config, str(model), logs, lora=adapters)
+    return EngineServing(config, str(model), logs, lora=adapters)
 
 
-async def ask(serving: VllmServing, sampling: Sampling | None = None, look: int = 1) -> Reply:
-    assert isinstance(serving.policy, VllmPolicy)
+async def ask(serving: EngineServing, sampling: Sampling | None = None, look: int = 1) -> Reply:
+    assert isinstance(serving.policy, EnginePolicy)
     assert serving.policy.served is not None
     client = serving.policy.served.policy
     return await client.ask(request(look), {NAMES[look]: PICTURES[NAMES[look]]}, sampling)
 
 
-async def off(serving: VllmServing, weights: Path) -> float:
+async def off(serving: EngineServing, weights: Path) -> float:
     """How far the server's reply to the known request is from the learner's, nats per token."""
-    assert isinstance(serving.policy, VllmPolicy)
+    assert isinstance(serving.policy, EnginePolicy)
     assert serving.policy.served is not None
     test = read_selftest(weights)
     assert test is not None
@@ -288,7 +288,7 @@ async def test_a_server_of_ours_that_keeps_a_part_of_the_old_weights_is_restarte
 ) -> None:
     tied = Path(str(files("webgym.study") / "weights"))
     one, two = updates(tied, tmp_path)
-    async with VllmServing(VllmConfig.model_validate(STARTED), str(tied), tmp_path) as serving:
+    async with EngineServing(VllmConfig.model_validate(STARTED), str(tied), tmp_path) as serving:
         for version, weights in enumerate((one, two), 1):
             await serving.publish(weights, str(version))
             assert await off(serving, weights) < 1e-4

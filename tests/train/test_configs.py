@@ -15,12 +15,12 @@ from webgym.inference.vllm import VllmConfig
 from webgym.llm.config import altering
 from webgym.study import demo
 from webgym.train.config import LearnConfig
+from webgym.train.engine_serving import EngineServing
 from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig
 from webgym.train.objectives import GroupIS, make_objective
 from webgym.train.serving import LocalServing
 from webgym.train.start import load_train_config, make_serving
-from webgym.train.vllm_serving import VllmServing
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -84,7 +84,7 @@ def test_a_vllm_server_is_laid_over_a_preset_and_replies_in_place_of_the_model_i
     assert whole.local is None
     assert whole.vllm is not None
     assert whole.vllm.sampling.extra_body == preset["local"]["sampling"]["extra_body"] == {"top_k": 2}
-    assert isinstance(make_serving(whole, TrainingFolder(Path("nowhere"))), VllmServing)
+    assert isinstance(make_serving(whole, TrainingFolder(Path("nowhere"))), EngineServing)
     assert isinstance(
         make_serving(TrainConfig.model_validate(preset), TrainingFolder(Path("x"))), LocalServing
     )

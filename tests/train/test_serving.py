@@ -29,11 +29,11 @@ from webgym.inference.vllm import VllmApi, VllmConfig
 from webgym.llm.config import ChatConfig
 from webgym.llm.health import watch_clients
 from webgym.train.config import LoraConfig
+from webgym.train.engine_serving import EnginePolicy, EngineServing, Served
 from webgym.train.logprobs import ReplyLogProbs, collate
 from webgym.train.samples import SampleMaker
 from webgym.train.selftest import EXACT_TOLERANCE, GREEDY, SELFTEST, read_selftest
 from webgym.train.serving import KeptOpen, LocalServing
-from webgym.train.vllm_serving import Served, VllmPolicy, VllmServing
 
 
 @pytest.fixture(scope="module")
@@ -164,9 +164,9 @@ async def test_what_is_said_over_http_is_what_the_learner_trains_on(
     lora = LoraConfig() if kind == "adapters" else None
     with fake_vllm.running(quirk, of=ServesWeights, weights=str(made / "model")) as fake:
         settings = VllmConfig.model_validate({"base_url": fake.url} | config)
-        async with VllmServing(settings, str(made / "model"), tmp_path, lora=lora) as serving:
+        async with EngineServing(settings, str(made / "model"), tmp_path, lora=lora) as serving:
             await serving.publish(made / kind, "1")
-            assert isinstance(serving.policy, VllmPolicy)
+            assert isinstance(serving.policy, EnginePolicy)
             assert serving.policy.served is not None
             reply = await serving.policy.served.policy.ask(request(1), {NAMES[1]: PICTURES[NAMES[1]]})
             shutil.copytree(made / kind, tmp_path / "other")
@@ -188,7 +188,7 @@ async def test_what_is_said_over_http_is_what_the_learner_trains_on(
 
 async def test_a_run_sees_what_holds_the_served_policy_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its client was opened before the run, once for the whole training."""
-    policy = VllmPolicy("tiny")
+    policy = EnginePolicy("tiny")
     client = OpenAIPolicy(ChatConfig(base_url="http://127.0.0.1:9/v1", model="tiny"))
     monkeypatch.setattr(OpenAIPolicy, "problem", property(lambda _: "the endpoint is busy"))
     with watch_clients() as problem:

@@ -14,12 +14,12 @@ from tests.train.test_vllm import reply, saved
 from webgym.core.errors import ConfigError, PublishError
 from webgym.inference.vllm import VllmConfig
 from webgym.train.config import LoraConfig
-from webgym.train.vllm_serving import VllmServing
+from webgym.train.engine_serving import EngineServing
 
 
-def serving_of(fake: fake_vllm.FakeVllm, path: Path, *, lora: bool = False) -> VllmServing:
+def serving_of(fake: fake_vllm.FakeVllm, path: Path, *, lora: bool = False) -> EngineServing:
     config = VllmConfig(engine="sglang", base_url=fake.url)
-    return VllmServing(config, "org/Model-8B", path, lora=LoraConfig() if lora else None)
+    return EngineServing(config, "org/Model-8B", path, lora=LoraConfig() if lora else None)
 
 
 @pytest.mark.parametrize("lora", [True, False])
@@ -73,7 +73,7 @@ async def test_one_of_ours_is_started_and_nobody_sees_its_key(tmp_path: Path, lo
     program.chmod(program.stat().st_mode | stat.S_IXUSR)
     config = VllmConfig(engine="sglang", executable=str(program))
     adapters = LoraConfig(rank=20) if lora else None
-    async with VllmServing(config, "org/Model-8B", tmp_path / "training", lora=adapters) as serving:
+    async with EngineServing(config, "org/Model-8B", tmp_path / "training", lora=adapters) as serving:
         await serving.publish(saved(tmp_path / "1"), "1")
         assert (await reply(serving)).weight_version == "1"
         [secret] = (tmp_path / "training").glob("*.yaml")

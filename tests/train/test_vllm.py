@@ -26,9 +26,9 @@ from webgym.core.errors import ConfigError, PolicyError, PolicyUnreachable, Publ
 from webgym.core.trajectory import Reply
 from webgym.inference.vllm import VllmConfig
 from webgym.train.config import LoraConfig
+from webgym.train.engine_serving import EnginePolicy, EngineServing
 from webgym.train.folder import TrainingFolder
 from webgym.train.selftest import SELFTEST, Greedy, SelfTest, known_messages, known_picture
-from webgym.train.vllm_serving import VllmPolicy, VllmServing
 
 
 def saved(folder: Path, *, off: float = 0.25, since: float = 0.0, is_exact: bool = False) -> Path:
@@ -61,14 +61,14 @@ def turn() -> PolicyInput:
     )
 
 
-async def reply(serving: VllmServing) -> Reply:
+async def reply(serving: EngineServing) -> Reply:
     async with serving.policy as policy:
         return await policy.begin(task("a"), 1).reply(turn())
 
 
-def serving_of(fake: fake_vllm.FakeVllm, path: Path, *, lora: bool = False, **settings: Any) -> VllmServing:
+def serving_of(fake: fake_vllm.FakeVllm, path: Path, *, lora: bool = False, **settings: Any) -> EngineServing:
     config = VllmConfig(base_url=fake.url, **settings)
-    return VllmServing(config, "org/Model-8B", path, lora=LoraConfig() if lora else None)
+    return EngineServing(config, "org/Model-8B", path, lora=LoraConfig() if lora else None)
 
 
 # --- adapters ---------------------------------------------------------------------------------------------
@@ -221,7 +221,7 @@ def test_an_update_in_place_waits_for_replies_in_flight_and_lets_none_in(
             while not fake.in_flight:
                 await asyncio.sleep(0.005)
             publishing = asyncio.create_task(serving.publish(saved(tmp_path / "1"), "1"))
-            assert isinstance(serving.policy, VllmPolicy)
+            assert isinstance(serving.policy, EnginePolicy)
             while serving.policy._open.is_set():
                 await asyncio.sleep(0.005)
             held = asyncio.create_task(reply(serving))
@@ -334,13 +334,13 @@ async def test_a_resumed_training_publishes_to_a_server_that_has_its_newest_weig
     newest = (saved(tmp_path / "3"), "3")
     with fake_vllm.running("dev", weights=str(newest[0])) as fake:
         config = VllmConfig(base_url=fake.url)
-        async with VllmServing(config, "org/Model-8B", tmp_path, newest=newest) as serving:
+        async with EngineServing(config, "org/Model-8B", tmp_path, newest=newest) as serving:
             fake.quirks.add("refuses")
             with pytest.raises(PublishError, match="a tensor is missing"):
                 await serving.publish(*newest)
             assert (fake.weights, fake.label) == (str(newest[0]), "3"), "not the initial weights"
             assert (await reply(serving)).weight_version == "3"
-        async with VllmServing(config, "org/Model-8B", tmp_path, newest=newest) as serving:
+        async with EngineServing(config, "org/Model-8B", tmp_path, newest=newest) as serving:
             await serving.publish(*newest)
             assert (await reply(serving)).weight_version == "3"
             fake.frozen = str(newest[0])
@@ -397,7 +397,7 @@ async def test_a_server_without_labels_that_was_away_is_tested_again_before_its_
 class _Lost:
     """Weights whose server ends before the reply is there."""
 
-    def __init__(self, policy: VllmPolicy) -> None:
+    def __init__(self, policy: EnginePolicy) -> None:
         self._policy = policy
 
     async def reply(self, _turn: PolicyInput) -> Reply:
@@ -409,7 +409,7 @@ async def test_a_reply_that_was_lost_because_the_server_ended_is_asked_for_again
     with fake_vllm.running("dev") as fake:
         async with serving_of(fake, tmp_path) as serving:
             policy = serving.policy
-            assert isinstance(policy, VllmPolicy)
+            assert isinstance(policy, EnginePolicy)
             assert policy.served is not None
             healthy = policy.served
             policy.switch(dataclasses.replace(healthy, policy=cast("Any", _Lost(policy))))
@@ -442,7 +442,7 @@ def test_a_server_that_cannot_be_used_is_refused_in_one_line(
         fake.is_paused = "paused" in fake.quirks
         given = {"base_url": fake.url} | settings
         lora = LoraConfig() if given.pop("lora", False) else None
-        async with VllmServing(VllmConfig.model_validate(given), "org/Model-8B", tmp_path, lora=lora):
+        async with EngineServing(VllmConfig.model_validate(given), "org/Model-8B", tmp_path, lora=lora):
             raise AssertionError("it starts")
 
     with fake_vllm.running(*quirks) as fake, pytest.raises(ConfigError, match=told) as caught:
@@ -470,12 +470,12 @@ async def ours(
     lora: bool = False,
     newest: tuple[Path, str] | None = None,
     **settings: Any,
-) -> AsyncIterator[VllmServing]:
+) -> AsyncIterator[EngineServing]:
     env = {"FAKE_VLLM": " ".join(quirks), "FAKE_VLLM_PIDS": str(path / "pids")}
     config = VllmConfig.model_validate({"executable": vllm, "env": env} | settings)
     adapters = LoraConfig(rank=20) if lora else None
     logs = path / "training"
-    async with VllmServing(config, "org/Model-8B", logs, lora=adapters, newest=newest) as serving:
+    async with EngineServing(config, "org/Model-8B", logs, lora=adapters, newest=newest) as serving:
         yield serving
 
 

@@ -21,16 +21,16 @@ from tests.train.test_vllm import pids, saved, turn, until
 from webgym.core.errors import PublishError, TrainingError
 from webgym.core.trajectory import Reply
 from webgym.inference.vllm import VllmConfig
-from webgym.train import vllm_fleet
+from webgym.train import engine_fleet
+from webgym.train.engine_fleet import EngineFleet, FleetPolicy, FleetSession
 from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig
 from webgym.train.start import make_serving
-from webgym.train.vllm_fleet import FleetPolicy, FleetSession, VllmFleet
 
 
 @pytest.fixture(autouse=True)
 def _polls_often(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(vllm_fleet, "_POLL_SECONDS", 0.02)
+    monkeypatch.setattr(engine_fleet, "_POLL_SECONDS", 0.02)
 
 
 @pytest.fixture
@@ -39,17 +39,17 @@ def fakes() -> Iterator[list[fake_vllm.FakeVllm]]:
         yield [stack.enter_context(fake_vllm.running("dev", "lora")) for _ in range(3)]
 
 
-def fleet_of(out: Path, *, lora: bool = False, **vllm: Any) -> VllmFleet:
+def fleet_of(out: Path, *, lora: bool = False, **vllm: Any) -> EngineFleet:
     learn = {"model": "org/Model-8B", "update": {"lora": {} if lora else None}}
     serving = make_serving(TrainConfig.model_validate({"learn": learn, "vllm": vllm}), TrainingFolder(out))
-    assert isinstance(serving, VllmFleet)
+    assert isinstance(serving, EngineFleet)
     return serving
 
 
 @asynccontextmanager
 async def opened(
     fakes: list[fake_vllm.FakeVllm], out: Path, *, lora: bool = False
-) -> AsyncIterator[VllmFleet]:
+) -> AsyncIterator[EngineFleet]:
     async with fleet_of(out, lora=lora, base_url=[fake.url for fake in fakes]) as fleet:
         watch = asyncio.create_task(fleet.watch())
         yield fleet
@@ -57,7 +57,7 @@ async def opened(
         await asyncio.gather(watch, return_exceptions=True)
 
 
-def session(fleet: VllmFleet) -> FleetSession:
+def session(fleet: EngineFleet) -> FleetSession:
     assert isinstance(fleet.policy, FleetPolicy)
     return fleet.policy.begin(task("a"), 1)
 

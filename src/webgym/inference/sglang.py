@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Final
 
 from pydantic import SecretStr
 
@@ -29,6 +29,33 @@ class SglangApi(VllmApi):
         "in_place": "a release that has it",
     }
     labels: ClassVar[str] = "/update_weight_version"
+    processed_logprobs: ClassVar[bool] = False
+
+    @classmethod
+    def command(
+        cls,
+        config: VllmConfig,
+        model: str,
+        name: str,
+        port: int,
+        method: PublishMethod,
+        lora_rank: int,
+        key: SecretStr,
+        log: Path,
+    ) -> list[str]:
+        """``sglang serve`` and its arguments. The key is in a file, as other users see arguments."""
+        settings = log.with_name(f"{log.stem}.yaml")
+        _write_key(settings, key)
+        arguments = [config.program, "serve", "--config", str(settings), "--model-path", model]
+        arguments += ["--served-model-name", name, "--host", HOST, "--port", str(port)]
+        arguments += ["--tp-size", str(config.tensor_parallel_size)]
+        arguments += ["--dp-size", str(config.data_parallel_size)]
+        arguments += ["--mem-fraction-static", str(config.gpu_memory_utilization)]
+        arguments += ["--context-length", str(config.max_model_len)] if config.max_model_len else []
+        if method == "lora":
+            arguments += ["--enable-lora", "--max-lora-rank", str(lora_rank)]
+            arguments += ["--lora-target-modules", "all", "--max-loras-per-batch", "2"]
+        return [*arguments, *config.extra_args]
 
     async def weight_version(self) -> str:
         """The version label of the current weights."""
@@ -75,33 +102,12 @@ class SglangApi(VllmApi):
             await self._request("POST", "/update_weight_version", body)
 
 
-def sglang_command(
-    config: VllmConfig,
-    model: str,
-    name: str,
-    port: int,
-    method: PublishMethod,
-    lora_rank: int,
-    settings: Path,
-) -> list[str]:
-    """``sglang serve`` and its arguments; those of :meth:`VllmConfig.command`.
-
-    Args:
-        settings: the file with its key (:func:`write_key`), which other users must not see as an argument.
-    """
-    arguments = [config.program, "serve", "--config", str(settings), "--model-path", model]
-    arguments += ["--served-model-name", name, "--host", HOST, "--port", str(port)]
-    arguments += ["--tp-size", str(config.tensor_parallel_size), "--dp-size", str(config.data_parallel_size)]
-    arguments += ["--mem-fraction-static", str(config.gpu_memory_utilization)]
-    arguments += ["--context-length", str(config.max_model_len)] if config.max_model_len else []
-    if method == "lora":
-        arguments += ["--enable-lora", "--max-lora-rank", str(lora_rank), "--lora-target-modules", "all"]
-        arguments += ["--max-loras-per-batch", "2"]
-    return [*arguments, *config.extra_args]
-
-
-def write_key(path: Path, key: SecretStr) -> None:
+def _write_key(path: Path, key: SecretStr) -> None:
     """Write a settings file with a server's key, which only this user can read."""
     path.unlink(missing_ok=True)
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
         file.write(f"api-key: {json.dumps(key.get_secret_value())}\n")
+
+
+ENGINES: Final[dict[str, type[VllmApi]]] = {"vllm": VllmApi, "sglang": SglangApi}
+"""The API of each engine, with what else differs."""

@@ -258,6 +258,7 @@ class VllmApi:
         needed: the endpoints that each method of publication needs.
         flags: how a server is started for each.
         labels: an endpoint that a server has whose weights bear a label.
+        processed_logprobs: whether a server of ours gives those after temperature and top-p.
     """
 
     needed: ClassVar[dict[PublishMethod, tuple[str, ...]]] = {
@@ -270,6 +271,33 @@ class VllmApi:
         "in_place": "VLLM_SERVER_DEV_MODE=1",
     }
     labels: ClassVar[str] = "/weight_info"
+    processed_logprobs: ClassVar[bool] = True
+
+    @classmethod
+    def command(
+        cls,
+        config: VllmConfig,
+        model: str,
+        name: str,
+        port: int,
+        method: PublishMethod,
+        lora_rank: int,
+        key: SecretStr,  # noqa: ARG003 (it is in the environment)
+        log: Path,  # noqa: ARG003
+    ) -> list[str]:
+        """The command that starts a server of ours.
+
+        Args:
+            config: of the server.
+            model: folder or hub id.
+            name: the model's name in requests.
+            port: port to listen on.
+            method: how weights will be published.
+            lora_rank: rank of adapters.
+            key: the server's key.
+            log: file of its output, beside which a file of settings may be written.
+        """
+        return config.command(model, name, port, method, lora_rank)
 
     def __init__(self, base_url: str, key: SecretStr) -> None:
         self.base_url = base_url

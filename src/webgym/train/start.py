@@ -34,6 +34,8 @@ from webgym.run.choice import all_tasks
 from webgym.run.config import RunConfig, Secrets, ServerChoice, resolved
 from webgym.run.services import services
 from webgym.store.files import CONFIG, TASKS, refuse_special_files
+from webgym.train.engine_fleet import EngineFleet
+from webgym.train.engine_serving import LOG, EngineServing
 from webgym.train.estimate import estimate, present_gpus
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.loop import Show, Tell, TrainConfig, Training
@@ -43,8 +45,6 @@ from webgym.train.replay import Replay
 from webgym.train.serving import LocalServing, Serving
 from webgym.train.stopping import Stop
 from webgym.train.update import Learner
-from webgym.train.vllm_fleet import VllmFleet
-from webgym.train.vllm_serving import LOG, VllmServing
 from webgym.train.weights import check_targets
 
 JUDGE_LOG: Final = "judge.log"
@@ -289,7 +289,7 @@ def make_serving(config: TrainConfig, folder: TrainingFolder) -> Serving:
     latest = folder.latest_weights()
     servers = config.vllm.each()
     servings = [
-        VllmServing(
+        EngineServing(
             server,
             model,
             folder.path,
@@ -300,7 +300,7 @@ def make_serving(config: TrainConfig, folder: TrainingFolder) -> Serving:
         )
         for number, server in enumerate(servers, 1)
     ]
-    return servings[0] if len(servings) == 1 else VllmFleet(servings)
+    return servings[0] if len(servings) == 1 else EngineFleet(servings)
 
 
 def load_train_config(files: Sequence[Path], overrides: Mapping[str, Any] | None = None) -> TrainConfig:

@@ -1,4 +1,4 @@
-"""Serves the policy with a vLLM server, started here or elsewhere, and publishes weights.
+"""Serves the policy with a vLLM or SGLang server, started here or elsewhere, and publishes weights.
 
 lora      Adapters: loads a new one under a new name, tests it, and uses it from then on; the old one is
           unloaded after its last reply. No request waits, and a failure changes nothing.
@@ -39,7 +39,7 @@ from webgym.core.errors import (
     TrainingError,
 )
 from webgym.core.trajectory import Reply
-from webgym.inference.sglang import SglangApi, sglang_command, write_key
+from webgym.inference.sglang import ENGINES
 from webgym.inference.vllm import (
     EXPLICIT,
     HOST,
@@ -151,7 +151,7 @@ class AnotherFailed(PublishError):
     """The weights were taken, and given back because another server did not take them."""
 
 
-class VllmPolicy(BasePolicy):
+class EnginePolicy(BasePolicy):
     """Replies with the current weights of a server; during a change of weights, callers wait.
 
     Args:
@@ -231,7 +231,7 @@ class VllmPolicy(BasePolicy):
             return msgspec.structs.replace(reply, policy=self.name, weight_version=served.version)
 
 
-class VllmServing:
+class EngineServing:
     """See :class:`webgym.train.serving.Serving`.
 
     Args:
@@ -268,9 +268,9 @@ class VllmServing:
         self._newest = (newest[0].resolve(), newest[1]) if newest else None
         # Weights that a server elsewhere may hold already; ``None`` once it is known which weights it holds.
         self._maybe_served = self._newest if self._method == "in_place" and not self._is_ours else None
-        self.replies = VllmPolicy(Path(model).name)
+        self.replies = EnginePolicy(Path(model).name)
         self.policy: Policy = self.replies
-        self._api_of = SglangApi if config.engine == "sglang" else VllmApi
+        self._api_of = ENGINES[config.engine]
         self._api: VllmApi | None = None
         self._server: ManagedServer | None = None
         self._weights: Path | None = None  # the served weights; None for the initial ones
@@ -406,12 +406,7 @@ class VllmServing:
         name = _BASE if weights is None or method == "lora" else f"webgym-{version}"
         model = (config.model or self._first) if weights is None or method == "lora" else str(weights)
         rank = self._lora.rank if self._lora else 0
-        if config.engine == "sglang":
-            secret = self._log.with_name(f"{self._log.stem}.yaml")
-            await asyncio.to_thread(write_key, secret, key)
-            command = sglang_command(config, model, name, port, method, rank, secret)
-        else:
-            command = config.command(model, name, port, method, rank)
+        command = self._api_of.command(config, model, name, port, method, rank, key, self._log)
         self._server = await ManagedServer.start(command, config.environment(key, method), self._log)
         self._api = self._api_of(f"http://{HOST}:{port}/v1", key)
         await self._server.until(self._api.is_up, config.start_seconds)
@@ -595,11 +590,11 @@ class VllmServing:
         chat = self._config.chat(self._api.base_url, name)
         sampling = chat.sampling.over(self._profile.sampling).over(EXPLICIT)
         policy = OpenAIPolicy(
-            # VllmPolicy itself checks the model of every reply, and ends the training.
+            # EnginePolicy itself checks the model of every reply, and ends the training.
             chat.model_copy(update={"sampling": sampling, "any_model": True}),
             self._profile,
             api_key=self._api.key,
-            processed_logprobs=self._is_ours and self._config.engine == "vllm",
+            processed_logprobs=self._is_ours and self._api_of.processed_logprobs,
         )
         is_labelled = self._method == "in_place" and await self._api.offers(self._api.labels)
         is_adapter = self._method == "lora" and weights is not None

@@ -1,4 +1,4 @@
-"""Several vLLM servers reply as one policy.
+"""Several servers reply as one policy.
 
 A session stays with one server, whose caches hold its earlier requests; a new one goes to the server with the
 fewest. New weights reach all servers or none. A server that does not answer is left out: its sessions go on
@@ -19,7 +19,7 @@ from webgym.agent.policy import BasePolicy, Policy, PolicyInput
 from webgym.core.errors import PublishError, TrainingError, WebGymError
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply
-from webgym.train.vllm_serving import AnotherFailed, VllmPolicy, VllmServing
+from webgym.train.engine_serving import AnotherFailed, EnginePolicy, EngineServing
 
 T = TypeVar("T")
 
@@ -46,10 +46,10 @@ class FleetPolicy(BasePolicy):
         sessions: for each, the sessions that it has.
     """
 
-    def __init__(self, servers: Sequence[VllmPolicy]) -> None:
+    def __init__(self, servers: Sequence[EnginePolicy]) -> None:
         self.name = servers[0].name
         self.left_out = {server: asyncio.Event() for server in servers}
-        self.sessions: dict[VllmPolicy, WeakSet[FleetSession]] = {server: WeakSet() for server in servers}
+        self.sessions: dict[EnginePolicy, WeakSet[FleetSession]] = {server: WeakSet() for server in servers}
 
     @property
     def problem(self) -> str:
@@ -60,7 +60,7 @@ class FleetPolicy(BasePolicy):
         """A session, which stays with one server as long as that one is there."""
         return FleetSession(self)
 
-    async def assign(self, session: FleetSession) -> VllmPolicy:
+    async def assign(self, session: FleetSession) -> EnginePolicy:
         """The server with the fewest sessions, as soon as one is there."""
         while not (  # noqa: ASYNC110 (there are several events)
             present := [each for each, is_out in self.left_out.items() if not is_out.is_set()]
@@ -72,7 +72,7 @@ class FleetPolicy(BasePolicy):
         self.sessions[server].add(session)
         return server
 
-    async def unless_left_out(self, server: VllmPolicy, call: Coroutine[Any, Any, T]) -> T:
+    async def unless_left_out(self, server: EnginePolicy, call: Coroutine[Any, Any, T]) -> T:
         """The result of a call, which is cancelled if the server is left out meanwhile.
 
         Raises:
@@ -105,13 +105,13 @@ class FleetSession:
 
     def __init__(self, fleet: FleetPolicy) -> None:
         self._fleet = fleet
-        self._server: VllmPolicy | None = None
+        self._server: EnginePolicy | None = None
 
     async def reply(self, turn: PolicyInput) -> Reply:
         """The reply of the session's server, or of another one if that is left out meanwhile.
 
         Raises:
-            PolicyError: as :meth:`webgym.train.vllm_serving.VllmPolicy.reply`.
+            PolicyError: as :meth:`webgym.train.engine_serving.EnginePolicy.reply`.
         """
         while True:
             if self._server is None or self._fleet.left_out[self._server].is_set():
@@ -120,14 +120,14 @@ class FleetSession:
                 return await self._fleet.unless_left_out(self._server, self._server.reply(turn))
 
 
-class VllmFleet:
+class EngineFleet:
     """See :class:`webgym.train.serving.Serving`.
 
     Args:
         servings: one for each server.
     """
 
-    def __init__(self, servings: Sequence[VllmServing]) -> None:
+    def __init__(self, servings: Sequence[EngineServing]) -> None:
         self._servings = list(servings)
         self._fleet = FleetPolicy([each.replies for each in servings])
         self.policy: Policy = self._fleet
@@ -159,7 +159,7 @@ class VllmFleet:
                     raise next(error for error in causes.values() if not isinstance(error, AnotherFailed))
 
     async def _publish(
-        self, serving: VllmServing, weights: Path, version: str, together: asyncio.Barrier
+        self, serving: EngineServing, weights: Path, version: str, together: asyncio.Barrier
     ) -> None:
         try:
             await self._fleet.unless_left_out(serving.replies, serving.publish(weights, version, together))
@@ -177,7 +177,7 @@ class VllmFleet:
                 group.create_task(self._watch(serving))
                 group.create_task(self._look_after(serving))
 
-    async def _watch(self, serving: VllmServing) -> None:
+    async def _watch(self, serving: EngineServing) -> None:
         try:
             await serving.watch()
         except TrainingError as error:
@@ -188,7 +188,7 @@ class VllmFleet:
             self._leave_out(serving)
             self._servings = others
 
-    async def _look_after(self, serving: VllmServing) -> None:
+    async def _look_after(self, serving: EngineServing) -> None:
         """Leave a server out while it does not answer, and bring it the newest weights when it does again."""
         silent, problem = 0, ""
         while serving in self._servings:
@@ -207,7 +207,7 @@ class VllmFleet:
                             problem = error.message
                             log.warning("a server answers again, and is left out still: %s", problem)
 
-    def _leave_out(self, serving: VllmServing) -> None:
+    def _leave_out(self, serving: EngineServing) -> None:
         is_out = self._fleet.left_out[serving.replies]
         if not is_out.is_set():
             log.warning("a server does not answer, and is left out until it does")

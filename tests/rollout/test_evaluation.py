@@ -9,6 +9,7 @@ import shutil
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -21,6 +22,7 @@ from tests.rollout.test_summary import attempt, task
 
 from webgym.cli._evaluation import notes, tables
 from webgym.core.errors import RunFolderError
+from webgym.core.observation import Observation
 from webgym.core.outcome import Outcome
 from webgym.core.tables import put
 from webgym.core.task import LEVELS, Level
@@ -274,26 +276,36 @@ class ClientElsewhere(BrowserClient):
     """Of a server that tells what pages may connect to."""
 
     async def info(self) -> ServerInfo:
-        egress = EgressInfo(("intranet.example",), (443,), 5.0)
-        return ServerInfo("0.1", 1, "Chrome/1", "", sandboxed=True, sandbox_reason="", egress=egress)
+        egress = EgressInfo(("intranet.example",), (443,), 5.0, ("zurich",))
+        more: dict[str, Any] = {"egress": egress, "without": ("freezing",)}
+        return ServerInfo("0.1", 1, "Chrome/1", "", sandboxed=True, sandbox_reason="", **more)
 
 
 async def test_a_server_elsewhere_tells_what_pages_could_connect_to(tmp_path: Path) -> None:
     software = await _software(ClientElsewhere("http://browsers.example", token="x" * 20), is_ours=False)
     browser = {"egress": {"allow": [], "ports": [80], "rate": 20.0}}  # of servers that the run starts itself
     config = {"software": software, "browser": browser, "server": {"url": "http://browsers.example"}}
+    config["attempt"] = {"identity": {"time_zone": "Asia/Tokyo", "webdriver": True}}
+    made = attempt("e0", Outcome.SUCCESS, steps=0)
+    seen = Observation(
+        sha256(b"picture").hexdigest(), "https://shop.example/", "", (800, 600), route="zurich"
+    )
+    made = msgspec.structs.replace(made, episode=msgspec.structs.replace(made.episode, final=seen))
     async with await RunWriter.create(tmp_path / "run", config, [task("e0", 1)]) as writer:
-        await writer.append(attempt("e0", Outcome.SUCCESS, steps=0))
+        await writer.put_image(seen.screenshot, b"picture")
+        await writer.append(made)
     manifest = evaluate(tmp_path / "run", config=QUICK).manifest
     assert manifest.server == "elsewhere"
-    assert manifest.egress == {"allow": ["intranet.example"], "ports": [443], "rate": 5.0}
+    egress = {"allow": ["intranet.example"], "ports": [443], "rate": 5.0, "upstream": ["zurich"]}
+    assert (manifest.egress, manifest.without) == (egress, ["freezing"])
+    assert (manifest.identity, manifest.routes) == ({"time_zone": "Asia/Tokyo"}, {"zurich": 1})
 
 
 def test_what_a_run_does_not_record_is_not_made_up(run: Path) -> None:
     """This one was written without the collector: it tells its seed, and nothing of how it was made."""
     manifest = evaluate(run, config=QUICK).manifest
     unknown = ("webgym", "budget", "weights", "agent", "browser", "sandboxed", "viewport", "server", "egress")
-    for name in unknown:
+    for name in (*unknown, "without", "routes"):
         assert getattr(manifest, name) is None, name
     assert (manifest.seed, manifest.planned, manifest.judged, manifest.missing) == (7, 12, 7, 1)
     # A sample is counted once, however it ended.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import random
+from typing import Any
 
 import pytest
 import torch
@@ -78,7 +79,13 @@ def test_loss_and_gradient_are_those_of_the_formula(ratio: str) -> None:
         BASELINES, [(0.2, 0.2), (0.1, 0.4)], [None, 1.5], [None, 1.3], [1.0, 10.0], [0.0, 0.3], [0.0, 0.5]
     ):
         low, high = clips
-        options = {"baseline": baseline, "std": std, "ratio": ratio, "clip_low": low, "clip_high": high}
+        options: dict[str, Any] = {
+            "baseline": baseline,
+            "std": std,
+            "ratio": ratio,
+            "clip_low": low,
+            "clip_high": high,
+        }
         options |= {"dual_clip": dual, "largest_weight": largest, "step_divisor": divisor, "kl": kl}
         groups = made()
         objective = PolicyGradient.model_validate(options | {"soft": soft})

@@ -15,7 +15,7 @@ from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Reply, Trajectory
 from webgym.train.config import ReplayConfig
 from webgym.train.objectives import FilteredBC, GroupIS
-from webgym.train.replay import Counts, Replay, ReplaySample, StepRef
+from webgym.train.replay import Counts, Replay, ReplaySample
 
 SUCCESS, FAILURE = Outcome.SUCCESS, Outcome.FAILURE
 
@@ -211,10 +211,9 @@ def test_groups_without_a_difference_are_left_out_and_the_rest_have_a_baseline()
     made = replay(GroupIS())
     counts = made.add(0, run)
 
-    assert made.draw().steps == (
-        StepRef(0, "t/some#0.0", 0, pytest.approx(0.15)),
-        *(StepRef(0, f"t/some#{number}.0", 0, pytest.approx(-0.05)) for number in (1, 2, 3)),
-    )
+    steps = made.draw().steps
+    assert [ref.attempt_id for ref in steps] == [f"t/some#{number}.0" for number in range(4)]
+    assert [ref.advantage for ref in steps] == pytest.approx([0.15, -0.05, -0.05, -0.05])
     assert (counts.left_out, counts.kept) == (5, 4)
     assert kinds(counts) == {"all_right": 1, "all_wrong": 1, "mixed": 1}
     assert made.mixed_trajectories() == 4

@@ -192,7 +192,8 @@ def _wandb(path: Path, project: str) -> tuple[Log, Callable[[], object]]:
     def log(step: int, numbers: Mapping[str, float], note: str) -> None:
         if note:
             run.notes = note
-        collected, table = path / ITERATIONS / f"{step:04d}" / "run", {}
+        collected = path / ITERATIONS / f"{step:04d}" / "run"
+        table: dict[str, Any] = {}
         if _AXIS in numbers:  # of a training
             name_axis()
             table = {"attempts": _table(wandb, collected)} if collected.is_dir() else {}

@@ -93,6 +93,8 @@ LAYER_SECONDS: Final = 1e-3
 """Assumed seconds that transformers takes for a layer and a token of a reply, for all replies of a batch."""
 
 
+_STEPS = 1800
+"""Assumed, where all usable steps are drawn: the paper's."""
 _TRAJECTORY_STEPS = 9
 """Assumed, where whole trajectories are drawn: AsyncWebRL's failures have 12.5, its successes 5.1."""
 
@@ -400,7 +402,9 @@ def estimate(
     training = trained * 12.0 if is_adapted else (size.parameters + 2 * trained) * float(width)
     served = trained * 4.0 if is_adapted else size.parameters * (2.0 if update.precision == "bf16" else width)
     copies, pixels = 1 if gpus.sharded else gpus.count, 4.0 * size.patch * all_patches
-    drawn = replay.steps or (replay.trajectories or 1) * _TRAJECTORY_STEPS
+    drawn = replay.steps or _STEPS
+    if replay.trajectories is not None:
+        drawn = replay.trajectories * _TRAJECTORY_STEPS
     samples = drawn * replay.passes
     forward = size.text.forward_flops(tokens, tokens, causal=True)
     forward += 2.0 * work.reply_tokens * size.embeddings / 2

@@ -263,14 +263,13 @@ class Updater:
         real = torch.tensor([is_real for _, is_real in micro], device=new.device)[batch.rows]
         if not real.any():
             return new.sum() * 0.0
-        given: dict[str, torch.Tensor | None] = {
+        given: dict[str, Any] = {
             name: None if values is None else torch.cat([values[index] for index, _ in micro]).to(new.device)
             for name, values in known.items()
         }
         given |= {"new": new, "advantage": batch.advantage, "behaviour": batch.behaviour, "step": batch.rows}
-        found = self.objective.loss(
-            Tokens(**{name: each if each is None else each[real] for name, each in given.items()})
-        )
+        counted = {name: None if each is None else each[real] for name, each in given.items()}
+        found = self.objective.loss(Tokens(**counted))
         figures.add({"entropy": entropy[real].sum(), "logprob": new[real].detach().sum()} | found.sums)
         figures.add_maxima(found.maxima)
         return found.tokens.sum()

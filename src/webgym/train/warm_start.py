@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -72,5 +73,5 @@ def warm_start(
     local = config.local or LocalConfig(path=learn.model)
     if local.path == learn.model:
         local = local.model_copy(update={"path": str(folder)})
-    started = {"learn": learn.model_copy(update={"model": str(folder)})}
+    started: dict[str, Any] = {"learn": learn.model_copy(update={"model": str(folder)})}
     return config.model_copy(update=started if config.vllm else started | {"local": local})

@@ -14,6 +14,7 @@ from typing import Any
 import msgspec
 import pytest
 from PIL import Image
+from tests.documented import documented
 
 import webgym
 from webgym.cli._run import settings
@@ -52,7 +53,8 @@ def test_the_loop_on_one_screen_collects_learns_and_evaluates(
 ) -> None:
     pytest.importorskip("torch")
     few = ["--iterations", "1", "--tasks", "3", "--test", "2"]
-    monkeypatch.setattr(sys, "argv", [str(ONE_SCREEN), *few])
+    command = documented("python examples/train_on_one_screen.py --seed 1")
+    monkeypatch.setattr(sys, "argv", [str(ONE_SCREEN), *command, *few])
     runpy.run_path(str(ONE_SCREEN), run_name="__main__")
     before, learned, after = capsys.readouterr().out.splitlines()
     assert re.fullmatch(r"before  \d+\.\d % of 2 unseen tasks", before)

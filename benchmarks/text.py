@@ -240,7 +240,11 @@ async def _lines(slot: Slot) -> list[tuple[str, Box]]:
         if is_inner(layout["nodeIndex"][index]):
             text = strings[layout["text"][index]].encode("utf-16-le")[2 * start : 2 * (start + length)]
             line = "".join(one for one in text.decode("utf-16-le") if not "\ue000" <= one <= "\uf8ff")
-            lines.append((line, (x - dx, y - dy, x - dx + width, y - dy + height)))
+            box = (x - dx, y - dy, x - dx + width, y - dy + height)
+            if lines and lines[-1][0][-1:].strip() and line[:1].strip() and _touch(lines[-1][1], box):
+                before, (left, top, _, _) = lines.pop()
+                line, box = before + line, (left, top, *box[2:])
+            lines.append((line, box))
     return [(line, box) for line, box in lines if line.strip("•\u200b \xa0\n").split() and box[2] > box[0]]
 
 

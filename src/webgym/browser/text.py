@@ -10,15 +10,15 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import io
 import re
 from typing import TypeAlias
 
 import msgspec
-from PIL import Image
+import numpy as np
 
 from webgym.browser.cdp import CommandFailed, Session
 from webgym.browser.cdp_messages import CdpMessage
+from webgym.browser.pictures import decode
 from webgym.core.errors import BrowserTimeout
 
 Box: TypeAlias = tuple[float, float, float, float]
@@ -123,12 +123,13 @@ async def drop_unseen(text: str, doubts: tuple[tuple[Box, ...], ...], image: byt
 
 
 def _drop_unseen(text: str, doubts: tuple[tuple[Box, ...], ...], image: bytes, scale: float) -> str:
-    picture = Image.open(io.BytesIO(image)).convert("RGB")
+    pixels = decode(image)
 
     def is_seen(box: Box) -> bool:
-        left, top, width, height = (at * scale for at in box)
-        inner = picture.crop((round(left), round(top), round(left + width), round(top + height)))
-        return any(high - low >= _LEVELS for low, high in inner.getextrema())  # type: ignore[misc]
+        x, y, width, height = box
+        left, top, right, bottom = (max(0, round(at * scale)) for at in (x, y, x + width, y + height))
+        inner = pixels[top:bottom, left:right]
+        return inner.size > 0 and bool((np.ptp(inner, axis=(0, 1)) >= _LEVELS).any())
 
     def words(found: re.Match[str]) -> str:
         boxes = doubts[int(found[1])] if int(found[1]) < len(doubts) else ()

@@ -66,7 +66,9 @@ def harmless(names: Iterable[str]) -> list[str]:
 
 def shown(look: Look) -> object:
     """All of an observation but where it was made, how long it took, and where the mouse pointer was."""
-    return msgspec.structs.replace(look.observation, url="", milliseconds={}, settled="", screenshot="")
+    return msgspec.structs.replace(
+        look.observation, url="", milliseconds={}, bytes={}, settled="", screenshot=""
+    )
 
 
 async def seen(site: Site, tab: Tab, page: str) -> list[object]:

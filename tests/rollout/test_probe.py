@@ -21,6 +21,7 @@ from webgym.browser.config import BrowserConfig
 from webgym.core.action import BrowserAction
 from webgym.core.errors import BrowserCrashed
 from webgym.core.observation import Fault
+from webgym.rollout.config import CollectorConfig
 from webgym.rollout.site_health import HealthConfig, SiteHealth
 from webgym.run import probe as module
 from webgym.run.config import RunConfig
@@ -169,8 +170,9 @@ async def test_a_robots_txt_is_respected_if_that_is_asked_for(tmp_path: Path) ->
 
     async with serving(lambda port: port, lambda _: website) as port:
         browser = BrowserConfig().allowing(f"*.robots.test=127.0.0.1:{port}")
-        run = config(tmp_path).model_copy(update={"browser": browser})
-        run.collector.sessions = 1
+        run = config(tmp_path).model_copy(
+            update={"browser": browser, "collector": CollectorConfig(sessions=1)}
+        )
         tasks = [task(name, 1, website=f"http://{name}.robots.test/") for name in ROBOTS]
         found = await probe(tasks, run, per_second=100, robots=True)
     assert [row[:2] for row in found.rows] == [("answers", "2"), ("robots", "2")]

@@ -129,7 +129,7 @@ class SiteHealth:
     Args:
         config: the shared file, and how long a website that refused is left out.
         own: the run's own file.
-        identity: of the browsers: others may be refused where these are not.
+        identity: of the browsers: others may be refused where these are not; ``None`` for any.
         now: returns the Unix time, seconds.
     """
 
@@ -137,7 +137,7 @@ class SiteHealth:
         self,
         config: HealthConfig,
         own: Path | None = None,
-        identity: str = "",
+        identity: str | None = None,
         now: Callable[[], float] = time.time,
     ) -> None:
         self._config = config
@@ -166,10 +166,10 @@ class SiteHealth:
         """The hosts that this identity asked within so many hours; or ever, if there is no number."""
         since = self._now() - hours * 3600 if hours is not None else 0.0
         rows = self.rows().values()
-        return {row.host for row in rows if row.identity == self._identity and row.seen > since}
+        return {row.host for row in rows if self._identity in (None, row.identity) and row.seen > since}
 
     def _until(self, row: SiteRow) -> float:
-        is_refused = row.refused_at and row.identity in ("", self._identity)
+        is_refused = row.refused_at and (not row.identity or self._identity in (None, row.identity))
         return max(row.dead_until, row.refused_at + self._config.refused_hours * 3600 if is_refused else 0.0)
 
     def description(self) -> str:

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from webgym.browser.egress.addresses import kind_of
+from webgym.browser.egress.budget import Politeness
 from webgym.browser.egress.config import EgressConfig
-from webgym.browser.egress.dial import Forbidden, Nowhere, Policy, Politeness
+from webgym.browser.egress.dial import Forbidden, Nowhere, Policy
 from webgym.browser.egress.hosts import Address, read_host
 from webgym.browser.egress.resolver import Machine, Resolver
 from webgym.browser.egress.rules import Place

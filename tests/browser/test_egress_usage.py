@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 
 from webgym.browser.config import BrowserConfig, PageOptions
-from webgym.browser.egress.budget import Budget
+from webgym.browser.egress.budget import Budget, Politeness
 from webgym.browser.egress.config import EgressConfig
-from webgym.browser.egress.dial import Politeness
 from webgym.browser.egress.proxy import Egress
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.slot import Slot
@@ -103,3 +102,15 @@ async def test_a_shared_host_is_limited_by_website_and_a_websites_own_host_for_a
     assert [connects("shop.test", "cdn.test") for _ in range(3)] == [True, True, False]
     assert [connects("news.test", "cdn.test") for _ in range(3)] == [True, True, False]
     assert connects("cdn.test", "cdn.test")
+
+
+def test_only_connections_that_other_sessions_used_up_excuse_anything() -> None:
+    limits = EgressConfig(rate=0.001, burst=3, wait_seconds=0)
+    shared, (greedy, modest) = Politeness(0.001, 3, 0), (Budget(limits), Budget(limits))
+
+    def connects(budget: Budget) -> tuple[bool, bool]:
+        return budget.may_connect("shop.test", 0.0), shared.delay("shop.test", 0.0) is not None
+
+    assert [connects(greedy) for _ in range(3)] == [(True, True)] * 3
+    assert connects(greedy) == (False, False)  # its own doing
+    assert connects(modest) == (True, False)  # the other's

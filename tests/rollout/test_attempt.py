@@ -421,26 +421,27 @@ RELOADS = ACTS.replace('"wait", "time": 1', '"navigate", "url": "http://a.test/2
 
 
 @pytest.mark.parametrize(
-    ("replies", "host", "is_lost"),
+    ("replies", "host", "by_others", "is_lost"),
     [
-        ([answers("price: unknown")], "api.a.test", False),  # before it
-        ([ACTS, answers("price: unknown")], "api.a.test", True),
-        ([ACTS, answers("$9")], "api.a.test", True),  # whether it is right or not: no second chance
-        ([ACTS, ACTS, answers("price: unknown")], "api.a.test", True),  # the same page still
-        ([ACTS, RELOADS, answers("$9")], "api.a.test", False),
-        ([ACTS, ACTS, ACTS], "api.a.test", True),
-        ([ACTS, answers("$9")], "adverts.test", False),
+        ([answers("price: unknown")], "api.a.test", True, False),  # before it
+        ([ACTS, answers("price: unknown")], "api.a.test", True, True),
+        ([ACTS, answers("price: unknown")], "api.a.test", False, False),  # an agent could bring that about
+        ([ACTS, answers("$9")], "api.a.test", True, True),  # whether it is right or not: no second chance
+        ([ACTS, ACTS, answers("price: unknown")], "api.a.test", True, True),  # the same page still
+        ([ACTS, RELOADS, answers("$9")], "api.a.test", True, False),
+        ([ACTS, ACTS, ACTS], "api.a.test", True, True),
+        ([ACTS, answers("$9")], "adverts.test", True, False),
     ],
 )
-async def test_no_answer_counts_that_rests_on_a_page_that_our_own_limits_cut(
-    replies: list[str], host: str, is_lost: bool
+async def test_no_answer_counts_that_rests_on_a_page_that_other_sessions_cut(
+    replies: list[str], host: str, by_others: bool, is_lost: bool
 ) -> None:
     class Limited(Pages):
         async def step(self, action: BrowserAction | None = None) -> View:
             view = await super().step(action)
             limited = {host: 2} if self.looks == 2 else {}
-            seen = msgspec.structs.replace(view.observation, url="http://a.test/2", limited=limited)
-            return View(seen, view.image)
+            own = {"limited": limited, "crowded": limited if by_others else {}}
+            return View(msgspec.structs.replace(view.observation, url="http://a.test/2", **own), view.image)
 
     episode, _, _ = await made(Says(*replies), pages=Limited())
     assert (episode.ending is Ending.ENVIRONMENT_FAILED) == is_lost

@@ -181,7 +181,7 @@ def _observation(
 ) -> Observation:
     page.points = {element.number: _middle(element.box) for element in content.elements or ()}
     page.pictured(name, content.scroll[0])
-    sent, limited = page.take_usage()
+    sent, limited, crowded = page.take_usage()
     notices = (*page.notices.take(), *content.notices(page))
     page.told |= {(page.loader, number) for number, _ in content.said}
     return Observation(
@@ -203,6 +203,7 @@ def _observation(
         has_login=content.login,
         bytes=sent,
         limited=limited,
+        crowded=crowded,
         milliseconds=milliseconds,
         route=page.route,
     )

@@ -525,14 +525,14 @@ class Page:
         ]
         return (*self.notices.take_faults(), *parts)
 
-    def take_usage(self) -> tuple[dict[str, int], dict[str, int]]:
+    def take_usage(self) -> tuple[dict[str, int], dict[str, int], dict[str, int]]:
         """Bytes, and connections that our own limits refused, by host, since the last call; with a notice of
         those, unless one says already that the page could not be opened."""
-        sent, limited = self._listener.budget.counted()
+        sent, limited, crowded = self._listener.budget.counted()
         if limited and self.status is not None:
             hosts = ", ".join(f"{host} ({count})" for host, count in list(limited.items())[:_NAMED_HOSTS])
             self.note("limited", f"{hosts}. The website did not refuse them: wait, and open the page again")
-        return sent, limited
+        return sent, limited, crowded
 
     def pictured(self, name: str, scrolled: float) -> None:
         """Record the name of a new screenshot, and how far the page is scrolled. If they are unchanged, the

@@ -134,6 +134,7 @@ class Observation(msgspec.Struct, frozen=True, omit_defaults=True):
         bytes: sent and received since the last observation, by host.
         limited: number of connections that our own limits refused since then, by host. The observation is
             suspect: parts of the page may be missing that the website would have given.
+        crowded: of these, the ones that were refused because of other sessions' connections alone.
         milliseconds: wall time per operation (``execute``, ``navigate``, ``settle``, ``screenshot``,
             ``metadata``), and how long the step waited in the server's queues: to act (``queued``) and to be
             observed (``queued_screenshot``).
@@ -158,6 +159,7 @@ class Observation(msgspec.Struct, frozen=True, omit_defaults=True):
     has_login: bool = False
     bytes: dict[str, int] = {}
     limited: dict[str, int] = {}
+    crowded: dict[str, int] = {}
     milliseconds: dict[str, float] = {}
     route: str = ""
 

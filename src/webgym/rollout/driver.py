@@ -205,7 +205,7 @@ class EpisodeDriver:
         self._is_doubted = False
         """Whether what was last asked of the task's own website did not come."""
         self._is_suspect = False
-        """Whether our own limits refused connections to the website, so that the page may lack parts."""
+        """Whether other sessions left no connections to the website, so that the page may lack parts."""
         self._session: BrowserSession | None = None
         self.arrival: Arrival | None = None
         own_identity = set_values(context.config.identity) | planned.task.identity
@@ -358,7 +358,7 @@ class EpisodeDriver:
             ended, self.ending = self.ending, Ending.CANCELLED  # until what judges need is known
             try:
                 if self._is_suspect:
-                    why = "our own limits refused connections of the last page, which may lack parts"
+                    why = "other sessions left the last page no connections, so that it may lack parts"
                     raise EgressRefused(f"{why}; browser.egress.rate and burst are the limits")
                 if self._is_doubted:
                     await self._check_up("the last page that was asked for did not come")
@@ -402,8 +402,9 @@ class EpisodeDriver:
         return view
 
     def _suspect(self, seen: Observation, before: Observation | None, action: BrowserAction | None) -> None:
-        """Note whether what the page shows may be due to our own limits, until another page is opened."""
-        if any(site_or_text(host) in self._own for host in seen.limited):
+        """Note whether what the page shows may be due to other sessions, until another is opened. What the
+        limits refuse for this session's own sake excuses nothing: an agent that hammers would choose it."""
+        if any(site_or_text(host) in self._own for host in seen.crowded):
             self._is_suspect = True
         elif before is None or before.url != seen.url or isinstance(action, Navigate):
             self._is_suspect = False

@@ -2,13 +2,43 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from webgym.browser.egress.config import EgressConfig
 from webgym.browser.egress.upstream import SessionRoute
 from webgym.core.websites import site_or_text
+
+
+class Politeness:
+    """A token bucket per host, stored as the time at which the bucket is full again.
+
+    Args:
+        rate: tokens per second.
+        burst: capacity of a bucket, tokens.
+        wait_seconds: longest delay.
+    """
+
+    _MOST_HOSTS = 4096
+
+    def __init__(self, rate: float, burst: int, wait_seconds: float) -> None:
+        self._interval = 1 / rate
+        self._depth = (burst - 1) / rate
+        self._wait_seconds = wait_seconds
+        self._full_at: OrderedDict[str, float] = OrderedDict()
+
+    def delay(self, host: str, now: float) -> float | None:
+        """Take a token: seconds until it may be used; ``None`` if that is too long, and none was taken."""
+        full_at = max(self._full_at.get(host, now), now)
+        delay = max(0.0, full_at - self._depth - now)
+        if delay > self._wait_seconds:
+            return None
+        self._full_at[host] = full_at + self._interval
+        self._full_at.move_to_end(host)
+        if len(self._full_at) > self._MOST_HOSTS:
+            self._full_at.popitem(last=False)  # the least recently used
+        return delay
 
 
 class BudgetExceeded(Exception):
@@ -36,6 +66,8 @@ class Budget:
         self.site = ""
         self._bytes_of: Counter[str] = Counter()
         self._limited: Counter[str] = Counter()
+        self._crowded: Counter[str] = Counter()
+        self._alone = Politeness(config.rate, config.burst, config.wait_seconds)
         self.route = SessionRoute()
 
     def enter(self) -> None:
@@ -85,6 +117,18 @@ class Budget:
         """Count a connection to a host that our own limits refused or ended."""
         self._limited[host] += 1
 
+    def may_connect(self, bucket: str, now: float) -> bool:
+        """Count a connection: whether the rate would allow it if there were no other sessions.
+
+        Only a refusal that others brought about can excuse anything: an agent that hammers a website has
+        itself to thank for its own.
+        """
+        return self._alone.delay(bucket, now) is not None
+
+    def crowd(self, host: str) -> None:
+        """Count a connection to a host that was refused because of other sessions' connections alone."""
+        self._crowded[host] += 1
+
     def bucket(self, host: str) -> str:
         """What a new connection to a host counts as for the limit on its rate.
 
@@ -94,9 +138,11 @@ class Budget:
         is_own = not self.site or site_or_text(host) == self.site
         return host if is_own else f"{host} for {self.site}"
 
-    def counted(self) -> tuple[dict[str, int], dict[str, int]]:
-        """Bytes, and connections that our own limits refused, by host, since the last call."""
-        counts = dict(self._bytes_of), dict(self._limited)
-        self._bytes_of.clear()
-        self._limited.clear()
-        return counts
+    def counted(self) -> tuple[dict[str, int], dict[str, int], dict[str, int]]:
+        """Bytes, connections that our own limits refused, and those of these that were refused because of
+        other sessions alone, by host, since the last call."""
+        counters = self._bytes_of, self._limited, self._crowded
+        sent, limited, crowded = map(dict, counters)
+        for counter in counters:
+            counter.clear()
+        return sent, limited, crowded

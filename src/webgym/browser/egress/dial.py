@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
-from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
@@ -18,7 +17,7 @@ from typing import Literal, TypeAlias, TypeVar
 from publicsuffixlist import PublicSuffixList
 
 from webgym.browser.egress.addresses import kind_of, plain
-from webgym.browser.egress.budget import Budget, BudgetExceeded
+from webgym.browser.egress.budget import Budget, BudgetExceeded, Politeness
 from webgym.browser.egress.config import DIRECT, EgressConfig
 from webgym.browser.egress.hosts import Address, Host, read_host
 from webgym.browser.egress.resolver import CACHE_SECONDS, Machine, Resolver
@@ -386,8 +385,12 @@ class Dialer:
     # --- connections --------------------------------------------------------------------------------
 
     async def _wait_for_rate(self, host: str, budget: Budget) -> None:
-        delay = self._politeness.delay(budget.bucket(host), asyncio.get_running_loop().time())
+        now, bucket = asyncio.get_running_loop().time(), budget.bucket(host)
+        is_own_doing = not budget.may_connect(bucket, now)
+        delay = self._politeness.delay(bucket, now)
         if delay is None:
+            if not is_own_doing:
+                budget.crowd(host)
             raise NotConnected("too_many", f"too many new connections to {host} at the moment; try later")
         if delay:
             await asyncio.sleep(delay)
@@ -422,33 +425,3 @@ class Dialer:
             if number in _NO_ROUTE and not self._machine.is_online():
                 raise NotConnected("offline") from None
             raise NotConnected(_REASON_BY_ERRNO.get(number, "unreachable")) from None
-
-
-class Politeness:
-    """A token bucket per host, stored as the time at which the bucket is full again.
-
-    Args:
-        rate: tokens per second.
-        burst: capacity of a bucket, tokens.
-        wait_seconds: longest delay.
-    """
-
-    _MOST_HOSTS = 4096
-
-    def __init__(self, rate: float, burst: int, wait_seconds: float) -> None:
-        self._interval = 1 / rate
-        self._depth = (burst - 1) / rate
-        self._wait_seconds = wait_seconds
-        self._full_at: OrderedDict[str, float] = OrderedDict()
-
-    def delay(self, host: str, now: float) -> float | None:
-        """Take a token: seconds until it may be used; ``None`` if that is too long, and none was taken."""
-        full_at = max(self._full_at.get(host, now), now)
-        delay = max(0.0, full_at - self._depth - now)
-        if delay > self._wait_seconds:
-            return None
-        self._full_at[host] = full_at + self._interval
-        self._full_at.move_to_end(host)
-        if len(self._full_at) > self._MOST_HOSTS:
-            self._full_at.popitem(last=False)  # the least recently used
-        return delay

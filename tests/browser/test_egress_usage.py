@@ -104,7 +104,7 @@ async def test_a_shared_host_is_limited_by_website_and_a_websites_own_host_for_a
     assert connects("cdn.test", "cdn.test")
 
 
-def test_only_connections_that_other_sessions_used_up_excuse_anything() -> None:
+async def test_only_connections_that_other_sessions_used_up_excuse_anything() -> None:
     limits = EgressConfig(rate=0.001, burst=3, wait_seconds=0)
     shared, (greedy, modest) = Politeness(0.001, 3, 0), (Budget(limits), Budget(limits))
 

@@ -283,10 +283,10 @@ class ClientElsewhere(BrowserClient):
 
 async def test_a_server_elsewhere_tells_what_pages_could_connect_to(tmp_path: Path) -> None:
     software = await _software(ClientElsewhere("http://browsers.example", token="x" * 20), is_ours=False)
-    browser = {"egress": {"allow": [], "ports": [80], "rate": 20.0}}  # of servers that the run starts itself
+    # Of servers that the run starts itself.
+    browser: dict[str, Any] = {"egress": {"allow": [], "ports": [80], "rate": 20.0}}
     config = {"software": software, "browser": browser, "server": {"url": "http://browsers.example"}}
-    steps = {"budget_easy": 1, "budget_medium": 2, "budget_hard": 3}
-    config["attempt"] = steps | {"identity": {"time_zone": "Asia/Tokyo", "webdriver": True}}
+    browser["identity"] = {"time_zone": "Asia/Tokyo", "webdriver": True}
     made = attempt("e0", Outcome.SUCCESS, steps=0)
     seen = Observation(
         sha256(b"picture").hexdigest(), "https://shop.example/", "", (800, 600), route="zurich"

@@ -16,7 +16,7 @@ from webgym.core.trajectory import Reply
 from webgym.inference.model import load_model
 from webgym.train.logprobs import ReplyLogProbs, collate
 from webgym.train.loop import TrainConfig
-from webgym.train.warm_start import warm_start
+from webgym.train.start import warm_start
 
 TESTED = task("tested", split="test")
 

@@ -126,7 +126,7 @@ def command(
     if runs and not check:
         from webgym.run.choice import all_tasks
         from webgym.train.folder import TrainingFolder
-        from webgym.train.warm_start import warm_start
+        from webgym.train.start import warm_start
 
         if not is_follower():
             TrainingFolder(folder).refuse_used()

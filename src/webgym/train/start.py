@@ -15,13 +15,14 @@ from contextlib import AsyncExitStack, ExitStack, asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+import msgspec
 import yaml
 
 from webgym.agent.agent import Agent
 from webgym.agent.preflight import check_policy
 from webgym.agent.profiles import choose_profile
 from webgym.core.consent import confirm
-from webgym.core.errors import ConfigError, RunFolderError
+from webgym.core.errors import ConfigError, RunFolderError, TrainingError
 from webgym.core.settings import load_settings, merged, validated
 from webgym.core.task import Task
 from webgym.inference.local import LocalConfig
@@ -34,17 +35,21 @@ from webgym.run.choice import all_tasks
 from webgym.run.config import RunConfig, Secrets, ServerChoice, resolved
 from webgym.run.services import services
 from webgym.store.files import CONFIG, TASKS, refuse_special_files
+from webgym.store.runs import RunReader
+from webgym.tasks.split import refuse_leaks
+from webgym.train.config import ReplayConfig
 from webgym.train.engine_fleet import EngineFleet
 from webgym.train.engine_serving import LOG, EngineServing
 from webgym.train.estimate import estimate, present_gpus
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.loop import Show, Tell, TrainConfig, Training
-from webgym.train.objectives import Objective, PolicyGradient, make_objective
+from webgym.train.objectives import FilteredBC, Objective, PolicyGradient, make_objective
 from webgym.train.placing import placed, waiting
 from webgym.train.replay import Replay
+from webgym.train.samples import Sample, SampleMaker
 from webgym.train.serving import LocalServing, Serving
 from webgym.train.stopping import Stop
-from webgym.train.update import Learner
+from webgym.train.update import Learner, Updater
 from webgym.train.weights import check_targets
 
 JUDGE_LOG: Final = "judge.log"
@@ -226,6 +231,60 @@ def is_complete(config: TrainConfig, out: Path, tell: Tell) -> bool:
         return False
     with folder.locked(), tracking(config.trackers, out, config.project, folder.write_metrics(), tell):
         return True
+
+
+def warm_start(
+    config: TrainConfig, runs: Sequence[Path], tasks: Sequence[Task], folder: Path, tell: Tell
+) -> TrainConfig:
+    """Clone the successes of stored runs before the first iteration: every step that changed something, with
+    ``learn.update`` and ``learn.replay.passes``. In a launch of several processes all of them call this.
+
+    The runs may be of another policy, also of other people's. Replies are learned as texts, tokenized anew,
+    from the requests stored with them; so those should be like the requests that the training will make.
+
+    Args:
+        config: of the training.
+        runs: run folders.
+        tasks: of the training; its test tasks may not be given away.
+        folder: of the new weights. If it exists, it is what an earlier start made.
+        tell: called with a line about it.
+
+    Returns:
+        The settings of a training from those weights.
+
+    Raises:
+        ConfigError: a run has test tasks, or tasks that leak them.
+        TrainingError: there is nothing to train on, or the loss is not finite.
+    """
+    learn = config.learn
+    if not folder.exists():
+        updater, objective = Updater(learn.update, FilteredBC(), learn.model), FilteredBC()
+        maker = SampleMaker(updater.renderer, cutoff_tokens=learn.update.cutoff_tokens)
+        selection = ReplayConfig(steps=None, repetition_penalty=learn.replay.repetition_penalty)
+        samples: list[Sample] = []
+        for path in runs:
+            run, replay = RunReader(path), Replay(selection, objective)
+            refuse_leaks(list(run.tasks.values()), [task for task in tasks if task.split == "test"])
+            replay.add(0, run)
+            for ref in replay.draw().steps:
+                step = run.trajectory(ref.attempt_id).episode.steps[ref.index]
+                as_text = msgspec.structs.replace(
+                    step, reply=msgspec.structs.replace(step.reply, tokens=None)
+                )
+                samples += maker.make([(as_text, 1.0)], run.image)
+        if not samples:
+            raise TrainingError(
+                f"there is nothing to start from in {', '.join(map(str, runs))}",
+                hint=f"no successful step could be used: {dict(maker.dropped) or 'none succeeded'}",
+            )
+        report = updater.update(samples, passes=learn.replay.passes)
+        updater.save(folder)
+        tell(f"warm start: {report.samples} steps x {learn.replay.passes}, loss {report.loss:.3g}; {folder}")
+    local = config.local or LocalConfig(path=learn.model)
+    if local.path == learn.model:
+        local = local.model_copy(update={"path": str(folder)})
+    started: dict[str, Any] = {"learn": learn.model_copy(update={"model": str(folder)})}
+    return config.model_copy(update=started if config.vllm else started | {"local": local})
 
 
 async def _check_replies(config: RunConfig, serving: Serving, warn: Tell | None) -> None:

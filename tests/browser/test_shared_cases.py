@@ -176,18 +176,8 @@ class Case:
 
 
 MISSING = (
-    *(
-        "W1 after",
-        "W2 attr",
-        "W3 slot",
-        "W4 value",
-        "W5 place",
-        "W6-1 item",
-        "W7 option",
-        "W8 svg",
-        "W9 frame",
-    ),
-    *("W10 summary", "W11 disabled", "W12 drop", "W13 down", "W14 edge", "W15", "W16"),
+    *("W1 after", "W2 attr", "W3 slot", "W4 value", "W5 place", "W6-1 item", "W7 option", "W8 svg"),
+    *("W9 frame", "W10 summary", "W11 disabled", "W12 drop", "W13 down", "W14 edge", "W15", "W16"),
 )
 
 CASES: dict[str, Case] = {

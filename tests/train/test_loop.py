@@ -289,7 +289,7 @@ def test_a_training_that_is_killed_anywhere_ends_as_if_it_had_not_been(
     rows = run(tmp_path / "killed", again, config(staleness=staleness))
     assert made(tmp_path / "killed") == whole_trainings[staleness]
     assert [row["trajectories"] for row in rows] == [4, 8, 12]
-    assert made_again(killed, again, 12 + 6) <= (1 if staleness else 0), "but for what was in flight elsewhere"
+    assert made_again(killed, again, 12 + 6) <= (1 if staleness else 0), "but in other runs"
 
 
 class Late(World):
@@ -357,7 +357,7 @@ def test_an_update_does_not_wait_for_stragglers_which_are_learned_from_once_with
     assert [row["trajectories"] for row in rows] == [4, 8, 12, 16, 20, 24]
 
 
-@pytest.mark.parametrize("steps", (1, 6, 9, 12, 16, 23, 30))
+@pytest.mark.parametrize("steps", [1, 6, 9, 12, 16, 23, 30])
 def test_late_attempts_are_used_once_wherever_the_training_was_killed(tmp_path: Path, steps: int) -> None:
     out, again = tmp_path / "out", Late()
     killed = life(out, Late, once(), steps)

@@ -186,7 +186,7 @@ def main() -> None:
             update = asyncio.run(first)[1] / 2
         print(f"{options.iterations} iterations, updates of {update:.1f} s")
         print(
-            "| staleness | evaluations every | wall s | collecting s | updating s | evaluating s | work / wall |"
+            "| staleness | evaluations | wall s | collecting s | updating s | evaluating s | work / wall |"
         )
         print("|---|---|---|---|---|---|---|")
         for staleness in options.staleness:

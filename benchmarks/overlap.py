@@ -17,7 +17,7 @@ import asyncio
 import random
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
@@ -29,8 +29,9 @@ from webgym.agent.policy import BasePolicy, Policy, PolicyInput, PolicySession
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply, Trajectory
 from webgym.results.summary import Summary
+from webgym.rollout.sessions import Places
 from webgym.run.choice import all_tasks
-from webgym.run.config import Secrets, ServerChoice
+from webgym.run.config import RunConfig, Secrets, ServerChoice
 from webgym.run.services import services
 from webgym.store.runs import RunReader
 from webgym.study.demonstrators import Demonstrators
@@ -80,12 +81,21 @@ class Sleeps(MadeUp):
     def attempt(self, run: Path, task: Task, number: int, seed: int) -> Trajectory:  # noqa: ARG002
         return trajectory(0, of=task.id.removeprefix("t/"))
 
-    async def sleep_and_make_up(self, out: Path, *given: Any) -> Summary:
+    async def sleep_and_make_up(
+        self,
+        out: Path,
+        config: RunConfig,
+        tasks: Sequence[Task],
+        policy: Policy,
+        secrets: Secrets,
+        show: object,
+        places: Places | None,
+    ) -> Summary:
         """A run that takes as long as an update, and then leaves made-up attempts."""
         await asyncio.sleep(self._update)
-        if given[-1] is not None:
-            given[-1].spare.set()
-        return await self.attempts(out, *given)
+        if places is not None:
+            places.spare.set()
+        return await self.attempts(out, config, tasks, policy, secrets, show, places)
 
 
 class _Player(BasePolicy):
@@ -143,12 +153,19 @@ async def measure(
         started = time.monotonic()
         await training.run()
         wall = time.monotonic() - started
+    collected, evaluated = await asyncio.to_thread(_work, folder, options, update)
+    return wall, collected, update * config.loop.iterations, evaluated
+
+
+def _work(folder: Path, options: argparse.Namespace, update: float) -> list[float]:
+    """The seconds that iterations and evaluations would keep all sessions busy."""
     work = [0.0, 0.0]
     for kind, pattern in enumerate(("iterations/*/run", "evaluations/*/")):
         for run in folder.glob(pattern):
             ended = RunReader(run).trajectories()
-            work[kind] += update if slept else sum(each.episode.seconds for each in ended) / options.sessions
-    return wall, work[0], update * config.loop.iterations, work[1]
+            busy = sum(each.episode.seconds for each in ended) / options.sessions
+            work[kind] += busy if options.browsers else update
+    return work
 
 
 def main() -> None:
@@ -168,7 +185,9 @@ def main() -> None:
             first = measure(settings(options, 0, 0, 2), options, Path(folder, "first"), 0.0)
             update = asyncio.run(first)[1] / 2
         print(f"{options.iterations} iterations, updates of {update:.1f} s")
-        print("| staleness | evaluations every | wall s | collecting s | updating s | evaluating s | work / wall |")
+        print(
+            "| staleness | evaluations | wall s | collecting s | updating s | evaluating s | work / wall |"
+        )
         print("|---|---|---|---|---|---|---|")
         for staleness in options.staleness:
             for every in options.every:

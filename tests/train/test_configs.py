@@ -20,7 +20,7 @@ from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig
 from webgym.train.objectives import GroupIS, make_objective
 from webgym.train.serving import LocalServing
-from webgym.train.start import load_train_config, make_serving
+from webgym.train.start import _with_sessions_of_evaluations, load_train_config, make_serving
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -142,3 +142,21 @@ def test_what_makes_no_sense_is_refused(settings: dict[str, Any], said: str) -> 
 def test_a_seed_that_no_draw_takes_is_refused() -> None:
     with pytest.raises(ValidationError, match="seed"):
         TrainConfig.model_validate({"learn": {"model": "m"}, "seed": -1})
+
+
+def test_an_evaluation_beside_collection_may_have_sessions_of_its_own() -> None:
+    given: dict[str, Any] = {"learn": {"model": "m"}, "evaluation": {"sessions": 3}}
+    for staleness, sessions in ((0, 16), (1, 16 + 3)):
+        config = TrainConfig.model_validate(given | {"loop": {"staleness": staleness}})
+        assert _with_sessions_of_evaluations(config).collector.sessions == sessions
+
+
+@pytest.mark.parametrize(
+    ("collector", "told"),
+    [({"schedule": "episode_barrier"}, "nothing to overlap"), ({"metrics_port": 9100}, "metrics_port each")],
+)
+def test_what_cannot_overlap_is_refused(collector: dict[str, Any], told: str) -> None:
+    given: dict[str, Any] = {"learn": {"model": "m"}, "rollout": {"collector": collector}}
+    TrainConfig.model_validate(given)
+    with pytest.raises(ValidationError, match=told):
+        TrainConfig.model_validate(given | {"loop": {"staleness": 1}})

@@ -305,9 +305,7 @@ def test_a_training_that_is_killed_anywhere_ends_as_if_it_had_not_been(
     rows = run(tmp_path / "killed", again, config(staleness=staleness))
     assert made(tmp_path / "killed") == whole_trainings[staleness]
     assert [row["trajectories"] for row in rows] == [4, 8, 12]
-    assert made_again(killed, again, 12 + 6) <= (1 if staleness else 0), (
-        "but for what was in flight elsewhere"
-    )
+    assert made_again(killed, again, 12 + 6) <= (1 if staleness else 0), "but in other runs"
 
 
 class Late(World):

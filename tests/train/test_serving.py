@@ -77,6 +77,15 @@ async def test_what_an_update_saved_passes_its_self_test(made: Path, kind: str) 
         assert reply.tokens.reply_logprobs == pytest.approx(greedy.logprobs, abs=EXACT_TOLERANCE / 10)
 
 
+async def test_a_copy_has_weights_of_its_own(made: Path) -> None:
+    async with LocalServing(LocalConfig(path=str(made / "model"))) as serving, serving.copy() as copy:
+        before = await ask(copy, made / "all_weights")
+        await serving.publish(made / "all_weights", "3")
+        after, published = await ask(copy, made / "all_weights"), await ask(serving, made / "all_weights")
+    assert (after.weight_version, published.weight_version) == ("0", "3")
+    assert after.tokens == before.tokens != published.tokens
+
+
 @pytest.mark.parametrize(
     ("harm", "told"),
     [

@@ -16,6 +16,8 @@ TRAINING/
   evaluations/0000/          run folders on the test split; 0000 is before the first iteration
   metrics.jsonl, tensorboard/, report.html    derived from the above
   stopped                    when the training stopped because its time was over; deleted once it goes on
+
+With ``loop.staleness`` above 0, stages 3 and 4 may be done while stragglers of stage 2 still run.
 """
 
 from __future__ import annotations

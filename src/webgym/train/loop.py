@@ -447,10 +447,9 @@ class Training:
     async def _collect(self, number: int, places: Places) -> None:
         started = time.monotonic()
         config = self._rollout.model_copy(update={"seed": self.config.seed * 10_007 + number})
-        shared = places if self.config.loop.staleness else None
         run, tasks = self.folder.run(number), self.folder.tasks(number)
         with self.progress.stage(number, "collect"):
-            summary = await self._attempt(run, config, tasks, self._serving.policy, shared)
+            summary = await self._attempt(run, config, tasks, self._serving.policy, places)
             if not self._is_stopping():  # or attempts may be missing
                 figures = await asyncio.to_thread(figures_of, RunReader(run), summary)
                 seconds = time.monotonic() - started
@@ -473,14 +472,15 @@ class Training:
         )
 
     async def _attempt(
-        self, out: Path, config: RunConfig, tasks: Sequence[Task], policy: Policy, places: Places | None
+        self, out: Path, config: RunConfig, tasks: Sequence[Task], policy: Policy, places: Places
     ) -> Summary:
         """Make the attempts of a stage; if the training stops meanwhile, not all of them.
 
         Raises:
             TrainingError: too many were lost. The stage is not finished.
         """
-        summary = await self._attempts(out, config, tasks, policy, self._secrets, self._show, places)
+        shared = places if self.config.loop.staleness else None
+        summary = await self._attempts(out, config, tasks, policy, self._secrets, self._show, shared)
         planned = summary["planned"]["overall"]
         lost = summary["lost_samples"] + summary["outcomes"][Outcome.JUDGE_ERROR]
         lost -= sum(  # whoever keeps websites cannot be waited for
@@ -637,8 +637,7 @@ class Training:
         own = self.config.evaluation.sessions
         places = Places(asyncio.Semaphore(own) if own else self._free)
         async with self._pinned(number) as policy:
-            shared = places if self.config.loop.staleness else None
-            summary = await self._attempt(self.folder.evaluation(number), run, tasks, policy, shared)
+            summary = await self._attempt(self.folder.evaluation(number), run, tasks, policy, places)
         if self._is_stopping():
             return
         rates = rates_of(summary)

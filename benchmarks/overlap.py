@@ -133,7 +133,7 @@ async def measure(
     """Wall time, and the work of collections, updates and evaluations, in seconds."""
     world, slept = Sleeps(update, options.think), not options.browsers
     names = [f"{number}" for number in range(options.tasks)]
-    tasks = [task(f"{split}{name}", split) for split in ("train", "test") for name in names]  # type: ignore[arg-type]
+    tasks = [task(f"{split}{name}", split) for split in ("train", "test") for name in names]
     async with AsyncExitStack() as stack:
         where, secrets = ServerChoice(), Secrets()
         if options.browsers:

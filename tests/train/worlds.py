@@ -20,6 +20,7 @@ from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig, Training
 from webgym.train.objectives import make_objective
 from webgym.train.replay import Replay
+from webgym.train.serving import Serving
 from webgym.train.stopping import Stop
 
 
@@ -60,7 +61,7 @@ class MadeUp(BasePolicy):
     async def before(self, run: Path, number: int, tasks: int, places: Places | None) -> None:
         """Called before each attempt of a run."""
 
-    def copy(self) -> Copy | None:
+    def copy(self) -> Serving | None:
         """Evaluations have a policy of their own."""
         return Copy()
 

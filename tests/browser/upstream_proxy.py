@@ -23,6 +23,7 @@ class UpstreamProxy:
         asked: the tunnels that were opened or refused: user name, host and port.
         refusal: what is answered to every request: an HTTP status, or a reply of SOCKS; ``None`` to connect.
         hangs_up: whether it hangs up on everybody at once.
+        hangs_up_on: the host for which it does so instead of an answer (HTTP alone).
     """
 
     def __init__(self, kind: Literal["http", "socks5"], places: Mapping[str, int]) -> None:
@@ -31,6 +32,7 @@ class UpstreamProxy:
         self.asked: list[tuple[str, str, int]] = []
         self.refusal: int | None = None
         self.hangs_up = False
+        self.hangs_up_on = ""
         self.password = PASSWORD
         self._writers: set[asyncio.StreamWriter] = set()
 
@@ -59,6 +61,8 @@ class UpstreamProxy:
         host, _, port = head.split()[1].rpartition(":")
         if password != self.password:
             writer.write(b"HTTP/1.1 407 Proxy Authentication Required\r\nContent-Length: 0\r\n\r\n")
+            return
+        if host == self.hangs_up_on:
             return
         streams = await self._reach(user, host.strip("[]"), int(port))
         if streams is None:

@@ -52,6 +52,11 @@ async def test_a_proxy_that_fails_is_nobodys_fault(routed: tuple[Bench, Upstream
     assert [view.route for view in seen] == ["zurich"] * len(seen)
     assert [fault.kind for fault in seen[1].faults] == ["connection"]
     assert [notice.kind for notice in seen[1].notices] == ["navigation_failed"]
+    # Nor can an agent end an attempt with an address for which the proxy hangs up.
+    proxy.hangs_up_on = "dead.example"
+    driver, seen = await bench.attempt(Navigate("http://dead.example/"), MIDDLE, Answer("no"))
+    assert (driver.ending, driver.failure) == (Ending.ANSWERED, None)
+    assert "route" in [fault.kind for fault in seen[1].faults]
     ways: list[list[Deed]] = [[MIDDLE], [Navigate("http://other.example/")]]
     for deeds in ways:
         proxy.hangs_up = False

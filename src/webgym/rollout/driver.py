@@ -9,7 +9,8 @@ Who caused the end of an attempt is decided here, by what was asked for and by w
   failure. Otherwise it is a step with a notice.
 - If the last page of its own website that an agent asked for did not come, whoever asked, that probe is made
   before the attempt is judged: what an agent did while its website was down says nothing about it.
-- An upstream proxy that failed is the environment's failure, whoever asked for what.
+- An upstream proxy that failed is the environment's failure, whoever asked for what, if that probe shows that
+  it does not lead to the task's own website either.
 - A renderer that is lost takes with it what the page's scripts had done, so that nothing the agent does
   afterwards counts: the environment's failure, unless the agent had typed the page's address.
 
@@ -429,7 +430,7 @@ class EpisodeDriver:
             NavigationFailed: the task's own website is down.
         """
         if failed := next((fault.why for fault in seen.faults if fault.kind == "route"), ""):
-            raise RouteFailed(failed)
+            await self._check_up(failed)  # a proxy may hang up for one address alone, which an agent may type
         has_led_away, self._has_typed = self._has_typed, self._has_typed or is_typed
         asked = [fault for fault in seen.faults if self._is_of_website(fault)]
         unchosen = [fault for fault in seen.faults if not (fault.is_typed and self._has_typed)]

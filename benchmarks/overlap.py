@@ -185,9 +185,7 @@ def main() -> None:
             first = measure(settings(options, 0, 0, 2), options, Path(folder, "first"), 0.0)
             update = asyncio.run(first)[1] / 2
         print(f"{options.iterations} iterations, updates of {update:.1f} s")
-        print(
-            "| staleness | evaluations | wall s | collecting s | updating s | evaluating s | work / wall |"
-        )
+        print("| staleness | evaluations | wall s | collecting s | updating s | evaluating s | work / wall |")
         print("|---|---|---|---|---|---|---|")
         for staleness in options.staleness:
             for every in options.every:

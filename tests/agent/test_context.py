@@ -9,11 +9,10 @@ from msgspec.structs import replace
 from tests.agent.shop import task
 
 from webgym.agent.config import AgentConfig
-from webgym.agent.context import AttemptPosition, Round, picture_names
+from webgym.agent.context import AttemptPosition, Round, describe, picture_names
 from webgym.agent.formats import build_request, parse_reply, render_reply
 from webgym.agent.profiles import choose_profile
 from webgym.agent.prompts import system_prompt, tool_declaration
-from webgym.agent.standard import describe
 from webgym.core.action import Answer, GoBack, LeftClick, Scroll, Target
 from webgym.core.observation import Notice, NoticeKind, Observation
 from webgym.core.task import MAX_ATTACHED_BYTES, Attachment

@@ -6,7 +6,7 @@ from itertools import cycle
 
 import pytest
 
-from webgym.browser.sliders import TYPED_KEYS
+from webgym.browser.actions import TYPED_KEYS
 from webgym.core.action import Target, Type
 
 from .conftest import MODES, Open, Site, Tab, batches

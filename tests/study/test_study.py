@@ -25,8 +25,17 @@ from webgym.core.errors import ConfigError, RunFolderError, UsageError
 from webgym.offline.web import OfflineWeb
 from webgym.store.runs import RunReader
 from webgym.study import conditions as study
-from webgym.study.conditions import Result, carry_out, read_results, read_study, result_of, table, write
-from webgym.study.spread import Fit, student
+from webgym.study.conditions import (
+    Fit,
+    Result,
+    carry_out,
+    read_results,
+    read_study,
+    result_of,
+    student,
+    table,
+    write,
+)
 from webgym.tasks.selection import select
 from webgym.train.config import ObjectiveConfig
 from webgym.train.folder import TrainingFolder

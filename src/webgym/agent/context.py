@@ -23,9 +23,12 @@ from typing import Any, Final, TypeAlias
 
 import msgspec
 
+from webgym.agent.computer_use import to_arguments
 from webgym.agent.config import AgentConfig
+from webgym.agent.image_sizing import Size
 from webgym.agent.parser import CALL_TAGS, ParsedReply, ParseError, without_thinking
 from webgym.agent.profile import Profile, Thinking
+from webgym.core.action import GRID, Action
 from webgym.core.errors import PolicyError
 from webgym.core.observation import Observation
 from webgym.core.text import visible
@@ -217,3 +220,16 @@ def picture_of(observation: Observation, config: AgentConfig, profile: Profile) 
     """An observation's picture in the size that the model is sent."""
     width, height = profile.picture_size(observation.picture_size, config.image_max_side)
     return ImageRef(observation.screenshot, width, height, profile.detail)
+
+
+def describe(action: Action, screen: Size = (GRID, GRID), max_chars: int = 200) -> str:
+    """A short text of the action, for people and for lists of actions; at most ``max_chars`` long."""
+    arguments = to_arguments(action, screen)
+    name = arguments.pop("action")
+    arguments_text = ", ".join(f"{key} {value!r}" for key, value in arguments.items())
+    return cut_short(f"{name} {arguments_text}".strip(), max_chars)
+
+
+def cut_short(text: str, max_chars: int) -> str:
+    """At most so many characters of a text."""
+    return text if len(text) <= max_chars else text[: max_chars - 1] + "…"

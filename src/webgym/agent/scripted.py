@@ -14,13 +14,13 @@ import re
 from collections.abc import Sequence
 from typing import Any, Final, Literal, TypeAlias, get_args
 
+from webgym.agent.context import describe
 from webgym.agent.elements import TEXT_ROLES, target_of, usable
 from webgym.agent.formats import render_reply
 from webgym.agent.openai_policy import OpenAIPolicy
 from webgym.agent.policy import BasePolicy, Policy, PolicyInput
 from webgym.agent.profile import Profile
 from webgym.agent.solver import Act, Solver
-from webgym.agent.standard import describe
 from webgym.core.action import (
     GRID,
     Action,

@@ -16,16 +16,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, get_args
 
-from webgym.agent.computer_use import to_arguments
 from webgym.agent.config import AgentConfig
-from webgym.agent.context import AttemptPosition, Cut, Round, picture_of, shown_reply
+from webgym.agent.context import AttemptPosition, Cut, Round, cut_short, describe, picture_of, shown_reply
 from webgym.agent.formats import Format
 from webgym.agent.image_sizing import Size
 from webgym.agent.memory import to_json
 from webgym.agent.parser import ParsedReply, ParseError, read_sections
 from webgym.agent.profile import Profile, Thinking
 from webgym.agent.prompts import system_prompt, write_sections
-from webgym.core.action import GRID, Action, Mode, Space
+from webgym.core.action import Action, Mode, Space
 from webgym.core.observation import Notice, NoticeKind, Observation
 from webgym.core.task import Task
 from webgym.core.text import visible
@@ -126,7 +125,7 @@ def _user(text: str, picture: ImageRef | None) -> Message:
 def _opening(task: Task, older: Sequence[Round], config: AgentConfig, screen: Size, cut: Cut) -> str:
     parts = [f"Task: {task.instruction}", f"It starts on: {task.website}"]
     if task.files and config.actions == "extended":
-        named = ", ".join(f"{_cut(file.name, 200)!r} ({len(file.content)} bytes)" for file in task.files)
+        named = ", ".join(f"{cut_short(file.name, 200)!r} ({len(file.content)} bytes)" for file in task.files)
         parts.append(f"Its files, for upload: {named}")
     if older:
         lines = [f"(The first {cut.lines} are left out.)"] if cut.lines else []
@@ -146,29 +145,17 @@ def _summary_line(past: Round, screen: Size, max_chars: int) -> str:
         case ParseError(kind=kind):
             return f"{past.step.index + 1}. Your reply held no action ({kind})."
         case ParsedReply(action=action, description=description):
-            sentence = _cut(description, max_chars) or describe(action, screen, max_chars)
+            sentence = cut_short(description, max_chars) or describe(action, screen, max_chars)
             effect = {True: "the page changed", False: "nothing changed", None: "effect unknown"}
             return f"{past.step.index + 1}. {sentence} - {effect[past.step.changed]}."
-
-
-def describe(action: Action, screen: Size = (GRID, GRID), max_chars: int = 200) -> str:
-    """A short text of the action, for people and for lists of actions; at most ``max_chars`` long."""
-    arguments = to_arguments(action, screen)
-    name = arguments.pop("action")
-    arguments_text = ", ".join(f"{key} {value!r}" for key, value in arguments.items())
-    return _cut(f"{name} {arguments_text}".strip(), max_chars)
-
-
-def _cut(text: str, max_chars: int) -> str:
-    return text if len(text) <= max_chars else text[: max_chars - 1] + "…"
 
 
 def _observation_text(observation: Observation, index: int, budget: int, before: Round | None) -> str:
     offset, extent = observation.scroll
     place = f", scrolled to {offset:.0f} of {extent:.0f} px" if extent > observation.viewport[1] else ""
     lines = [
-        f"Step {index + 1} of {budget}. Page: {_cut(observation.title, 200)!r} at "
-        f"{_cut(observation.url, 500)}{place}."
+        f"Step {index + 1} of {budget}. Page: {cut_short(observation.title, 200)!r} at "
+        f"{cut_short(observation.url, 500)}{place}."
     ]
     if observation.status is not None and observation.status >= 400:
         lines.append(f"The website answered with the HTTP error {observation.status}.")
@@ -190,7 +177,7 @@ def _notices(observation: Observation, before: Round | None) -> list[Notice]:
 
 
 def _notice_text(notice: Notice) -> str:
-    detail = _cut(" ".join(notice.text.split()), 500)
+    detail = cut_short(" ".join(notice.text.split()), 500)
     opening = _NOTICES[notice.kind]
     return f"Note: {opening}: {detail}" if detail else f"Note: {opening}."
 
@@ -210,5 +197,5 @@ def _revision_text(revision: Revision) -> str:
 
 
 def _keys(keys: Sequence[str]) -> str:
-    shown = ", ".join(repr(_cut(key, 60)) for key in keys[:8])
+    shown = ", ".join(repr(cut_short(key, 60)) for key in keys[:8])
     return shown if len(keys) <= 8 else f"{shown} and {len(keys) - 8} more"

@@ -10,8 +10,7 @@ from typer.core import TyperGroup
 from webgym.cli._fields import SettingsCommand
 from webgym.cli.tasks.check import check, stats, validate
 from webgym.cli.tasks.probe import probe
-from webgym.cli.tasks.show import show
-from webgym.cli.tasks.sources import sources
+from webgym.cli.tasks.show import show, sources
 from webgym.cli.tasks.write import convert, offline, push, sample, split
 
 

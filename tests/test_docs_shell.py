@@ -76,7 +76,6 @@ SERVERS = ("sites serve", "view")
 """Commands that begin so are asked once, and stopped with Ctrl-C."""
 
 NOT_RUN = {
-    "accelerate": "it needs GPUs; tests/train/test_machines.py launches two processes",
     "chown": "it needs an administrator; tests/browser/test_cgroups.py divides a group where it may",
     "echo": "as chown",
     "mkdir": "as chown",
@@ -88,8 +87,14 @@ NOT_RUN = {
     "webgym judge agreement runs/om2w": "as webgym eval --benchmark",
     "webgym judge runs/om2w": "as webgym eval --benchmark",
     "webgym rollout --config live.yaml": "it needs websites of others",
+    "webgym rollout --tasks first.jsonl --split test": "it needs websites of others",
     "webgym tasks probe": "it needs websites of others; tests/rollout/test_probe.py has one",
     "webgym serve --cgroup": "as chown; tests/browser/test_cgroups.py starts a browser in a cgroup",
+    "webgym train CONFIG --from": "it needs a model; tests/train/test_warm_start.py has one",
+    "webgym train configs/train/qwen3-vl-8b.yaml --out training/first --gpus 8": (
+        "it needs GPUs; tests/train/test_layout.py has what it starts"
+    ),
+    "webgym view runs/live": "as webgym rollout --tasks first.jsonl",
     "webgym serve --host": "it ends with its machine; tests/train/test_slurm.py has one",
 }
 """Why commands that begin so do not run."""

@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 from collections import Counter
 from collections.abc import AsyncIterator, Iterator
-from types import SimpleNamespace
 from typing import Any
 
 import httpx
@@ -122,7 +121,7 @@ class StandInSlot:
 
     def __init__(self, *_: Any) -> None:
         self.sandbox = SandboxState(False, "a stand-in has no browser")
-        self.process = SimpleNamespace(version="stand-in", is_alive=False)
+        self.version = "stand-in"
         self.needs_replacement = self.is_open = False
         self._url, self._clicks = "about:blank", 0
 

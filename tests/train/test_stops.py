@@ -276,7 +276,10 @@ def test_what_cannot_be_trained_is_refused_before_browsers_start(
         learn={"model": str(model), "update": {"learning_rat": 1}}
     )
     of_section = refused(learn={"model": str(model)}, evaluation={"tasks": 4})
-    assert "evaluation has budget, count, samples, seed; did you mean loop.tasks?" in of_section
+    assert (
+        "evaluation has budget, count, samples, sampling, seed, sessions; did you mean loop.tasks?"
+        in of_section
+    )
     assert "unknown objective 'ppo'" in refused(learn={"model": str(model), "objective": {"name": "ppo"}})
     alone = refused(learn={"model": str(model), "objective": {"name": "group_is"}})
     assert "rollout.samples is 1" in alone

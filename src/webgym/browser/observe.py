@@ -429,8 +429,12 @@ class EarlyScreenshot:
         finally:
             if is_worth_it is None:
                 page.post("dropEarly")  # the page may still come to it
-        if not is_worth_it or page.stillness.picture_of(page.loader) is not None:
+        if not is_worth_it:
             return None
+        if page.stillness.picture_of(page.loader) is not None:
+            await (
+                page.stillness.has_painted.wait()
+            )  # else the last picture is used again, and this is cancelled
         self._is_requested = True
         return await _capture_bare(page)
 
@@ -450,6 +454,7 @@ class EarlyScreenshot:
             return
         known = [msgspec.json.decode(it, type=PageContent) for it in page.result.contents]
         if not self._is_requested:
+            await self.drop()
             known = await self._keep(known) if settled == "unchanged" and self._is_alone() else []
         self.content = next((it for it in known if not (it.unknown or it.missing or it.frames)), None)
         page.is_calm = self.result is not None
@@ -485,7 +490,7 @@ class EarlyScreenshot:
         return image
 
     async def drop(self) -> None:
-        """Cancel the screenshot."""
+        """Cancel the screenshot, or waiting for a reason to take one."""
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)

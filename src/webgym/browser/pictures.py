@@ -6,6 +6,7 @@ viewport. Pillow, which filters and compresses more, takes 40.
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import io
 import itertools
@@ -150,6 +151,8 @@ class Stillness:
         self._session = session
         self._frames = 0
         """Painted since the last picture was asked for."""
+        self.has_painted = asyncio.Event()
+        """Set when more is painted than the last picture takes."""
         self._restless = 0
         """Pictures in a row after which it painted that often."""
         self._unasked = 0
@@ -167,6 +170,7 @@ class Stillness:
         if self._restless == _RESTLESS:
             self._unasked, self._restless = _UNASKED, 0
         self._frames = 0
+        self.has_painted.clear()
         if self._unasked:
             self._unasked -= 1
         else:
@@ -189,6 +193,8 @@ class Stillness:
 
     def _on_painted(self, _: EmptyReply) -> None:
         self._frames += 1
+        if self._frames > _OWN:
+            self.has_painted.set()
         if self._frames == _MOST_FRAMES:
             self._session.send("LayerTree.disable")
 

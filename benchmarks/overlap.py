@@ -1,7 +1,7 @@
 """How much of collection, updates and evaluations goes on at the same time: work over wall time.
 
-    python benchmarks/overlap.py             # the loop alone: every stage only sleeps
-    python benchmarks/overlap.py --browsers  # real runs in real browsers
+    PYTHONPATH=. python benchmarks/overlap.py             # the loop alone: every stage only sleeps
+    PYTHONPATH=. python benchmarks/overlap.py --browsers  # real runs in real browsers
 
 Work is what each part needs alone: the seconds of updates and, of attempts, their seconds in a session over
 the number of sessions. So 1 is one after the other without a pause, and 2 is the most that collection and

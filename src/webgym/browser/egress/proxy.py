@@ -173,7 +173,7 @@ class Egress:
         is_counted = False
         try:
             try:
-                if _normalised(host) in self._blocked:
+                if self._blocked and _normalised(host) in self._blocked:
                     raise NotConnected("forbidden", f"{EgressRefused.by_policy}: {host} is on a block list")
                 budget.enter()
             except BudgetExceeded as error:
@@ -203,6 +203,8 @@ class Egress:
 
     def route_name(self, host: str, port: int, budget: Budget) -> str:
         """The name of a session's route to a host; empty without upstream proxies."""
+        if not self._dialer.upstreams:
+            return ""
         try:
             return self._dialer.route_name(read_host(host), port, budget.route)
         except ValueError:

@@ -45,6 +45,10 @@ class Website:
         self.port = 0
         self.breaks_off = 0
         """How many more requests for another page than the first get no answer."""
+        self.delay = 0.0
+        """Seconds until the next page that is asked for comes."""
+        self.asked: Callable[[str], None] = lambda path: None
+        """Called when a page is asked for, before it answers."""
         self.pages = {"/": f"<title>Shop</title>{CLICKED}", "/next": "<title>Next</title><p>there</p>"}
         self._stack: AsyncExitStack | None = None
 
@@ -64,6 +68,9 @@ class Website:
             self.breaks_off -= 1
             assert request.transport is not None
             request.transport.abort()
+        self.asked(request.path)
+        delay, self.delay = self.delay, 0.0
+        await asyncio.sleep(delay)
         if (page := self.pages.get(request.path)) is None:
             return web.Response(status=404)
         return web.Response(text=f"<!doctype html>{page}", content_type="text/html")
@@ -254,6 +261,23 @@ async def test_a_page_that_is_lost_while_it_is_left_is_no_loss(bench: Bench) -> 
         assert seen[-1].title == "Next", seen[-1]
     else:  # the loss was noticed first
         assert driver.ending is Ending.ENVIRONMENT_FAILED
+
+
+async def test_a_page_that_is_lost_while_the_next_one_is_asked_for_is_no_loss(
+    bench: Bench, website: Website
+) -> None:
+    """Chromium ignores a request for the page that it is already waiting for."""
+    slots: list[Slot] = []
+
+    def asked(path: str) -> None:
+        if path == "/next" and slots:
+            kill(slots.pop(), "renderer")
+            website.delay = 1.0
+
+    website.asked = asked
+    driver, seen = await bench.attempt(slots.append, Navigate(SHOP + "next"), Answer("no"))
+    assert [notice.kind for notice in seen[-1].notices] == ["crashed"]
+    assert (driver.ending, seen[-1].title, slots) == (Ending.ANSWERED, "Next", [])
 
 
 @pytest.mark.parametrize("place", [SHOP + "next", "http://other.example/"])

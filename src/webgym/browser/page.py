@@ -763,6 +763,8 @@ class Page:
         self.session.crashed = None
         self._ended.clear()
         self.traffic.clear()
+        # Chromium ignores a navigation to the address to which one is under way (`ERR_ABORTED`).
+        self.session.send("Page.stopLoading")
         self.note("crashed", what)
 
     # --- events -------------------------------------------------------------------------------------

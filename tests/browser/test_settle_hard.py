@@ -7,6 +7,8 @@ import contextlib
 import os
 import signal
 from collections.abc import AsyncIterator, Iterator
+from contextlib import AbstractContextManager
+from typing import Any
 
 import psutil
 import pytest
@@ -16,9 +18,11 @@ from benchmarks.settle.trials import SettleBench, run_trial
 from starlette.requests import Request
 from starlette.responses import Response
 
+from webgym.browser.cdp import Connection
 from webgym.browser.config import BrowserConfig
 from webgym.browser.memory import process_type
 from webgym.browser.slot import Slot
+from webgym.browser.timers import TRACE_SECONDS
 from webgym.core.action import LeftClick, Navigate, Press, Target
 
 from .conftest import Open, Site, Tab
@@ -198,6 +202,31 @@ async def test_a_stop_in_the_middle_of_settling_changes_nothing(at: float, site:
     await step
     assert tab.text == ["done"]
     assert reason(tab) == "quiet"
+
+
+async def test_a_stop_while_the_timers_are_read_changes_nothing(
+    site: Site, tab: Tab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The trace comes too late, and what is set until the next one begins is in neither."""
+    await tab.goto(
+        site.page(
+            "<p id=out></p><script>onclick = () => setTimeout(() => { setTimeout(() => {"
+            "out.textContent = 'done' }, 600) }, 200)</script>"
+        )
+    )
+    send = Connection.send
+    stops: list[AbstractContextManager[None]] = []
+
+    def sent(self: Connection, method: str, *rest: Any) -> int:
+        if method == "Tracing.end" and not stops:
+            stops.append(stopped(tab.slot))
+            stops[0].__enter__()
+            asyncio.get_running_loop().call_later(TRACE_SECONDS + 0.2, stops[0].__exit__, None, None, None)
+        return send(self, method, *rest)
+
+    monkeypatch.setattr(Connection, "send", sent)
+    await tab.step(NOWHERE)
+    assert (len(stops), tab.text, reason(tab)) == (1, ["done"], "quiet")
 
 
 async def test_the_deadline_holds_for_a_stopped_page(site: Site, open_tab: Open) -> None:

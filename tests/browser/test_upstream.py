@@ -26,10 +26,8 @@ from webgym.core.action import Navigate
 from webgym.core.errors import ConfigError
 
 from .canary import HERE, Names
-from .test_egress_proxy import SECONDS, Run, ask, closed, echo, hang_up, run, serve, until
+from .test_egress_proxy import SECONDS, ask, closed, echo, hang_up, scene, serve, until
 from .upstream_proxy import NAME, PASSWORD, UpstreamProxy, upstream_proxy
-
-__all__ = ["run"]  # a fixture
 
 KINDS = pytest.mark.parametrize("kind", ["http", "socks5"])
 Kind = Literal["http", "socks5"]
@@ -61,128 +59,117 @@ async def told(egress: Egress | ProxyListener, host: str = "shop.example", port:
 
 
 @KINDS
-def test_bytes_come_through_under_the_sessions_own_name(
-    run: Run, kind: Kind, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+@scene
+async def test_bytes_come_through_under_the_sessions_own_name(
+    kind: Kind, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     file = tmp_path / "login"
     file.write_text(f"{NAME}-{{session}}:{PASSWORD}\n")
-
-    async def scene() -> None:
-        async with AsyncExitStack() as stack:
-            port = await stack.enter_async_context(serve(echo))
-            proxy = await stack.enter_async_context(upstream_proxy(kind, {"shop.example": port}))
-            egress = await stack.enter_async_context(through(proxy, settings={"credentials": str(file)}))
-            for _ in range(2):
-                code, (reader, writer) = await ask(egress, "shop.example", 443)
-                assert code == 0
-                writer.write(b"through")
-                assert await asyncio.wait_for(reader.readexactly(7), SECONDS) == b"through"
-                await hang_up((reader, writer))
-            egress.main.renew()  # the next session
-            assert await told(egress) == 0
-            users = [user for user, *_ in proxy.asked]
-            assert users[0] == users[1] != users[2]
-            assert all(user.startswith(f"{NAME}-") and "{" not in user for user in users)
-            assert egress.load.routes == {"p0": {"connected": 3}}
-            assert not egress._dialer._machine.asked  # type: ignore[attr-defined]
-
-    run(scene())
+    async with AsyncExitStack() as stack:
+        port = await stack.enter_async_context(serve(echo))
+        proxy = await stack.enter_async_context(upstream_proxy(kind, {"shop.example": port}))
+        egress = await stack.enter_async_context(through(proxy, settings={"credentials": str(file)}))
+        for _ in range(2):
+            code, (reader, writer) = await ask(egress, "shop.example", 443)
+            assert code == 0
+            writer.write(b"through")
+            assert await asyncio.wait_for(reader.readexactly(7), SECONDS) == b"through"
+            await hang_up((reader, writer))
+        egress.main.renew()  # the next session
+        assert await told(egress) == 0
+        users = [user for user, *_ in proxy.asked]
+        assert users[0] == users[1] != users[2]
+        assert all(user.startswith(f"{NAME}-") and "{" not in user for user in users)
+        assert egress.load.routes == {"p0": {"connected": 3}}
+        assert not egress._dialer._machine.asked  # type: ignore[attr-defined]
 
 
 @KINDS
-def test_sessions_take_turns_and_keep_their_proxy(run: Run, kind: Kind) -> None:
-    async def scene() -> None:
-        async with AsyncExitStack() as stack:
-            port = await stack.enter_async_context(serve(echo))
-            places = {"shop.example": port}
-            one, other = [await stack.enter_async_context(upstream_proxy(kind, places)) for _ in range(2)]
-            egress = await stack.enter_async_context(through(one, other))
-            for expected in ((2, 0), (2, 2), (4, 2)):
-                await told(egress)
-                await told(egress)
-                assert (len(one.asked), len(other.asked)) == expected
-                egress.main.renew()
-
-    run(scene())
+@scene
+async def test_sessions_take_turns_and_keep_their_proxy(kind: Kind) -> None:
+    async with AsyncExitStack() as stack:
+        port = await stack.enter_async_context(serve(echo))
+        places = {"shop.example": port}
+        one, other = [await stack.enter_async_context(upstream_proxy(kind, places)) for _ in range(2)]
+        egress = await stack.enter_async_context(through(one, other))
+        for expected in ((2, 0), (2, 2), (4, 2)):
+            await told(egress)
+            await told(egress)
+            assert (len(one.asked), len(other.asked)) == expected
+            egress.main.renew()
 
 
 @KINDS
 @pytest.mark.parametrize("fault", ["hangs_up", "password", "gone"])
-def test_one_that_fails_is_left_out_and_tried_again(run: Run, kind: Kind, fault: str) -> None:
-    async def scene() -> None:
-        async with AsyncExitStack() as stack:
-            port = await stack.enter_async_context(serve(echo))
-            places = {"shop.example": port}
-            one, other = [await stack.enter_async_context(upstream_proxy(kind, places)) for _ in range(2)]
-            egress = await stack.enter_async_context(through(one, other))
-            real = egress._dialer.upstreams._by_name["p0"]
-            if fault == "gone":
-                real.port = 1
-            else:
-                setattr(one, fault, "another" if fault == "password" else True)
-            for _ in range(3):  # the first finds out, the others do not ask it
-                assert await told(egress) == 0
-                egress.main.renew()
-            assert len(other.asked) == 3
-            assert egress.load.routes == {"p1": {"connected": 3}}
-            one.hangs_up, one.password, real.port = False, PASSWORD, one.port
-            real.rests_until -= upstream.REST_SECONDS[0]  # a while later
+@scene
+async def test_one_that_fails_is_left_out_and_tried_again(kind: Kind, fault: str) -> None:
+    async with AsyncExitStack() as stack:
+        port = await stack.enter_async_context(serve(echo))
+        places = {"shop.example": port}
+        one, other = [await stack.enter_async_context(upstream_proxy(kind, places)) for _ in range(2)]
+        egress = await stack.enter_async_context(through(one, other))
+        real = egress._dialer.upstreams._by_name["p0"]
+        if fault == "gone":
+            real.port = 1
+        else:
+            setattr(one, fault, "another" if fault == "password" else True)
+        for _ in range(3):  # the first finds out, the others do not ask it
             assert await told(egress) == 0
-            assert len(one.asked) == 1
-
-    run(scene())
-
-
-@KINDS
-def test_a_session_that_has_begun_with_a_proxy_fails_with_it(run: Run, kind: Kind) -> None:
-    async def scene() -> None:
-        async with AsyncExitStack() as stack:
-            port = await stack.enter_async_context(serve(echo))
-            places = {"shop.example": port}
-            one, other = [await stack.enter_async_context(upstream_proxy(kind, places)) for _ in range(2)]
-            egress = await stack.enter_async_context(through(one, other))
-            _, streams = await ask(egress, "shop.example", 443)
-            one.cut()
-            assert await closed(streams) == b""
-            one.password = "another"
-            assert await told(egress) != 0
-            failure = egress.failure("https://shop.example/")
-            assert failure is not None
-            assert failure.reason == "upstream"
-            assert "the upstream proxy p0 refuses the user name and password" in failure.message
-            assert PASSWORD not in failure.message
-            assert not other.asked
-            probed = await egress.main.probe("https://shop.example/", SECONDS)
-            assert probed.is_route
-            assert await told(egress) != 0
             egress.main.renew()
-            assert await told(egress) == 0  # by the other
-
-    run(scene())
+        assert len(other.asked) == 3
+        assert egress.load.routes == {"p1": {"connected": 3}}
+        one.hangs_up, one.password, real.port = False, PASSWORD, one.port
+        real.rests_until -= upstream.REST_SECONDS[0]  # a while later
+        assert await told(egress) == 0
+        assert len(one.asked) == 1
 
 
 @KINDS
-def test_a_host_that_the_proxy_does_not_reach_is_not_its_failure(run: Run, kind: Kind) -> None:
-    async def scene() -> None:
-        async with AsyncExitStack() as stack:
-            port = await stack.enter_async_context(serve(echo))
-            proxy = await stack.enter_async_context(upstream_proxy(kind, {"shop.example": port}))
-            egress = await stack.enter_async_context(through(proxy))
-            health = egress._dialer.upstreams._by_name["p0"]
-            for host in ("a.example", "b.example", "a.example"):
-                assert await told(egress, host) != 0
-                failure = egress.failure(f"https://{host}/")
-                assert failure is not None
-                assert failure.reason == "unreached"
-                assert "net::" not in failure.message
-            assert not health.rests_until
-            assert not (await egress.main.probe("https://a.example/", SECONDS)).is_route
-            await told(egress, "c.example")  # a third one: it reaches nothing
-            assert health.rests_until
-            assert await told(egress) == 0  # which is tried all the same, as there is no other
-            assert not health.rests_until
+@scene
+async def test_a_session_that_has_begun_with_a_proxy_fails_with_it(kind: Kind) -> None:
+    async with AsyncExitStack() as stack:
+        port = await stack.enter_async_context(serve(echo))
+        places = {"shop.example": port}
+        one, other = [await stack.enter_async_context(upstream_proxy(kind, places)) for _ in range(2)]
+        egress = await stack.enter_async_context(through(one, other))
+        _, streams = await ask(egress, "shop.example", 443)
+        one.cut()
+        assert await closed(streams) == b""
+        one.password = "another"
+        assert await told(egress) != 0
+        failure = egress.failure("https://shop.example/")
+        assert failure is not None
+        assert failure.reason == "upstream"
+        assert "the upstream proxy p0 refuses the user name and password" in failure.message
+        assert PASSWORD not in failure.message
+        assert not other.asked
+        probed = await egress.main.probe("https://shop.example/", SECONDS)
+        assert probed.is_route
+        assert await told(egress) != 0
+        egress.main.renew()
+        assert await told(egress) == 0  # by the other
 
-    run(scene())
+
+@KINDS
+@scene
+async def test_a_host_that_the_proxy_does_not_reach_is_not_its_failure(kind: Kind) -> None:
+    async with AsyncExitStack() as stack:
+        port = await stack.enter_async_context(serve(echo))
+        proxy = await stack.enter_async_context(upstream_proxy(kind, {"shop.example": port}))
+        egress = await stack.enter_async_context(through(proxy))
+        health = egress._dialer.upstreams._by_name["p0"]
+        for host in ("a.example", "b.example", "a.example"):
+            assert await told(egress, host) != 0
+            failure = egress.failure(f"https://{host}/")
+            assert failure is not None
+            assert failure.reason == "unreached"
+            assert "net::" not in failure.message
+        assert not health.rests_until
+        assert not (await egress.main.probe("https://a.example/", SECONDS)).is_route
+        await told(egress, "c.example")  # a third one: it reaches nothing
+        assert health.rests_until
+        assert await told(egress) == 0  # which is tried all the same, as there is no other
+        assert not health.rests_until
 
 
 PRIVATE = ["localhost", "a.localhost", "printer", "nas.local", "db.internal", "x.home.arpa", "wiki.corp"]
@@ -190,61 +177,52 @@ PRIVATE += ["10.0.0.1", "127.0.0.1", "169.254.169.254", "192.168.1.1", "21307064
 
 
 @KINDS
-def test_private_names_and_addresses_do_not_go_upstream(run: Run, kind: Kind) -> None:
-    async def scene() -> None:
-        async with upstream_proxy(kind, {}) as proxy, through(proxy, ports=(443,)) as egress:
-            for host in PRIVATE:
-                assert await told(egress, host) == 2, host
-            assert await told(egress, "shop.example", 22) == 2
-            assert not proxy.asked
-            assert await told(egress, "93.184.215.14") != 2
-            assert proxy.asked == [(NAME, "93.184.215.14", 443)]
-
-    run(scene())
+@scene
+async def test_private_names_and_addresses_do_not_go_upstream(kind: Kind) -> None:
+    async with upstream_proxy(kind, {}) as proxy, through(proxy, ports=(443,)) as egress:
+        for host in PRIVATE:
+            assert await told(egress, host) == 2, host
+        assert await told(egress, "shop.example", 22) == 2
+        assert not proxy.asked
+        assert await told(egress, "93.184.215.14") != 2
+        assert proxy.asked == [(NAME, "93.184.215.14", 443)]
 
 
 @KINDS
-def test_a_proxy_may_get_checked_addresses_alone(run: Run, kind: Kind) -> None:
+@scene
+async def test_a_proxy_may_get_checked_addresses_alone(kind: Kind) -> None:
     names = {"inside.example": ["10.0.0.7"], "shop.example": ["93.184.215.14"]}
-
-    async def scene() -> None:
-        async with AsyncExitStack() as stack:
-            port = await stack.enter_async_context(serve(echo))
-            proxy = await stack.enter_async_context(upstream_proxy(kind, {"93.184.215.14": port}))
-            egress = await stack.enter_async_context(
-                through(proxy, names=names, settings={"resolve": "here"})
-            )
-            assert await told(egress, "inside.example") == 2
-            assert await told(egress, "shop.example") == 0
-            assert proxy.asked == [(NAME, "93.184.215.14", 443)]
-
-    run(scene())
+    async with AsyncExitStack() as stack:
+        port = await stack.enter_async_context(serve(echo))
+        proxy = await stack.enter_async_context(upstream_proxy(kind, {"93.184.215.14": port}))
+        egress = await stack.enter_async_context(through(proxy, names=names, settings={"resolve": "here"}))
+        assert await told(egress, "inside.example") == 2
+        assert await told(egress, "shop.example") == 0
+        assert proxy.asked == [(NAME, "93.184.215.14", 443)]
 
 
-def test_hosts_have_routes_of_their_own(run: Run) -> None:
-    async def scene() -> None:
-        async with AsyncExitStack() as stack:
-            port = await stack.enter_async_context(serve(echo))
-            places = {"shop.example": port, "forum.example": port}
-            one = await stack.enter_async_context(upstream_proxy("http", places))
-            other = await stack.enter_async_context(upstream_proxy("socks5", places))
-            allow = (HERE, f"offline.test={HERE}:{port}")
-            routes = (f"{HERE}=direct", "forum.example:443=p1", "*.example=p0", "shop.example=p0")
-            egress = await stack.enter_async_context(through(one, other, allow=allow, routes=routes))
-            for host, port_there in (("forum.example", 443), ("shop.example", 443), (HERE, port)):
-                assert await told(egress, host, port_there) == 0
-            assert await told(egress, "offline.test", 80) == 0
-            assert (other.asked, one.asked) == (
-                [(NAME, "forum.example", 443)],
-                [(NAME, "shop.example", 443)],
-            )
-            assert {name: sum(by.values()) for name, by in egress.load.routes.items()} == {
-                "p0": 1, "p1": 1, "direct": 2,
-            }  # fmt: skip
-            assert egress.main.route_to("https://forum.example/") == "p1"
-            assert egress.main.route_to("http://offline.test/") == "direct"
-
-    run(scene())
+@scene
+async def test_hosts_have_routes_of_their_own() -> None:
+    async with AsyncExitStack() as stack:
+        port = await stack.enter_async_context(serve(echo))
+        places = {"shop.example": port, "forum.example": port}
+        one = await stack.enter_async_context(upstream_proxy("http", places))
+        other = await stack.enter_async_context(upstream_proxy("socks5", places))
+        allow = (HERE, f"offline.test={HERE}:{port}")
+        routes = (f"{HERE}=direct", "forum.example:443=p1", "*.example=p0", "shop.example=p0")
+        egress = await stack.enter_async_context(through(one, other, allow=allow, routes=routes))
+        for host, port_there in (("forum.example", 443), ("shop.example", 443), (HERE, port)):
+            assert await told(egress, host, port_there) == 0
+        assert await told(egress, "offline.test", 80) == 0
+        assert (other.asked, one.asked) == (
+            [(NAME, "forum.example", 443)],
+            [(NAME, "shop.example", 443)],
+        )
+        assert {name: sum(by.values()) for name, by in egress.load.routes.items()} == {
+            "p0": 1, "p1": 1, "direct": 2,
+        }  # fmt: skip
+        assert egress.main.route_to("https://forum.example/") == "p1"
+        assert egress.main.route_to("http://offline.test/") == "direct"
 
 
 def test_settings_are_read_at_once_and_name_no_password(

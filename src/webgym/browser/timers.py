@@ -35,7 +35,6 @@ TRACE_SECONDS = 0.5
 TIMER_GROUP_SECONDS = 0.05
 """Timers that are due within this time of each other are awaited together."""
 
-
 _MOST_MISSED = 100
 """Of more timers than this, the setting was lost from the buffer, and not while it was read."""
 
@@ -106,12 +105,13 @@ class Timers:
         """When a worker's timer fired last, by when its chain began."""
         self._began_at = 0.0
         """When the trace was started last."""
+        self._was_late = False
+        """Whether the last reading was: what was set before the next trace shows by later timers' numbers."""
         connection.on("Tracing.dataCollected", _Collected, lambda data: self._events.extend(data.value))
         connection.on("Tracing.tracingComplete", CdpMessage, self._on_complete)
 
     def start(self) -> None:
-        """Start the trace. Call it when the page's renderer exists: a renderer that starts later delays the
-        first reading by seconds."""
+        """Start the trace when the page's renderer exists: one that is later delays reading by seconds."""
         self._is_wanted = True
         if self._is_on or self._is_shared or not self._has_ended.is_set():
             return
@@ -127,10 +127,9 @@ class Timers:
     async def stop(self) -> None:
         """End the trace. Call it while the page's renderer exists."""
         self._is_wanted = False
-        self._set.clear()
-        self._last_ids.clear()
-        self._missed.clear()
         await self._end()
+        for known in (self._set, self._last_ids, self._missed, self._events):
+            known.clear()
 
     async def read(self, since: float, seconds: float) -> bool:
         """Read the trace, and update the known timers.
@@ -141,22 +140,22 @@ class Timers:
 
         Returns:
             Whether to read it again soon, because another timer may be set: one was set while it was read, or
-            one of a worker, whose changes nobody sees, has fired lately or is late, or it could not be read.
+            one of a worker, whose changes nobody sees, has fired lately or is late, or this reading or the
+            last was late, of which the events come with the next one.
         """
-        now, began_at = time.monotonic(), self._began_at
-        is_read = await self._end()
-        events, self._events = self._events, []
-        if not is_read:
+        now, began_at, was_late = time.monotonic(), self._began_at, self._was_late
+        self._was_late = not await self._end()
+        if self._was_late:
             return not self._is_shared
+        events, self._events = self._events, []
         self._worker_fires.clear()
         if began_at < since:
             self._missed.clear()
         self._apply(events, missed_root=since if began_at > since else 0.0)
         has_fired = any(root >= since and at > now - seconds for root, at in self._worker_fires.items())
-        is_late = any(
-            key[1].isdecimal() and it.root >= since and it.due < now for key, it in self._set.items()
-        )
-        return bool(self._missed) or has_fired or is_late
+        overdue = (key for key, timer in self._set.items() if timer.root >= since and timer.due < now)
+        is_late = any(place.isdecimal() for _, place, _ in overdue)
+        return bool(self._missed) or has_fired or is_late or was_late
 
     def next_due(self, since: float, after: float) -> float | None:
         """When the next known timer is due, after ``after``, of a chain that began after ``since``."""
@@ -164,12 +163,10 @@ class Timers:
         return min((due for due in dues if after < due < math.inf), default=None)
 
     async def _end(self) -> bool:
-        """End the trace and wait for its events; returns whether they came in time. If the trace is still
-        wanted, it starts again."""
+        """End the trace; returns whether its events came in time. Starts again if it is still wanted."""
         if not self._is_on:
             return False
         self._is_on = False
-        self._events.clear()
         self._has_ended.clear()
         self._connection.send("Tracing.end")
         try:

@@ -22,7 +22,7 @@ from webgym.llm.prices import Prices
 from webgym.offline.config import SitesConfig
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.config import CollectorConfig
-from webgym.rollout.rejudge import compare, judge_run
+from webgym.rollout.rejudge import compare_judges, judge_run
 from webgym.run.collect import collect
 from webgym.run.config import PolicyChoice, RunConfig, TaskChoice
 from webgym.store.runs import RECORDED, RunReader, verdicts_of
@@ -142,12 +142,10 @@ async def test_a_run_is_judged_by_both_judges_with_costs(tmp_path: Path) -> None
     after = (run / "trajectories/00000.jsonl").read_bytes(), (run / "summary.json").read_bytes()
     assert after == before
     # The offline judge says again what it said; the model agrees but where only the server knows.
-    _, offline_verdicts = verdicts_of(run, OfflineJudge.name)
-    _, recorded = verdicts_of(run, RECORDED)
-    assert compare(recorded, offline_verdicts).differences == ()
+    assert compare_judges(run, RECORDED, OfflineJudge.name).differences == ()
     name, rubric = verdicts_of(run, "rubric")
     assert name == judge.name
-    both = compare(offline_verdicts, rubric)
+    both = compare_judges(run, OfflineJudge.name, name)
     assert both.both == state.done
     assert both.agreed >= both.both - 2
     for difference in both.differences:

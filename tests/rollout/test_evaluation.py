@@ -20,7 +20,6 @@ from tests.conftest import Calls
 from tests.report.conftest import build_run
 from tests.rollout.test_summary import attempt, task
 
-from webgym.cli._evaluation import notes, tables
 from webgym.core.errors import RunFolderError
 from webgym.core.observation import Observation
 from webgym.core.outcome import Outcome
@@ -28,7 +27,16 @@ from webgym.core.tables import put
 from webgym.core.task import LEVELS, Level
 from webgym.core.verdict import Judgement, Verdict
 from webgym.judge.offline import OfflineJudge
-from webgym.results.evaluation import GROUPS, EvaluationConfig, Sample, compare, evaluate, rows_of
+from webgym.results.evaluation import (
+    GROUPS,
+    EvaluationConfig,
+    Sample,
+    compare,
+    evaluate,
+    notes,
+    rows_of,
+    tables,
+)
 from webgym.results.rates import wilson
 from webgym.results.summary import summarise
 from webgym.run.collect import _software

@@ -20,7 +20,7 @@ from webgym.core.task import Task
 from webgym.core.trajectory import Episode
 from webgym.core.verdict import Cost, Judgement, Verdict
 from webgym.judge.base import Pictures
-from webgym.rollout.rejudge import RejudgeConfig, compare, judge_run
+from webgym.rollout.rejudge import RejudgeConfig, compare_judges, judge_run
 from webgym.store.runs import RECORDED, RunReader, RunWriter, recorded, verdicts_of
 from webgym.store.verdicts import VerdictLog, read_verdicts, verdicts_path
 
@@ -222,10 +222,10 @@ asyncio.run(judge_run(Path({str(run)!r}), Counting(), RejudgeConfig(judges=1), s
 
 async def test_judges_are_compared(run: Path) -> None:
     await judge_run(run, Counting())
-    name, verdicts = verdicts_of(run, "counting")
+    name, _ = verdicts_of(run, "counting")
     assert name == "counting/1"
     _, before = verdicts_of(run, RECORDED)
-    found = compare(before, verdicts)
+    found = compare_judges(run, RECORDED, name)
     successes = sum(each.outcome is Outcome.SUCCESS for each in before.values())
     assert found.both + found.unjudged == len(before)
     assert found.agreed == successes

@@ -88,7 +88,7 @@ def test_no_word_of_its_table_is_cut_and_in_a_pipe_nothing_wraps() -> None:
     piped = Console(file=io.StringIO())
     show(tables, piped)
     lines = piped.file.getvalue().splitlines()  # type: ignore[attr-defined]
-    assert len(lines) == 3 + 1 + 3 + 1
+    assert len(lines) == 3 + 1 + 3  # an empty line after a table with a title
     assert "CPUs / GPUs / environments  per hour  async over step / episode barrier" in lines[1]
 
 

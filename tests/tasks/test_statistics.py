@@ -15,7 +15,7 @@ from tests.tasks.making import task
 
 from webgym.core.plotting import COLUMN
 from webgym.taskset.figures import draw_figures
-from webgym.taskset.statistics import Statistics, describe, kernel_density, measure, tables
+from webgym.taskset.statistics import Statistics, describe, kernel_density, measure
 
 TASKS = [
     task("a/1", "https://www.one.example/", 1, split="train"),
@@ -62,7 +62,7 @@ def test_it_survives_json(found: Statistics) -> None:
 def test_no_tasks_and_no_lengths(tmp_path: Path) -> None:
     nothing = describe([])
     assert (nothing.tasks, nothing.websites, nothing.top_share, nothing.lengths) == (0, 0, 0.0, {})
-    assert [len(table.rows) for table in tables(nothing)] == [0, 0, 0, 0]
+    assert [len(table.rows) for table in nothing.tables()] == [0, 0, 0, 0]
     assert draw_figures(nothing, tmp_path) == []
     assert {path.stem for path in draw_figures(describe(TASKS), tmp_path)} == {
         "websites",
@@ -89,13 +89,13 @@ def test_a_density_adds_up_to_one(steps: list[int]) -> None:
 
 
 def test_the_tables_hold_what_was_counted(found: Statistics) -> None:
-    sources, difficulty, domains, top, lengths = tables(found)
+    sources, difficulty, domains, top, lengths = found.tables()
     assert sources.rows[0] == ("insta-v3", "1", "4", "1", "4", "0")
     assert difficulty.rows[0] == ("train", "4", "2", "50.0", "1", "25.0", "1", "25.0")
     assert ("Food", "Soup", "1", "1", "0", "0") in domains.rows
     assert top.title == "The 3 largest of 3 websites: 100.0% of tasks"
     assert [row[0] for row in lengths.rows] == ["easy", "medium", "hard"]
-    assert all(len(row) == len(table.columns) for table in tables(found) for row in table.rows)
+    assert all(len(row) == len(table.columns) for table in found.tables() for row in table.rows)
 
 
 def test_the_figures_are_drawn_the_same_every_time(found: Statistics, tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ from webgym.bench.stepping import (
 from webgym.bench.usage import MEGABYTE, CpuTimes, browser_bytes
 from webgym.browser.find import find_browser
 from webgym.core.action import Navigate
-from webgym.core.tables import Table
+from webgym.core.tables import Table, printed
 from webgym.server.client import BrowserClient, Session
 from webgym.server.config import Admission, Queues
 from webgym.server.messages import Pressure, SessionOptions
@@ -352,6 +352,14 @@ class ServerFigures(msgspec.Struct, frozen=True, omit_defaults=True):
     thinking: Thinking | None = None
     burst: Burst | None = None
     density: Density | None = None
+
+    @property
+    def head(self) -> str:
+        """What was measured: the browser and the machine."""
+        return f"Chromium {self.browser}, {self.processors} processors"
+
+    def __str__(self) -> str:
+        return printed([self.head, "", *self.tables()])
 
     def tables(self) -> Iterator[Table]:
         """The tables of every part that was run."""

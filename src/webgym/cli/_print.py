@@ -11,6 +11,7 @@ import msgspec
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.text import Text
 
 from webgym.core.errors import UsageError
 from webgym.core.tables import Table, latex, markdown, show
@@ -29,18 +30,18 @@ Advance: TypeAlias = Callable[..., None]
 
 def say(text: object, console: Console) -> None:
     """Print text as it is: without markup, colours and line breaks of its own."""
-    console.print(text, highlight=False, soft_wrap=True, markup=False)
+    console.print(str(text), highlight=False, soft_wrap=True, markup=False)
 
 
-def shortened(message: str, limit: int = 300) -> str:
-    """A message of a foreign program on one line, without control characters.
+def coloured(line: str) -> Text:
+    """A line with the names of outcomes in their colours, and their numbers in bold."""
+    from webgym.rollout.live import COLORS
 
-    Args:
-        message: the text.
-        limit: the greatest length in characters; the rest is cut off.
-    """
-    text = plain(message)
-    return text if len(text) <= limit else f"{text[: limit - 1]}…"
+    text = Text(line)
+    for outcome, colour in COLORS.items():
+        text.highlight_regex(rf"\d+(?= {outcome}\b)", "bold")
+        text.highlight_regex(rf"(?<=\d ){outcome}\b", colour)
+    return text
 
 
 def say_some(entries: Iterable[object], limit: int, console: Console, indent: str = "    ") -> None:
@@ -50,11 +51,6 @@ def say_some(entries: Iterable[object], limit: int, console: Console, indent: st
         say(f"{indent}{plain(str(entry))}", console)
     if limit and len(listed) > limit:
         say(f"{indent}and {len(listed) - limit:,} more (--lines)", console)
-
-
-def counted(number: int, noun: str) -> str:
-    """A number with its noun, such as ``1 task`` and ``1,024 tasks``."""
-    return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 
 def refuse_several(**given: bool) -> None:

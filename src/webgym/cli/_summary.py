@@ -5,17 +5,14 @@ from __future__ import annotations
 from rich.console import Console
 from rich.text import Text
 
-from webgym.cli._print import say, shortened
-from webgym.core.outcome import Outcome
+from webgym.cli._print import coloured, say
+from webgym.core.outcome import Outcome, outcomes_line
 from webgym.core.tables import DASH, Table, put
 from webgym.core.task import LEVELS
-from webgym.core.text import plain
+from webgym.core.text import plain, shortened
 from webgym.results.rates import Interval
-from webgym.results.summary import Summary
-from webgym.rollout.live import COLORS, duration
-
-REASONS = 5
-"""Number of reasons and hosts that are printed; the report shows all."""
+from webgym.results.summary import REASONS, Summary
+from webgym.rollout.live import duration
 
 
 def all_failed(summary: Summary) -> bool:
@@ -40,11 +37,6 @@ def print_summary(summary: Summary, console: Console) -> None:
             DASH if steps is None else f"{steps:.0f}",
         )
         rows.append((level, *cells))
-    outcomes = Text()
-    for outcome in Outcome:
-        if count := summary["outcomes"].get(outcome, 0):
-            outcomes.append(f"{count} ", style="bold")
-            outcomes.append(f"{outcome}   ", style=COLORS[outcome])
     step, invalid = summary["step_milliseconds"], summary["invalid_reply_rate"]
     more = ""
     if step["p50"] is not None and step["p95"] is not None:
@@ -54,7 +46,7 @@ def print_summary(summary: Summary, console: Console) -> None:
     console.print()
     put(Table("", columns, rows), console)
     console.print()
-    console.print(outcomes)
+    console.print(coloured(outcomes_line(summary["outcomes"])))
     if faults := summary.get("faults"):
         say(f"  failed by {', '.join(f'{count} {fault}' for fault, count in faults.items())}", console)
     print_losses(summary, console)

@@ -118,7 +118,7 @@ def server(
         uvloop.run(run())
     finally:  # Ctrl-C, or a part that fails, loses nothing of what is finished
         if finished is not None:
-            print(f"Chromium {finished.browser}, {finished.processors} processors\n", flush=True)
+            print(f"{finished.head}\n", flush=True)
             if as_markdown:
                 print(markdown(finished.tables()), flush=True)
             else:
@@ -204,7 +204,7 @@ def rollout(
 
     from webgym.bench.rollout.plan import MODE_NAMES, PAGE_LATENCIES, PARTS, RolloutPlan
     from webgym.bench.rollout.results import draw_rollout, rollout_tables
-    from webgym.core.tables import markdown, show
+    from webgym.cli._print import print_tables
 
     _check_known("part", only, PARTS)
     _check_known("mode", mode, MODE_NAMES)
@@ -226,10 +226,7 @@ def rollout(
     parts = only or (("calibration", "schedules") if quick else PARTS)
     cells = list(plan.cells(parts, mode or MODE_NAMES))
     results = _results(plan, cells, out, measures=measures)
-    if as_markdown:
-        print(markdown(rollout_tables(results)), end="")
-    else:
-        show(rollout_tables(results), Console())
+    print_tables(rollout_tables(results), Console(), as_markdown=as_markdown)
     if figure is not None:
         draw_rollout(results, figure)
 

@@ -95,6 +95,10 @@ class Check(msgspec.Struct, frozen=True):
     found: str
     fix: str = ""
 
+    def __str__(self) -> str:
+        fix = f"\n→ {self.fix}" if self.fix else ""
+        return f"{_MARKS[self.status][0]} {self.name}: {self.found}{fix}"
+
 
 def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print the results as JSON.")] = False,

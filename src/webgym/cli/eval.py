@@ -162,7 +162,7 @@ def _print_results(
     results: Sequence[Evaluation], console: Console, as_json: bool, as_markdown: bool, as_latex: bool
 ) -> None:
     """Print results in the requested format on stdout, and notes on the console."""
-    from webgym.cli._evaluation import conditions, notes, tables
+    from webgym.results.evaluation import conditions, notes, tables
 
     if as_json:
         print_json(results[0] if len(results) == 1 else results)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
@@ -18,8 +17,7 @@ from webgym.core.errors import UsageError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.offline.config import collection_of
-from webgym.results.export import export
-from webgym.results.summary import oracle_notes
+from webgym.results.export import export, left_out_line
 from webgym.store.files import make_folder, refuse_used
 from webgym.tasks.formats import write_tasks
 from webgym.tasks.hub import address_of
@@ -82,24 +80,9 @@ def command(
             outcomes=frozenset(outcome) if outcome else None,
             progress=partial(advance, "attempts"),
         )
-    print(f"{result.steps:,} steps of {result.attempts:,} attempts, {result.pictures:,} pictures: {out}")
-    for note in oracle_notes(sorted(result.policies)):
-        print(note)
-    _print_left_out(
-        {
-            "attempts at tasks of another split": result.other_split,
-            "attempts with other outcomes": result.unrewarded,
-            "steps that the format cannot represent": result.unusable,
-        }
-    )
-
+    print(result)
     if to is not None:
         push_folder(out, to, steps_card(source, result, kind), is_public=public)
-
-
-def _print_left_out(counts: Mapping[str, int]) -> None:
-    if any(counts.values()):
-        print("left out: " + ", ".join(f"{count:,} {what}" for what, count in counts.items() if count))
 
 
 def _export_tasks(source: Path, out: Path, kind: Format, split: Split) -> list[Task]:
@@ -123,11 +106,11 @@ def _export_tasks(source: Path, out: Path, kind: Format, split: Split) -> list[T
     refuse_used(out)
     file = out / f"tasks.{kind}"
     print(f"{write_tasks(file, tasks):,} tasks: {file}")
-    _print_left_out(
-        {
-            "tasks of another split": len(records.tasks) - len(chosen),
-            "tasks that share a website or family with test tasks": len(chosen) - len(tasks),
-        }
-    )
+    left_out = {
+        "tasks of another split": len(records.tasks) - len(chosen),
+        "tasks that share a website or family with test tasks": len(chosen) - len(tasks),
+    }
+    for line in left_out_line(left_out):
+        print(line)
     records.print_left_out()
     return tasks

@@ -11,7 +11,7 @@ from rich.console import Console
 from webgym.cli._options import Price, PriceFile, prices_of
 from webgym.cli._print import say
 from webgym.core.errors import UsageError
-from webgym.core.tables import Table, put
+from webgym.core.tables import show
 from webgym.core.text import plain
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def usage(cache: Path = typer.Argument(..., help="Database of cached replies."))
         async with ReplyCache(_existing(cache)) as opened:
             return opened.totals
 
-    _print_totals(run(totals))
+    show(run(totals).parts(), Console())
 
 
 @app.command("import")
@@ -57,9 +57,7 @@ def import_(
     console = Console(stderr=True)
     for line in result.unanswered:
         say(plain(str(line)), console)
-    print(
-        f"{result.stored} replies stored, {result.known} stored before, {len(result.unanswered)} not answered"
-    )
+    print(result)
     if result.unanswered:
         raise typer.Exit(1)
 
@@ -68,33 +66,3 @@ def _existing(cache: Path) -> Path:
     if not cache.is_file():
         raise UsageError(f"there is no file {cache}", hint="give the path of an existing cache")
     return cache
-
-
-def _print_totals(totals: Totals) -> None:
-    columns = {
-        "calls": "calls",
-        "in batches": "batched",
-        "from cache": "hits",
-        "prompt": "prompt_tokens",
-        "of it cached": "prompt_tokens_cached",
-        "completion": "completion_tokens",
-    }
-    whole, console = totals.all, Console()
-    rows = [
-        (
-            purpose or "-",
-            model,
-            *(str(getattr(usage, name)) for name in columns.values()),
-            _dollars(usage.dollars, usage.calls, usage.unpriced),
-        )
-        for (purpose, model), usage in [*sorted(totals.rows.items()), (("all", ""), whole)]
-    ]
-    put(Table("", ("purpose", "model", *columns, "dollars"), rows, names=2), console)
-    if whole.unpriced:
-        say(f"{whole.unpriced:,} calls had no price and are not included in the dollars", console)
-    if whole.estimated:
-        say(f"the tokens of {whole.estimated:,} calls are estimates", console)
-
-
-def _dollars(dollars: float, calls: int, unpriced: int) -> str:
-    return "unknown" if calls and calls == unpriced else f"{dollars:,.4f}"

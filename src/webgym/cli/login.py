@@ -64,5 +64,4 @@ async def _login(website: str, config: BrowserConfig, save: Path) -> None:
         finally:
             await slot.stop()
     write_storage(save, state)
-    kept = f"{len(state.cookies)} cookies, storage of {len(state.origins)} origins"
-    print(f"{save}: {kept}. Whoever has this file is signed in.")
+    print(f"{save}: {state}. Whoever has this file is signed in.")

@@ -41,7 +41,5 @@ def command(
     print_summary(merged.summary, Console())
     if report:
         write_report(out)
-    print(f"{merged.attempts:,} attempts of {len(folders)} runs: {out}")
-    if merged.missing:
-        missing = f"{merged.missing:,} of {merged.samples:,} samples have no result"
-        print(f"{missing}; attempt them: webgym rollout --resume {shlex.quote(str(out))} --retry-errors")
+    resume_it = f"webgym rollout --resume {shlex.quote(str(out))} --retry-errors"
+    print(f"{merged}; attempt them: {resume_it}" if merged.missing else merged)

@@ -63,7 +63,7 @@ def command(
     from rich.console import Console
     from rich.progress import track
 
-    from webgym.core.tables import markdown, show
+    from webgym.cli._print import print_tables
     from webgym.simulate.paper import draw_paper, paper_table, reproduce
     from webgym.simulate.sizing import draw_sizes, read_questions, sizes_table
 
@@ -96,10 +96,7 @@ def command(
         tracked = track(systems, "simulating", console=progress, transient=True)
         sizes = [questions.answer(system) for system in tracked]
         results, table = sizes, sizes_table(sizes)
-    if as_markdown:
-        print(markdown([table]), end="")
-    else:
-        show([table], Console())
+    print_tables([table], Console(), as_markdown=as_markdown)
     if json is not None:
         json.write_bytes(msgspec.json.format(msgspec.json.encode(results)))
     if figure is not None and paper:

@@ -12,10 +12,6 @@ from webgym.cli._options import web_options
 from webgym.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from rich.console import Console
-
     from webgym.offline.config import SitesConfig
     from webgym.offline.web import OfflineWeb, Spec
 
@@ -102,18 +98,6 @@ def _websites(config: SitesConfig, family: str | None) -> tuple[OfflineWeb, dict
     return web, chosen
 
 
-def _report(console: Console, failures: list[str], tasks: Sequence[str]) -> None:
-    """Print the failures and the number of tasks that passed; exit with 1 if there are failures."""
-    from webgym.cli._print import say
-
-    for failure in failures:
-        say(failure, console)
-    failed = {failure.partition(": ")[0] for failure in failures} & set(tasks)
-    say(f"{len(tasks) - len(failed)} of {len(tasks)} tasks passed", console)
-    if failures:
-        raise typer.Exit(1)
-
-
 @app.command()
 @takes(settings=web_options("collection", latency=Option("latency", default="0")))
 def check(
@@ -149,11 +133,12 @@ def check(
     import tempfile
     from zlib import crc32
 
+    from webgym.cli._print import say
     from webgym.cli._run import lasting_console, run, show_progress_on
     from webgym.core.settings import validated
     from webgym.offline.config import SitesConfig
     from webgym.tasks.sampling import draw
-    from webgym.testing.solutions import check_in_browsers, typed
+    from webgym.testing.solutions import Checked, check_in_browsers, typed
 
     if shard >= shards:
         raise ConfigError(f"there is no part {shard} of {shards}: they count from 0")
@@ -166,19 +151,21 @@ def check(
     tasks = [task for host in hosts for task in web.tasks_of(host)]
     tasks = draw(tasks, sample, seed)
     if quick:
-        _report(console, list(typed(web, tasks)), [task.id for task in tasks])
-        return
-    with tempfile.TemporaryDirectory(prefix="webgym-check-") as scratch:
-        failures = run(
-            lambda: check_in_browsers(
-                web,
-                tasks,
-                out or Path(scratch) / "run",
-                mode="marks" if marks else "coordinates",
-                sessions=sessions,
-                latency=config.latency,
-                show=show_progress_on(console),
-            ),
-            kept="" if out is None else "the attempts so far are stored",
-        )
-    _report(console, failures, [task.id for task in tasks])
+        failures = list(typed(web, tasks))
+    else:
+        with tempfile.TemporaryDirectory(prefix="webgym-check-") as scratch:
+            failures = run(
+                lambda: check_in_browsers(
+                    web,
+                    tasks,
+                    out or Path(scratch) / "run",
+                    mode="marks" if marks else "coordinates",
+                    sessions=sessions,
+                    latency=config.latency,
+                    show=show_progress_on(console),
+                ),
+                kept="" if out is None else "the attempts so far are stored",
+            )
+    say(Checked([task.id for task in tasks], failures), console)
+    if failures:
+        raise typer.Exit(1)

@@ -8,8 +8,7 @@ from typing import Annotated
 
 import typer
 
-from webgym.cli._print import bars, counted
-from webgym.core.text import plain
+from webgym.cli._print import bars
 from webgym.store.files import SET_ASIDE
 from webgym.store.verify import verify
 
@@ -27,15 +26,11 @@ def command(
     """
     with bars() as advance:
         result = verify(run, set_aside=set_aside, progress=advance)
-    for problem in result.problems:
-        print(plain(str(problem)))
-    print(f"{result.trajectories} trajectories and {result.pictures} pictures are intact")
-    if not result.problems:
-        return
     folder = shlex.quote(str(run))
-    if result.is_whole:
+    if not result.is_whole:
+        advice = "" if set_aside else f"; move damaged records away: webgym verify --set-aside {folder}"
+        print(f"{result}{advice}")
+        raise typer.Exit(1)
+    print(result)
+    if result.problems:
         print(f"resume with: webgym rollout --resume {folder}")
-        return
-    advice = "" if set_aside else f"; move damaged records away: webgym verify --set-aside {folder}"
-    print(f"{counted(len(result.problems), 'problem')}{advice}")
-    raise typer.Exit(1)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Mapping
 from enum import StrEnum
+from typing import Any
 
 from webgym.core.errors import JudgeError, PolicyError, SiteRefused
 from webgym.core.verdict import Verdict
@@ -40,6 +42,11 @@ class Outcome(StrEnum):
     def is_retried(self) -> bool:
         """Whether the task is attempted again: the attempt ended for a reason that is not the policy's."""
         return self in (Outcome.ENVIRONMENT_ERROR, Outcome.POLICY_ERROR, Outcome.CANCELLED)
+
+
+def outcomes_line(counts: Mapping[Any, int]) -> str:
+    """The number of attempts by outcome, on one line, but for those that did not happen."""
+    return "".join(f"{counts[each]} {each}   " for each in Outcome if counts.get(each))
 
 
 class Ending(StrEnum):

@@ -83,10 +83,13 @@ class StoredOrigin(
 
 
 class StorageState(msgspec.Struct, frozen=True):
-    """The state of a browser context."""
+    """The state of a browser context. As text it is its size alone: what it holds is secret."""
 
     cookies: tuple[StoredCookie, ...] = ()
     origins: tuple[StoredOrigin, ...] = ()
+
+    def __str__(self) -> str:
+        return f"{len(self.cookies)} cookies, storage of {len(self.origins)} origins"
 
 
 def read_storage(path: Path) -> StorageState:

@@ -65,13 +65,26 @@ class Table(msgspec.Struct, frozen=True):
         )
 
 
-def show(tables: Iterable[Table], console: Console) -> None:
-    """Print tables to a terminal, each followed by an empty line."""
-    for table in tables:
-        if table.title:  # a title of Rich would be wrapped at the table's width
-            console.print(plain(table.title), style="bold", highlight=False, markup=False, soft_wrap=True)
-        put(table, console)
-        console.print()
+def show(parts: Iterable[Table | str], console: Console) -> None:
+    """Print tables and lines to a terminal; an empty line follows a table with a title."""
+    for part in parts:
+        if isinstance(part, str):
+            console.print(part, highlight=False, markup=False, soft_wrap=True)
+            continue
+        if part.title:  # a title of Rich would be wrapped at the table's width
+            console.print(plain(part.title), style="bold", highlight=False, markup=False, soft_wrap=True)
+        put(part, console)
+        if part.title:
+            console.print()
+
+
+def printed(parts: Iterable[Table | str]) -> str:
+    """Tables and lines as :func:`show` prints them into a pipe: the text of a result that has tables."""
+    from rich.console import Console
+
+    file = io.StringIO()
+    show(parts, Console(file=file, force_terminal=False, color_system=None))
+    return file.getvalue().rstrip("\n")
 
 
 def put(table: Table, console: Console) -> None:

@@ -61,6 +61,22 @@ def plain(text: str) -> str:
     )
 
 
+def shortened(message: str, limit: int = 300) -> str:
+    """A message of a foreign program on one line, without control characters.
+
+    Args:
+        message: the text.
+        limit: the greatest length in characters; the rest is cut off.
+    """
+    text = plain(message)
+    return text if len(text) <= limit else f"{text[: limit - 1]}…"
+
+
+def counted(number: int, noun: str) -> str:
+    """A number with its noun, such as ``1 task`` and ``1,024 tasks``."""
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"
+
+
 def fold(text: str) -> str:
     """The text with compatibility forms, typographic quotes and dashes, case and white space normalised,
     without soft hyphens."""

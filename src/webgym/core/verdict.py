@@ -64,6 +64,18 @@ class Cost(msgspec.Struct, frozen=True, omit_defaults=True):
     def __add__(self, other: Cost) -> Cost:
         return Cost(*(getattr(self, name) + getattr(other, name) for name in self.__struct_fields__))
 
+    def __str__(self) -> str:
+        if not self.calls:
+            return "no model was called"
+        parts = [f"{self.calls:,} replies"]
+        if self.cached:
+            parts.append(f"{self.cached:,} from the cache")
+        if self.repeats:
+            parts.append(f"{self.repeats:,} repeated")
+        parts.append(f"{self.prompt_tokens:,} + {self.completion_tokens:,} tokens")
+        parts.append(f"${self.dollars:.4f}" if self.dollars else "price unknown")
+        return ", ".join(parts)
+
 
 class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
     """A judge's verdict on one episode.

@@ -17,7 +17,7 @@ interval leaves out, or if it is the same in all resamples.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal, TypeAlias
 
@@ -29,6 +29,7 @@ from pydantic import Field
 from webgym.core.plotting import CATEGORIES, MUTED, PAGE, new_figure, save, styled
 from webgym.core.settings import Settings
 from webgym.core.stats import Counts, Values, percentiles, resampled
+from webgym.core.tables import DASH, Table, printed
 from webgym.core.task import LEVELS, Level
 from webgym.judge.panel import PREFIX
 
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
 
 Metric: TypeAlias = Literal["accuracy", "precision", "recall", "f1", "kappa"]
 METRICS: Final[tuple[Metric, ...]] = ("accuracy", "precision", "recall", "f1", "kappa")
+_HEADINGS: Final = ("accuracy", "precision", "recall", "F1", "κ")
+_RATE, _SIGNED = ".3f", "+.3f"
 
 Group: TypeAlias = Literal["overall", "easy", "medium", "hard"]
 GROUPS: Final[tuple[Group, ...]] = ("overall", *LEVELS)
@@ -99,6 +102,12 @@ class Confusion(msgspec.Struct, frozen=True):
         """Number of pairs."""
         return self.both + self.judge_only + self.human_only + self.neither
 
+    def __str__(self) -> str:
+        return (
+            f"judged a success by both {self.both}, by the judge only {self.judge_only}, "
+            f"by people only {self.human_only}, by neither {self.neither}"
+        )
+
 
 class Estimate(msgspec.Struct, frozen=True):
     """A value and the bounds of its confidence interval; ``None`` for what is undefined."""
@@ -106,6 +115,16 @@ class Estimate(msgspec.Struct, frozen=True):
     value: float | None
     low: float | None = None
     high: float | None = None
+
+    def texts(self, form: str) -> tuple[str, str]:
+        """The value and its interval in this format; a dash if the value is undefined."""
+        value, low, high = (
+            "" if number is None else f"{number:{form}}".replace("-", "−" if "+" in form else "-")
+            for number in (self.value, self.low, self.high)
+        )
+        # .467 for 0.467, so that five intervals fit on a line
+        interval = f"{low.replace('0.', '.', 1)}, {high.replace('0.', '.', 1)}" if low and high else ""
+        return value or DASH, interval if value else ""
 
 
 class Figures(msgspec.Struct, frozen=True):
@@ -152,6 +171,51 @@ class Agreement(msgspec.Struct, frozen=True):
     successes: dict[Group, int]
     judges: dict[str, dict[Group, Figures]]
     differences: tuple[Difference, ...]
+
+    def __str__(self) -> str:
+        return printed(self.blocks())
+
+    def tables(self) -> Iterator[Table]:
+        """A table of all judges, and one of their differences, for a paper."""
+
+        def cells(metrics: Mapping[Metric, Estimate], form: str) -> Iterator[str]:
+            for name in METRICS:
+                value, interval = metrics[name].texts(form)
+                yield f"{value} [{interval}]" if interval else value
+
+        columns = ("judge", "difficulty", "n", *_HEADINGS, "no verdict")
+        rows = [
+            (judge, group, str(each.confusion.total), *cells(each.metrics, _RATE), str(each.no_verdict))
+            for judge, by_group in self.judges.items()
+            for group, each in by_group.items()
+        ]
+        yield Table("Agreement with human labels, 95 % bootstrap intervals", columns, rows)
+        if self.differences:
+            rows = [
+                (f"{of.judge} − {of.baseline}", group, str(count), *cells(of.metrics[group], _SIGNED))
+                for of in self.differences
+                for group, count in of.cases.items()
+            ]
+            yield Table("Paired differences, 95 % bootstrap intervals", columns[:-1], rows)
+
+    def blocks(self) -> Iterator[Table]:
+        """A table for each judge and each difference, for a terminal: intervals stand below values."""
+        for judge, by_group in self.judges.items():
+            overall = by_group["overall"]
+            missing = f"  ({overall.no_verdict} without a verdict)" if overall.no_verdict else ""
+            rows = [(group, each.confusion.total, each.metrics) for group, each in by_group.items()]
+            yield _block(f"{judge}{missing}: {overall.confusion}", rows, _RATE)
+        for of in self.differences:
+            rows = [(group, count, of.metrics[group]) for group, count in of.cases.items()]
+            yield _block(f"{of.judge} − {of.baseline}", rows, _SIGNED)
+
+
+def _block(title: str, rows: Iterable[tuple[Group, int, Mapping[Metric, Estimate]]], form: str) -> Table:
+    cells: list[tuple[str, ...]] = []
+    for group, count, metrics in rows:
+        values, intervals = zip(*(metrics[name].texts(form) for name in METRICS), strict=True)
+        cells += [(group, str(count), *values), ("", "", *intervals)]
+    return Table(title, ("", "n", *_HEADINGS), cells)
 
 
 def rates(confusion: Confusion) -> dict[Metric, float | None]:

@@ -22,6 +22,7 @@ from typing import Any, Final, Literal, TypeAlias, get_args
 import msgspec
 
 from webgym.core.errors import UsageError
+from webgym.core.text import plain
 from webgym.judge.agreement import Confusion, rates
 
 Label: TypeAlias = Literal["success", "failure", "unsure", "not_executable"]
@@ -343,6 +344,17 @@ class AnnotatorAgreement(msgspec.Struct, frozen=True):
     observed: float | None
     alpha: float | None
     pairs: tuple[Annotators, ...]
+
+    def __str__(self) -> str:
+        def said(value: float | None, form: str) -> str:
+            return "undefined" if value is None else f"{value:{form}}"
+
+        same = f"{self.attempts} shared attempts, {said(self.observed, '.1%')} labelled the same"
+        lines = [f"annotators: {same}, Krippendorff's α {said(self.alpha, '.3f')}"]
+        for pair in self.pairs:
+            same = f"{pair.attempts} shared, {said(pair.observed, '.1%')} labelled the same"
+            lines.append(f"  {plain(' and '.join(pair.pair))}: {same}, κ {said(pair.kappa, '.3f')}")
+        return "\n".join(lines)
 
 
 def annotator_agreement(labels: Iterable[HumanLabel]) -> AnnotatorAgreement:

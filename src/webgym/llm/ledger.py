@@ -10,6 +10,7 @@ from pydantic import Field
 
 from webgym.core.errors import BudgetSpent, ConfigError
 from webgym.core.settings import Settings
+from webgym.core.tables import Table
 from webgym.llm.cache import ReplyCache
 from webgym.llm.prices import Call, Prices, Totals, Usage
 
@@ -64,6 +65,20 @@ class Ledger:
     def rows(self) -> Mapping[tuple[str, str], Usage]:
         """Sums by ``(purpose, model)``."""
         return self.totals.rows
+
+    def table(self) -> Table:
+        """The cost by stage and model, a row each."""
+        rows = [
+            (
+                purpose,
+                model,
+                *map(str, (usage.calls, usage.hits, usage.prompt_tokens, usage.completion_tokens)),
+                "unknown" if usage.unpriced else f"{usage.dollars:.4f}",
+            )
+            for (purpose, model), usage in sorted(self.rows.items())
+        ]
+        columns = ("stage", "model", "paid", "cached", "prompt tokens", "reply tokens", "dollars")
+        return Table("", columns, rows, names=2)
 
     @property
     def has_budget(self) -> bool:

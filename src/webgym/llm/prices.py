@@ -5,7 +5,7 @@ WebGym contains no prices itself: they change, and a wrong price is worse than n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -15,6 +15,7 @@ from pydantic import Field
 
 from webgym.core.errors import ConfigError
 from webgym.core.settings import Settings, validated
+from webgym.core.tables import Table, printed
 from webgym.llm.completion import Completion
 from webgym.llm.tokens import count_text
 
@@ -117,6 +118,34 @@ class Totals:
     def hit(self, purpose: str, model: str, count: int = 1) -> None:
         """Add calls that were answered from the cache."""
         self.add(purpose, model, Usage(hits=count))
+
+    def __str__(self) -> str:
+        return printed(self.parts())
+
+    def parts(self) -> Iterator[Table | str]:
+        """The sums as a table, and what is not in the dollars or is estimated."""
+        columns = {
+            "calls": "calls",
+            "in batches": "batched",
+            "from cache": "hits",
+            "prompt": "prompt_tokens",
+            "of it cached": "prompt_tokens_cached",
+            "completion": "completion_tokens",
+        }
+        rows = [
+            (
+                purpose or "-",
+                model,
+                *(str(getattr(usage, name)) for name in columns.values()),
+                "unknown" if usage.calls and usage.calls == usage.unpriced else f"{usage.dollars:,.4f}",
+            )
+            for (purpose, model), usage in [*sorted(self._rows.items()), (("all", ""), self.all)]
+        ]
+        yield Table("", ("purpose", "model", *columns, "dollars"), rows, names=2)
+        if self.all.unpriced:
+            yield f"{self.all.unpriced:,} calls had no price and are not included in the dollars"
+        if self.all.estimated:
+            yield f"the tokens of {self.all.estimated:,} calls are estimates"
 
 
 _MILLION: Final = 1_000_000

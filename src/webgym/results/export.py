@@ -23,6 +23,7 @@ from webgym.core.errors import StoreCorrupt, UsageError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.trajectory import ImageRef, Message, Step, TextPart, Trajectory
+from webgym.results.summary import oracle_notes
 from webgym.store.files import disk_errors, whole_folder, write_lines
 from webgym.store.runs import RunReader
 from webgym.tasks.split import leaking
@@ -66,6 +67,7 @@ class Exported(msgspec.Struct):
     """The result of an export.
 
     Attributes:
+        folder: of the files.
         attempts, steps, pictures: numbers in the files.
         unrewarded: attempts left out because of their outcome.
         other_split: attempts left out because their task belongs to another split, or leaks a test task of
@@ -74,6 +76,7 @@ class Exported(msgspec.Struct):
         policies: whose steps they are.
     """
 
+    folder: Path
     attempts: int = 0
     steps: int = 0
     pictures: int = 0
@@ -81,6 +84,22 @@ class Exported(msgspec.Struct):
     other_split: int = 0
     unusable: int = 0
     policies: set[str] = set()
+
+    def __str__(self) -> str:
+        counts = {
+            "attempts at tasks of another split": self.other_split,
+            "attempts with other outcomes": self.unrewarded,
+            "steps that the format cannot represent": self.unusable,
+        }
+        written = f"{self.steps:,} steps of {self.attempts:,} attempts, {self.pictures:,} pictures"
+        notes = (*oracle_notes(sorted(self.policies)), *left_out_line(counts))
+        return "\n".join((f"{written}: {self.folder}", *notes))
+
+
+def left_out_line(counts: Mapping[str, int]) -> list[str]:
+    """A line that says how much was left out, by what it is; none if it is nothing."""
+    parts = [f"{count:,} {what}" for what, count in counts.items() if count]
+    return [f"left out: {', '.join(parts)}"] if parts else []
 
 
 def export(
@@ -132,6 +151,7 @@ def export(
             write_lines(folder / "sharegpt.json", _array(exporter.conversations()))
             write_lines(folder / "dataset_info.json", [json.dumps(_SHAREGPT, indent=2).encode()])
             write_lines(folder / "train.yaml", [exporter.recipe().encode()])
+        exporter.done.folder = out
         return exporter.done
 
 
@@ -144,7 +164,7 @@ class _Exporter:
         outcomes: frozenset[Outcome],
         progress: Callable[[int], object],
     ) -> None:
-        self.done = Exported()
+        self.done = Exported(out)
         self._reader = reader
         self._tasks = reader.tasks
         self._folder = out / PICTURES

@@ -26,6 +26,9 @@ UNKNOWN = "unknown"
 """Domain and website of a trajectory whose task the run lacks."""
 
 
+REASONS = 5
+"""Number of reasons and hosts that are printed; the report shows all."""
+
 MANY_INVALID = 0.05
 """Share of replies without a valid action above which a run warns: the prompt may not fit the model."""
 

@@ -23,16 +23,25 @@ class Merged(NamedTuple):
     """The result of a merge.
 
     Attributes:
+        folder: of the merged run.
+        runs: the number of runs that were merged.
         attempts: the number of attempts in the merged run.
         samples: the number of planned samples.
         missing: the number of samples without an attempt whose outcome counts.
         summary: the summary of the merged run.
     """
 
+    folder: Path
+    runs: int
     attempts: int
     samples: int
     missing: int
     summary: Summary
+
+    def __str__(self) -> str:
+        merged = f"{self.attempts:,} attempts of {self.runs} runs: {self.folder}"
+        missing = f"\n{self.missing:,} of {self.samples:,} samples have no result" if self.missing else ""
+        return merged + missing
 
 
 def runs_in(folder: Path) -> list[Path]:
@@ -80,7 +89,8 @@ async def merge_runs(
     for other in readers[1:]:
         _refuse_different(first, other)
     with whole_folder(out) as unfinished:
-        return await _write(readers, unfinished, progress)
+        merged = await _write(readers, unfinished, progress)
+    return merged._replace(folder=out, runs=len(runs))
 
 
 async def _write(readers: Sequence[RunReader], out: Path, progress: Callable[[int, int], object]) -> Merged:
@@ -117,7 +127,8 @@ async def _write(readers: Sequence[RunReader], out: Path, progress: Callable[[in
             judge=any_summary.get("judge"),
         )
         await writer.write_summary(summary)
-        return Merged(len(writer.attempts), samples, samples - len(completed), summary)
+        missing = samples - len(completed)
+        return Merged(out, len(readers), len(writer.attempts), samples, missing, summary)
 
 
 def _refuse_different(first: RunReader, other: RunReader) -> None:

@@ -9,21 +9,23 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from pydantic import Field
 
 from webgym.core.errors import JudgeError
-from webgym.core.outcome import Outcome
+from webgym.core.outcome import Outcome, outcomes_line
 from webgym.core.settings import Settings
 from webgym.core.task import Task
+from webgym.core.text import counted, shortened
 from webgym.core.trajectory import Episode, Trajectory
 from webgym.core.verdict import Cost, Verdict
 from webgym.judge.base import Judge
+from webgym.results.summary import REASONS, oracle_notes
 from webgym.rollout.judging import JudgedEpisode, Rejudging, judge_episode
-from webgym.store.runs import RunReader
+from webgym.store.runs import RunReader, verdicts_of
 from webgym.store.verdicts import Judged, VerdictLog
 
 
@@ -64,6 +66,7 @@ class Judging:
         outcomes: number of judged attempts by outcome.
         cost: of all verdicts.
         spent: cost of the verdicts made in this session.
+        paid: cost of all calls in this session, also of those that led to no verdict, if it is known.
         failures: number of attempts without a verdict, by reason.
         policies: whose attempts they are.
     """
@@ -77,6 +80,7 @@ class Judging:
     outcomes: Counter[Outcome] = field(default_factory=Counter)
     cost: Cost = field(default_factory=Cost)
     spent: Cost = field(default_factory=Cost)
+    paid: Cost = field(default_factory=Cost)
     failures: Counter[str] = field(default_factory=Counter)
     policies: set[str] = field(default_factory=set)
 
@@ -98,6 +102,28 @@ class Judging:
         self.outcomes[judged.outcome] += number
         if judged.failure:
             self.failures[judged.failure.message] += number
+
+    def __str__(self) -> str:
+        return "\n".join(self._lines())
+
+    def _lines(self) -> Iterator[str]:
+        yield f"judge      {shortened(self.judge)}"
+        judged = self.done - sum(self.failures.values())
+        skipped = f"; {self.skipped} were cut off or belong to another collector" if self.skipped else ""
+        yield f"judged     {judged} of {self.total} attempts judged, {self.earlier} of them earlier{skipped}"
+        if self.left_out:
+            yield f"left out   {counted(len(self.left_out), 'record')} that cannot be judged"
+        yield from (f"  {shortened(why)}" for why in self.left_out[:REASONS])
+        yield f"outcomes   {outcomes_line(self.outcomes)}"
+        yield from (f"note       {note}" for note in oracle_notes(sorted(self.policies)))
+        for message, count in self.failures.most_common(REASONS):
+            yield f"  {count} {shortened(message)}"
+        yield f"cost       {self.cost}"
+        if self.paid.calls > self.spent.calls - self.spent.cached:
+            # The costs of attempts without a verdict are in no verdict.
+            yield f"paid now   {self.paid}"
+        elif self.earlier:
+            yield f"cost now   {self.spent}"
 
 
 async def judge_run(
@@ -198,30 +224,54 @@ class Difference:
         """The reasons of both judges, in one line."""
         return f"{_reason(self.one)} / {_reason(self.other)}"
 
+    def __str__(self) -> str:
+        outcomes = f"{self.one.outcome} / {self.other.outcome}"
+        return f"  {shortened(self.attempt_id)}: {outcomes}: {shortened(self.why(), 600)}"
+
 
 @dataclass(frozen=True)
 class Comparison:
     """Two judges on the same attempts.
 
     Attributes:
+        judges: their names.
         both: number of attempts to which both gave a reward.
         agreed: number of attempts to which both gave the same reward.
         unjudged: number of attempts without a reward from one or both judges.
         differences: the attempts with different rewards or different outcomes, in order.
     """
 
+    judges: tuple[str, str]
     both: int
     agreed: int
     unjudged: int
     differences: tuple[Difference, ...]
 
+    def __str__(self) -> str:
+        one, other = map(shortened, self.judges)
+        share = f"{self.agreed / self.both:.1%}" if self.both else "–"
+        rewards = f"{self.agreed} of {self.both} rewards ({share}); {self.unjudged} attempts lack one"
+        head = (f"compared   {one}", f"with       {other}", f"agreement  {rewards}")
+        return "\n".join((*head, *map(str, self.differences)))
 
-def compare(one: Mapping[str, Judged], other: Mapping[str, Judged]) -> Comparison:
-    """Compare two judges' verdicts, by attempt."""
+
+def compare_judges(run: Path, one: str, other: str) -> Comparison:
+    """Compare the verdicts of two judges of a run.
+
+    Args:
+        run: the run folder.
+        one, other: names of the judges, or the beginnings of them; see
+            :func:`webgym.store.runs.verdicts_of`.
+
+    Raises:
+        RunFolderError: there is no such judge.
+    """
+    one, verdicts = verdicts_of(run, one)
+    other, other_verdicts = verdicts_of(run, other)
     both = agreed = unjudged = 0
     differences = []
-    for attempt_id in (key for key in one if key in other):
-        a, b = one[attempt_id], other[attempt_id]
+    for attempt_id in (key for key in verdicts if key in other_verdicts):
+        a, b = verdicts[attempt_id], other_verdicts[attempt_id]
         rewards = [judged.verdict.reward if judged.verdict else None for judged in (a, b)]
         if None in rewards:
             unjudged += 1
@@ -230,7 +280,7 @@ def compare(one: Mapping[str, Judged], other: Mapping[str, Judged]) -> Compariso
             agreed += rewards[0] == rewards[1]
         if a.outcome != b.outcome or rewards[0] != rewards[1]:
             differences.append(Difference(attempt_id, a, b))
-    return Comparison(both, agreed, unjudged, tuple(differences))
+    return Comparison((one, other), both, agreed, unjudged, tuple(differences))
 
 
 def _reason(judged: Judged) -> str:

@@ -22,7 +22,7 @@ from typing import Final
 import msgspec
 
 from webgym.core.plotting import MUTED, PAGE, new_figure, save, styled
-from webgym.core.tables import Table
+from webgym.core.tables import Table, printed
 from webgym.simulate.config import SCHEDULES, Costs, Schedule, System, Workload
 from webgym.simulate.model import SimulationResult, simulate
 from webgym.simulate.sizing import COLOURS, label, line
@@ -75,6 +75,9 @@ class Reproduced(msgspec.Struct, frozen=True):
     minutes: dict[int, dict[Schedule, float]]
     traces: dict[Schedule, SimulationResult]
     steps: dict[int, float]
+
+    def __str__(self) -> str:
+        return printed([paper_table(self.points)])
 
     @property
     def points(self) -> Iterator[Point]:

@@ -22,6 +22,7 @@ import msgspec
 from webgym.core.errors import StoreCorrupt
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
+from webgym.core.text import counted, plain
 from webgym.core.trajectory import Trajectory
 from webgym.store.files import (
     CONFIG,
@@ -88,6 +89,11 @@ class Findings(NamedTuple):
     def is_whole(self) -> bool:
         """Whether everything that is not set aside is intact."""
         return all(problem.is_set_aside for problem in self.problems)
+
+    def __str__(self) -> str:
+        lines = [plain(str(problem)) for problem in self.problems]
+        lines.append(f"{self.trajectories} trajectories and {self.pictures} pictures are intact")
+        return "\n".join(lines if self.is_whole else [*lines, counted(len(self.problems), "problem")])
 
 
 class VerifyProgress(Protocol):

@@ -30,7 +30,8 @@ from pydantic import Field
 
 from webgym.core.errors import ConfigError, TooFewWebsites
 from webgym.core.settings import Settings
-from webgym.core.task import Task
+from webgym.core.tables import Table, printed
+from webgym.core.task import LEVELS, Task
 from webgym.core.websites import site_or_text
 from webgym.tasks.brands import brand_of, brand_or_text
 from webgym.tasks.files import gc_paused
@@ -81,13 +82,26 @@ class Split:
     left_out: list[LeftOut]
     test: Counter[tuple[str, str]]
 
-    def of_level(self, level: str) -> int:
-        """Number of test tasks of a level."""
-        return sum(count for pair, count in self.test.items() if pair[0] == level)
+    def __str__(self) -> str:
+        return printed([self.table(), *self.lines()])
 
-    def of_domain(self, domain: str) -> int:
-        """Number of test tasks of a domain."""
-        return sum(count for pair, count in self.test.items() if pair[1] == domain)
+    def table(self) -> Table:
+        """The test tasks by domain and level."""
+
+        def row(name: str, *domains: str) -> tuple[str, ...]:
+            counts = [sum(self.test[level, domain] for domain in domains) for level in LEVELS]
+            return (name, *map(str, counts), str(sum(counts)))
+
+        domains = sorted({domain for _, domain in self.test})
+        rows = [*(row(domain, domain) for domain in domains), row("all", *domains)]
+        return Table("Test tasks", ("domain", *LEVELS, "all"), rows)
+
+    def lines(self) -> list[str]:
+        """The number of tasks of both splits, and of those that are left out, by reason."""
+        test = self.test.total()
+        counts = Counter(task.why for task in self.left_out)
+        left_out = [f"{count:,} left out: {why}" for why, count in counts.items()]
+        return [f"{len(self.tasks) - test:,} training and {test:,} test tasks", *left_out]
 
 
 class Member(Protocol):

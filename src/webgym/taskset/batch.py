@@ -115,6 +115,9 @@ class BatchFile(msgspec.Struct, frozen=True):
     bytes: int
     prompt_tokens: int
 
+    def __str__(self) -> str:
+        return f"{self.path}  {self.requests:,} requests, about {self.prompt_tokens:,} prompt tokens"
+
 
 async def write_batches(cache: ReplyCache, folder: Path, *, again: bool = False) -> list[BatchFile]:
     """Write the recorded requests that are not answered yet to files.
@@ -236,6 +239,10 @@ class Imported(msgspec.Struct):
     stored: int = 0
     known: int = 0
     unanswered: list[FailedLine] = []
+
+    def __str__(self) -> str:
+        unanswered = len(self.unanswered)
+        return f"{self.stored} replies stored, {self.known} stored before, {unanswered} not answered"
 
 
 class _Response(msgspec.Struct):

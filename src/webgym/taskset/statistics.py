@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from webgym.core.tables import Table
+from webgym.core.tables import Table, printed
 from webgym.core.task import LEVELS, Level, Task, level_of
 from webgym.core.websites import site_or_text
 from webgym.tasks.taxonomy import DOMAINS
@@ -107,6 +107,54 @@ class Statistics(msgspec.Struct, frozen=True):
             counts[level_of(facts)] += count
         return counts
 
+    def __str__(self) -> str:
+        return printed(self.tables())
+
+    def tables(self) -> list[Table]:
+        """The statistics as tables."""
+        result = [
+            Table(
+                "Tasks by source",
+                ("source", "websites", "tasks", "derived", "train", "test"),
+                [
+                    (row.source, *_texts(row.websites, row.tasks, row.derived, row.train, row.test))
+                    for row in self.sources
+                ],
+            ),
+            Table(
+                "Difficulty",
+                ("part", "tasks", *(heading for level in LEVELS for heading in (level, f"{level}, %"))),
+                [_difficulty_row(self, part) for part in self.difficulties],
+            ),
+            Table(
+                "Tasks by domain",
+                ("domain", "subdomain", "tasks", *LEVELS),
+                [
+                    (row.domain, row.subdomain, *_texts(row.tasks, row.easy, row.medium, row.hard))
+                    for row in self.domains
+                    if row.tasks
+                ],
+                names=2,
+            ),
+            Table(
+                f"The {len(self.top)} largest of {self.websites:,} websites: {self.top_share:.1%} of tasks",
+                ("website", "tasks"),
+                [(website, str(count)) for website, count in self.top],
+            ),
+        ]
+        if self.lengths:
+            result.append(
+                Table(
+                    "Steps per trajectory",
+                    ("level", "trajectories", "mean", "mode"),
+                    [
+                        (level, str(length.trajectories), f"{length.mean:.1f}", f"{length.mode:.1f}")
+                        for level, length in self.lengths.items()
+                    ],
+                )
+            )
+        return result
+
 
 def describe(tasks: Iterable[Task], lengths: Mapping[Level, Sequence[int]] | None = None) -> Statistics:
     """Compute the statistics of tasks.
@@ -189,53 +237,6 @@ def _source_rows(
         for source, by_part in counts.items()
     ]
     return sorted(rows, key=lambda row: (-row.tasks, row.source))
-
-
-def tables(statistics: Statistics) -> list[Table]:
-    """The statistics as tables."""
-    result = [
-        Table(
-            "Tasks by source",
-            ("source", "websites", "tasks", "derived", "train", "test"),
-            [
-                (row.source, *_texts(row.websites, row.tasks, row.derived, row.train, row.test))
-                for row in statistics.sources
-            ],
-        ),
-        Table(
-            "Difficulty",
-            ("part", "tasks", *(heading for level in LEVELS for heading in (level, f"{level}, %"))),
-            [_difficulty_row(statistics, part) for part in statistics.difficulties],
-        ),
-        Table(
-            "Tasks by domain",
-            ("domain", "subdomain", "tasks", *LEVELS),
-            [
-                (row.domain, row.subdomain, *_texts(row.tasks, row.easy, row.medium, row.hard))
-                for row in statistics.domains
-                if row.tasks
-            ],
-            names=2,
-        ),
-        Table(
-            f"The {len(statistics.top)} largest of {statistics.websites:,} websites: "
-            f"{statistics.top_share:.1%} of tasks",
-            ("website", "tasks"),
-            [(website, str(count)) for website, count in statistics.top],
-        ),
-    ]
-    if statistics.lengths:
-        result.append(
-            Table(
-                "Steps per trajectory",
-                ("level", "trajectories", "mean", "mode"),
-                [
-                    (level, str(length.trajectories), f"{length.mean:.1f}", f"{length.mode:.1f}")
-                    for level, length in statistics.lengths.items()
-                ],
-            )
-        )
-    return result
 
 
 def _texts(*counts: int) -> tuple[str, ...]:

@@ -88,6 +88,31 @@ class Report:
         violations = Counter(offender.rule for offender in self.offenders)
         return {rule: violations[rule] for rule in RULES if rule not in self.unchecked}
 
+    def __str__(self) -> str:
+        return "\n".join(
+            line for head, listed in self.sections() for line in (head, *(f"      {each}" for each in listed))
+        )
+
+    def sections(self, broken: Sequence[str] = ()) -> Iterator[tuple[str, Sequence[str]]]:
+        """Lines of the report, each with what is listed below it.
+
+        Args:
+            broken: records that could not be read as tasks.
+        """
+        test = f"{self.test:,} for testing, on {self.test_websites:,} websites"
+        whole = f"{self.tasks:,} tasks on {self.websites:,} websites"
+        yield f"{whole}, {self.train:,} for training and {test}", ()
+        for rule, count in self.counts().items():
+            listed = [str(each) for each in self.offenders if each.rule == rule]
+            yield f"BAD {RULES[rule]}: {count:,} exceptions" if count else f"ok  {RULES[rule]}", listed
+        for rule in self.unchecked:
+            yield f"--  not checked, as the tasks are not split yet: {RULES[rule]}", ()
+        if broken:
+            yield f"BAD every record can be read: {len(broken):,} cannot", broken
+        if self.orphans:
+            some, count = plain(", ".join(self.orphans[:3])), len(self.orphans)
+            yield f"{count:,} derived tasks have no parent here, which is allowed: {some}, ...", ()
+
 
 def validate(tasks: Sequence[Task], *, split: bool = True) -> Report:
     """Check tasks against every one of :data:`RULES`.

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import AsyncIterator, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 from urllib.parse import urlsplit
 
 import msgspec
@@ -35,6 +36,23 @@ from webgym.run.collect import Show, collect, resume
 from webgym.run.config import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice
 from webgym.store.files import CONFIG
 from webgym.store.runs import RunReader
+
+
+class Checked(NamedTuple):
+    """The result of a check of tasks.
+
+    Attributes:
+        tasks: ids of the tasks that were checked.
+        failures: a line for each fault: the id of its task, or the address of its page, and the reason.
+    """
+
+    tasks: Sequence[str]
+    failures: Sequence[str]
+
+    def __str__(self) -> str:
+        failed = {failure.partition(": ")[0] for failure in self.failures} & set(self.tasks)
+        passed = f"{len(self.tasks) - len(failed)} of {len(self.tasks)} tasks passed"
+        return "\n".join([*self.failures, passed])
 
 
 async def check_in_browsers(

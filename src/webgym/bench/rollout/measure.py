@@ -129,12 +129,7 @@ def _run_config(
     plan: RolloutPlan, cell: Cell, sites: RunningSites, endpoint: Endpoint, browsers: ServerAddress
 ) -> RunConfig:
     """Settings of the run. Attempts are not retried or ended early, so that all cells do the same work."""
-    chat = {
-        "base_url": endpoint.url,
-        "model": "bench",
-        "concurrency": cell.sessions,
-        "adapt": {"first": cell.sessions, "shrink": 1.0},
-    }
+    chat = {"base_url": endpoint.url, "model": "bench", "concurrency": cell.sessions}
     settings = {
         "seed": plan.seed,
         "retries": 0,

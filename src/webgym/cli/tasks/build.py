@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,11 +13,10 @@ from webgym.cli._fields import Given, Options, takes
 from webgym.cli._options import Price
 from webgym.cli._print import say
 from webgym.core.errors import ConfigError, UsageError
-from webgym.core.tables import Table, put
+from webgym.core.tables import show
 from webgym.taskset.construction.config import BuildConfig
 
 if TYPE_CHECKING:
-    from webgym.taskset.construction.estimate import Estimate
     from webgym.taskset.construction.progress import StageProgress
     from webgym.taskset.construction.run import BuildPaths, FinishedBuild, PendingBatches
 
@@ -92,13 +90,17 @@ def build(
     if dry_run:
         with stages.shown():
             estimate = _run.run(lambda: run_dry(chosen, paths, stages))
-        _print_estimate(estimate, console)
+        show(estimate.parts(), console)
+        if estimate.dollars is None:
+            say("the price is unknown: give --price, or `prices:` in the config", console)
         return
     result = _run_stages(chosen, paths, batch, stages)
     if isinstance(result, PendingBatches):
-        _print_batches(result, paths, console)
+        next_command = f"webgym llm import {paths.cache} RESULTS, then this command again"
+        say(f"{result}\nnext     {next_command}", console)
     else:
-        _print_build(result, paths, console)
+        show(result.parts(), console)
+        say(f"set      {paths.out}", console)
 
 
 def _run_stages(
@@ -129,58 +131,3 @@ def _prices(given: str | None) -> dict[str, Any]:
 
     price = None if given is None else Prices.parse(given).of("*")
     return {} if price is None else {"*": price.model_dump()}
-
-
-def _print_estimate(estimate: Estimate, console: Console) -> None:
-    columns = ("stage", "tasks", "done", "calls", "prompt tokens", "reply tokens", "dollars")
-    fields = ("purpose", "things", "there", "calls", "prompt_tokens", "reply_tokens")
-    rows = [
-        (*(str(getattr(line, name)) for name in fields), _dollars(line.dollars)) for line in estimate.lines
-    ]
-    sums = map(str, (estimate.calls, estimate.prompt_tokens, estimate.reply_tokens))
-    rows.append(("all", "", "", *sums, _dollars(estimate.dollars)))
-    put(Table("", columns, rows), console)
-    for line in estimate.lines:
-        if line.basis:
-            say(f"{line.purpose} ({line.model}): {line.basis}", console)
-    if estimate.dollars is None:
-        say("the price is unknown: give --price, or `prices:` in the config", console)
-
-
-def _dollars(value: float | None) -> str:
-    return "?" if value is None else f"{value:,.2f}"
-
-
-def _print_batches(pending: PendingBatches, paths: BuildPaths, console: Console) -> None:
-    for file in pending.files:
-        requests = f"{file.requests:,} requests, about {file.prompt_tokens:,} prompt tokens"
-        say(f"{file.path}  {requests}", console)
-    new = sum(file.requests for file in pending.files)
-    say(
-        f"\nwaiting  {pending.build.pending:,} replies, {new:,} of them requested in the files above\n"
-        f"next     webgym llm import {paths.cache} RESULTS, then this command again",
-        console,
-    )
-
-
-def _print_build(finished: FinishedBuild, paths: BuildPaths, console: Console) -> None:
-    build = finished.build
-    cells = []
-    for stage in dict.fromkeys(row.stage for row in build.accounting.rows):
-        rows = [row for row in build.accounting.rows if row.stage == stage]
-        reasons: Counter[str] = Counter()
-        for row in rows:
-            reasons.update(row.lost)
-        came, made, left = (sum(getattr(row, name) for row in rows) for name in ("came", "made", "left"))
-        why = ", ".join(f"{reason} {count:,}" for reason, count in reasons.items())
-        cells.append((stage, str(came), str(made), str(reasons.total()), str(left), why))
-    put(Table("", ("stage", "in", "created", "removed", "out", "reasons for removal"), cells), console)
-    spent = finished.ledger.totals.all
-    unpriced = f", {spent.unpriced:,} of them without a known price" if spent.unpriced else ""
-    say(
-        f"\npaid     ${spent.dollars:,.4f} for {spent.calls:,} calls{unpriced}, {spent.tokens:,} tokens",
-        console,
-    )
-    if may_pass := sum(failure.may_pass for failure in build.failures):
-        say(f"failed   {may_pass:,} requests, by the endpoint; run the command again to retry them", console)
-    say(f"set      {paths.out}", console)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
@@ -14,18 +13,16 @@ from rich.console import Console
 
 from webgym.cli import EXIT_FAILED, EXIT_USAGE
 from webgym.cli._checks import check_writable
-from webgym.cli._print import print_json, say, say_some
+from webgym.cli._print import print_json, print_tables, say, say_some
 from webgym.cli.tasks._files import print_set_aside, read_all, read_unique
 from webgym.core.errors import TaskFileError
-from webgym.core.tables import Table, csv_text, markdown, put, show
+from webgym.core.tables import Table, csv_text, put
 from webgym.core.task import LEVELS
-from webgym.core.text import plain
 from webgym.tasks.files import whole_file
 from webgym.tasks.formats import read_tasks
 
 if TYPE_CHECKING:
     from webgym.core.task import Level
-    from webgym.taskset.validate import Report
 
 
 def validate(
@@ -52,33 +49,14 @@ def validate(
         document = {"report": report, "broken": broken, "set_aside": aside}
         with whole_file(json) as file:
             file.write(msgspec.json.format(msgspec.json.encode(document)))
-    _print_report(report, broken, lines)
+    for line, listed in report.sections(broken):
+        print(line)
+        say_some(listed, lines, Console(), "      ")
     print_set_aside(records.set_aside)
     if broken:
         raise typer.Exit(EXIT_USAGE)
     if not report.ok:
         raise typer.Exit(EXIT_FAILED)
-
-
-def _print_report(report: Report, broken: Sequence[str], lines: int) -> None:
-    from webgym.taskset.validate import RULES
-
-    console = Console()
-    print(
-        f"{report.tasks:,} tasks on {report.websites:,} websites, {report.train:,} for training and", end=" "
-    )
-    print(f"{report.test:,} for testing, on {report.test_websites:,} websites")
-    for rule, count in report.counts().items():
-        print(f"{'ok ' if not count else 'BAD'} {RULES[rule]}" + (f": {count:,} exceptions" if count else ""))
-        say_some((each for each in report.offenders if each.rule == rule), lines, console, "      ")
-    for rule in report.unchecked:
-        print(f"--  not checked, as the tasks are not split yet: {RULES[rule]}")
-    if broken:
-        print(f"BAD every record can be read: {len(broken):,} cannot")
-        say_some(broken, lines, console, "      ")
-    if report.orphans:
-        some = plain(", ".join(report.orphans[:3]))
-        print(f"{len(report.orphans):,} derived tasks have no parent here, which is allowed: {some}, ...")
 
 
 def check(file: Path = typer.Argument(..., help="Task file.")) -> None:
@@ -116,15 +94,15 @@ def stats(
     form: Form = typer.Option("terminal", "--form", help="Output format."),
 ) -> None:
     """Count a task set by source, difficulty, domain and website; draw its figures."""
-    from webgym.taskset.statistics import describe, tables
+    from webgym.taskset.statistics import describe
 
     counts = describe(read_unique(files), _lengths(run))
-    if form == "terminal":
-        show(tables(counts), Console())
-    elif form == "json":
+    if form == "json":
         print_json(counts)
+    elif form == "csv":
+        print(csv_text(counts.tables()), end="")
     else:
-        print(markdown(tables(counts)) if form == "markdown" else csv_text(tables(counts)), end="")
+        print_tables(counts.tables(), Console(), as_markdown=form == "markdown")
     if figures is not None:
         from webgym.taskset.figures import draw_figures
 

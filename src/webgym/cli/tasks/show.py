@@ -13,11 +13,11 @@ from rich.console import Console
 from rich.text import Text
 
 from webgym.cli import EXIT_USAGE
-from webgym.cli._print import counted, say, say_some
+from webgym.cli._print import say, say_some
 from webgym.cli.tasks._files import print_set_aside, read_all
 from webgym.core.errors import UsageError
 from webgym.core.tables import Table, put
-from webgym.core.text import plain
+from webgym.core.text import counted, plain
 
 if TYPE_CHECKING:
     from webgym.core.task import Task

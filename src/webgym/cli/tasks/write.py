@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -20,8 +19,7 @@ from webgym.cli.tasks._files import print_set_aside, read_unique
 from webgym.core.errors import ConfigError
 from webgym.core.identity import Identity
 from webgym.core.settings import validated
-from webgym.core.tables import Table, show
-from webgym.core.task import LEVELS
+from webgym.core.tables import show
 from webgym.core.text import plain
 from webgym.rollout.site_health import HealthConfig, SiteHealth
 from webgym.tasks.files import whole_file
@@ -32,7 +30,6 @@ from webgym.tasks.split import SplitConfig
 if TYPE_CHECKING:
     from webgym.core.task import Task
     from webgym.tasks.sampling import Sampler, Weigh
-    from webgym.tasks.split import Split
 
 SPLIT = Options(SplitConfig, {"--test": "test_tasks", "--seed": "seed"})
 
@@ -60,21 +57,9 @@ def split(
     if left_out is not None:
         with whole_file(left_out) as file:
             file.writelines(msgspec.json.encode(task) + b"\n" for task in result.left_out)
-    _print_result(result, out)
-
-
-def _print_result(result: Split, out: Path) -> None:
-    domains = sorted({domain for _, domain in result.test})
-    rows = [
-        (domain, *(str(result.test[level, domain]) for level in LEVELS), str(result.of_domain(domain)))
-        for domain in domains
-    ]
-    rows.append(("all", *(str(result.of_level(level)) for level in LEVELS), str(result.test.total())))
-    show([Table("Test tasks", ("domain", *LEVELS, "all"), rows)], Console())
-    train = len(result.tasks) - result.test.total()
-    print(f"{train:,} training and {result.test.total():,} test tasks written to {out}")
-    for why, count in Counter(task.why for task in result.left_out).items():
-        print(f"{count:,} left out: {why}")
+    show([result.table()], Console())
+    counts, *left_out_lines = result.lines()
+    print(f"{counts} written to {out}", *left_out_lines, sep="\n")
 
 
 def convert(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import msgspec
 
 from webgym.core.errors import NotCached
+from webgym.core.tables import Table, printed
 from webgym.llm.cache import ReplyCache
 from webgym.llm.client import ChatClient
 from webgym.llm.completion import Completion, read_completion
@@ -129,26 +130,34 @@ class Estimate:
 
     lines: list[Line]
 
+    def __str__(self) -> str:
+        return printed(self.parts())
+
+    def parts(self) -> Iterator[Table | str]:
+        """The estimate as a table, and what it rests on."""
+        columns = ("stage", "tasks", "done", "calls", "prompt tokens", "reply tokens", "dollars")
+        fields = ("purpose", "things", "there", "calls", "prompt_tokens", "reply_tokens")
+        rows = [
+            (*(str(getattr(line, name)) for name in fields), _dollars(line.dollars)) for line in self.lines
+        ]
+        sums = (str(sum(getattr(line, name) for line in self.lines)) for name in fields[3:])
+        yield Table("", columns, [*rows, ("all", "", "", *sums, _dollars(self.dollars))])
+        yield from (f"{line.purpose} ({line.model}): {line.basis}" for line in self.lines if line.basis)
+
     @property
     def calls(self) -> int:
         """Total number of calls."""
         return sum(line.calls for line in self.lines)
 
     @property
-    def prompt_tokens(self) -> int:
-        """Total prompt tokens."""
-        return sum(line.prompt_tokens for line in self.lines)
-
-    @property
-    def reply_tokens(self) -> int:
-        """Total reply tokens."""
-        return sum(line.reply_tokens for line in self.lines)
-
-    @property
     def dollars(self) -> float | None:
         """Total cost in dollars; ``None`` if a price is missing."""
         costs = [line.dollars for line in self.lines if line.calls]
         return None if None in costs else sum(cost for cost in costs if cost is not None)
+
+
+def _dollars(value: float | None) -> str:
+    return "?" if value is None else f"{value:,.2f}"
 
 
 def estimate(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import AsyncIterator, Iterable, Iterator, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from datetime import date
@@ -13,6 +14,7 @@ import msgspec
 import yaml
 
 from webgym.core.errors import ConfigError, TaskFileError, TooFewWebsites
+from webgym.core.tables import Table, printed
 from webgym.core.task import LEVELS, Task
 from webgym.llm.cache import ReplyCache
 from webgym.llm.client import ChatClient
@@ -77,6 +79,27 @@ class FinishedBuild:
     ledger: Ledger
     written: list[Path]
 
+    def __str__(self) -> str:
+        return printed(self.parts())
+
+    def parts(self) -> Iterator[Table | str]:
+        """What every stage did with the tasks as a table, what was paid, and what failed."""
+        cells = []
+        for stage in dict.fromkeys(row.stage for row in self.build.accounting.rows):
+            rows = [row for row in self.build.accounting.rows if row.stage == stage]
+            reasons: Counter[str] = Counter()
+            for row in rows:
+                reasons.update(row.lost)
+            came, made, left = (sum(getattr(row, name) for row in rows) for name in ("came", "made", "left"))
+            why = ", ".join(f"{reason} {count:,}" for reason, count in reasons.items())
+            cells.append((stage, str(came), str(made), str(reasons.total()), str(left), why))
+        yield Table("", ("stage", "in", "created", "removed", "out", "reasons for removal"), cells)
+        spent = self.ledger.totals.all
+        unpriced = f", {spent.unpriced:,} of them without a known price" if spent.unpriced else ""
+        yield f"\npaid     ${spent.dollars:,.4f} for {spent.calls:,} calls{unpriced}, {spent.tokens:,} tokens"
+        if may_pass := sum(failure.may_pass for failure in self.build.failures):
+            yield f"failed   {may_pass:,} requests, by the endpoint; run the command again to retry them"
+
 
 async def run_build(config: BuildConfig, paths: BuildPaths, stages: StageProgress) -> FinishedBuild:
     """Build a task set, or resume one.
@@ -103,6 +126,11 @@ class PendingBatches:
 
     build: Build
     files: list[BatchFile]
+
+    def __str__(self) -> str:
+        new = sum(file.requests for file in self.files)
+        waiting = f"{self.build.pending:,} replies, {new:,} of them requested in the files above"
+        return "\n".join([*map(str, self.files), f"\nwaiting  {waiting}"])
 
 
 async def run_batch(

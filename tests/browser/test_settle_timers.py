@@ -129,7 +129,7 @@ async def test_a_timer_that_is_late_is_named(site: Site, tab: Tab) -> None:
     await tab.goto(
         site.page(
             f"{PLACED}<button id=b>Go</button><p id=out>text</p><script>const hide = () => {{}};"
-            "b.onclick = () => { setTimeout(hide, 60000); setTimeout(hide, 8000) };"
+            "b.onclick = () => { setTimeout(hide, 60000); setTimeout(hide, 8400) };"
             "out.onclick = () => { out.textContent = 'Saved'; setTimeout(hide, 5000) }</script>"
         )
     )

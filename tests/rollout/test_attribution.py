@@ -11,7 +11,7 @@ import msgspec
 import pytest
 from aiohttp import web
 from benchmarks.stand_ins import serving_app
-from tests.faults.test_processes import kill
+from tests.faults.test_processes import kill, members
 from tests.rollout.test_summary import task
 
 from webgym.agent.agent import AgentTraits
@@ -311,6 +311,8 @@ async def test_a_page_that_crashes_whenever_it_is_loaded_is_no_way_out(
 
         async def again(why: str) -> None:
             await revive(why)
+            while not members(slot, "renderer"):  # a new process is called so a moment later
+                await asyncio.sleep(0.01)
             kill(slot, "renderer")
 
         page.revive = again  # type: ignore[method-assign]

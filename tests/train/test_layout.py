@@ -122,6 +122,7 @@ def test_explain_says_where_each_gpu_goes_and_what_waiting_for_one_process_costs
     assert "the first of 8 processes replies with transformers" in told
     assert "while 7 GPUs wait" in told
     assert calls.run("train", PRESET, "--explain", "--gpus", "8xtpu")[0] == 2
+    assert "GiB per GPU, fits" in calls.run("train", "tiny", "--explain")[1]  # pictures of 192 x 128
 
 
 def became(calls: Calls, monkeypatch: pytest.MonkeyPatch, *words: object, **environment: str) -> list[str]:

@@ -270,6 +270,7 @@ def test_the_launchers_accumulation_does_not_divide_the_loss(
     assert made.accelerator.init_handler.timeout == SAVE_LIMIT
 
 
+@pytest.mark.timeout(300)
 def test_two_processes_give_the_update_of_one(model: Path, tmp_path: Path) -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -280,7 +281,7 @@ def test_two_processes_give_the_update_of_one(model: Path, tmp_path: Path) -> No
     for each in processes:
         each.start()
     for each in processes:
-        each.join(100)
+        each.join(240)
         each.kill()
     assert [each.exitcode for each in processes] == [0, 0]
     for case in cases:

@@ -239,6 +239,14 @@ Tell: TypeAlias = Callable[[str], None]
 """Called with each line that the user should read, such as a warning."""
 
 
+def viewport_of(config: RunConfig) -> tuple[int, int]:
+    """The viewport's width and height, CSS pixels: if none is set, that of the websites."""
+    from webgym.offline.web import COLLECTIONS  # costs what all families do; `--help` needs none of them
+
+    is_set = "viewport" in config.attempt.model_fields_set
+    return config.attempt.viewport if is_set else COLLECTIONS[config.sites.collection].viewport
+
+
 def resolved(config: RunConfig, policy: Policy | None, tell: Tell | None) -> RunConfig:
     """The config with the values that the model's profile and the websites determine, as stored in the run.
 
@@ -250,15 +258,11 @@ def resolved(config: RunConfig, policy: Policy | None, tell: Tell | None) -> Run
     Raises:
         ConfigError: the config names an unknown profile, or asks for several samples with one seed.
     """
-    from webgym.offline.web import COLLECTIONS  # costs what all families do; `--help` needs none of them
-
     profile = profile_for(config, policy)
     update: dict[str, Any] = {
         "agent": config.agent.model_copy(update={"profile": profile.name, "mode": profile.mode})
     }
-    if "viewport" not in config.attempt.model_fields_set:
-        viewport = COLLECTIONS[config.sites.collection].viewport
-        update["attempt"] = config.attempt.model_copy(update={"viewport": viewport})
+    update["attempt"] = config.attempt.model_copy(update={"viewport": viewport_of(config)})
     chat = config.policy.chat
     if chat is not None and config.samples > 1:
         extra = chat.sampling.extra_body

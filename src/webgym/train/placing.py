@@ -22,7 +22,8 @@ from webgym.core.settings import configs_folder
 from webgym.inference.vllm import REQUEST_TOKENS, VllmConfig
 from webgym.judge.config import MODEL_JUDGES
 from webgym.llm.config import ChatConfig
-from webgym.train.estimate import GIB, KNOWN_GPUS, Estimate, Gpus, estimate, shapes_of
+from webgym.run.config import viewport_of
+from webgym.train.estimate import GIB, KNOWN_GPUS, Estimate, Gpus, Workload, estimate, shapes_of
 from webgym.train.layout import Layout
 from webgym.train.loop import TrainConfig
 
@@ -183,7 +184,9 @@ def waiting(config: TrainConfig, found: Estimate, learners: int) -> str:
 def _update(config: TrainConfig, gpus: Gpus, layout: Layout) -> Estimate:
     learning = replace(gpus, count=layout.learner, sharded=_is_sharded(config))
     local = None if layout.servers else config.local
-    return estimate(config.learn, learning, local=local, keep=config.loop.keep_weights)
+    width, height = viewport_of(config.rollout)
+    work = Workload(picture_patches=width * height // 16**2)
+    return estimate(config.learn, learning, work, local=local, keep=config.loop.keep_weights)
 
 
 def _is_sharded(config: TrainConfig) -> bool:

@@ -202,9 +202,9 @@ async def test_whatever_request_of_an_update_fails_the_old_weights_reply(
     real, faults = VllmApi._exchange, dict[str, int]()
 
     async def exchange(
-        api: VllmApi, method: str, path: str, body: Mapping[str, Any] | None = None
+        api: VllmApi, method: str, path: str, body: Mapping[str, Any] | None = None, *, once: bool = False
     ) -> tuple[int, bytes]:
-        status, answer = await real(api, method, path, body)
+        status, answer = await real(api, method, path, body, once=once)
         return (faults.pop(path), b"") if method == "POST" and path in faults else (status, answer)
 
     monkeypatch.setattr(VllmApi, "_exchange", exchange)

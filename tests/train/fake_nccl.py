@@ -1,7 +1,7 @@
 """vLLM's weight transfer with gloo in place of NCCL, on both sides, as its release 0.32 has it; no GPU.
 
-:class:`FakeWorkers` is a server whose two workers join the group and receive. The trainer's side has the names of
-vLLM's and its order of requests; :func:`install` makes it what ``vllm`` is to the process that sends.
+:class:`FakeWorkers` is a server whose two workers join the group and receive. The trainer's side has vLLM's
+names and its order of requests; :func:`install` makes it what ``vllm`` is to the process that sends.
 """
 
 from __future__ import annotations
@@ -48,11 +48,13 @@ class FakeWorkers(fake_vllm.FakeVllm):
         self.groups: list[ProcessGroupGloo] = []
         self.received: list[dict[str, torch.Tensor]] = [{} for _ in range(WORKERS)]
         self.is_updating = False
+        self.go_on_receiving = threading.Event()
+        self.go_on_receiving.set()
         self.left_over = False
         """Whether layers keep a part of an update that failed, which the next would be mixed with."""
 
     def offers(self, path: str) -> bool:
-        return path in NCCL and "nccl" in self.quirks or super().offers(path)
+        return (path in NCCL and "nccl" in self.quirks) or super().offers(path)
 
     def do_init_weight_transfer_engine(self, body: dict[str, Any]) -> tuple[int, Any]:
         if "unconfigured" in self.quirks:
@@ -83,13 +85,21 @@ class FakeWorkers(fake_vllm.FakeVllm):
         assert {type(each) for each in info.values()} == {list}
 
         def receive(worker: int) -> dict[str, torch.Tensor]:
+            self.go_on_receiving.wait(SECONDS)
             received = {}
+            offset = 0
             for name, dtype, shape in zip(*info.values(), strict=True):
-                received[name] = torch.empty(shape, dtype=getattr(torch, dtype))
-                broadcast(self.groups[worker], received[name])
+                each = received[name] = torch.empty(shape, dtype=getattr(torch, dtype))
+                assert offset % each.element_size() == 0, "as where vLLM takes it out of its buffer"
+                offset += each.nbytes
+                broadcast(self.groups[worker], each)
             return received
 
-        self.received = self._by_workers(receive)
+        try:
+            self.received = self._by_workers(receive)
+        except RuntimeError as error:  # the other side is gone
+            self.is_updating, self.left_over, self.weights = False, True, "half of each"
+            return 500, {"error": {"message": str(error)}}
         return 200, {}
 
     def do_finish_weight_update(self, _: dict[str, Any]) -> tuple[int, Any]:
@@ -127,7 +137,9 @@ class WeightTransferTrainerFactory:
     """It makes itself, as the engine."""
 
     @classmethod
-    def trainer_init(cls, info: NCCLTrainerInitInfo, *, client: Any, source: Any) -> WeightTransferTrainerFactory:
+    def trainer_init(
+        cls, info: NCCLTrainerInitInfo, *, client: Any, source: Any
+    ) -> WeightTransferTrainerFactory:
         engine = cls()
         engine.client, engine.source = client, source
         payload = {"master_address": info.master_address, "master_port": info.master_port}

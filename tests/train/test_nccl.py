@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import os
-import signal
 from asyncio import Event
 from collections.abc import Iterator
 from contextlib import ExitStack
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,7 +17,7 @@ from safetensors.torch import load_file, save_file
 from tests.train import fake_nccl, forking
 from tests.train.fake_nccl import FakeWorkers
 from tests.train.fake_vllm import running
-from tests.train.test_vllm import gone, reply, saved, turn, until
+from tests.train.test_vllm import reply, saved, turn, until
 from tests.train.test_vllm_fleet import opened, session
 
 from webgym.core.errors import ConfigError, PublishError
@@ -55,7 +54,9 @@ def weights(folder: Path, off: float = 0.25, since: float = 0.0) -> Path:
     norm = torch.randn(8, generator=random)
     saved(folder, off=off, since=since)
     path = torch.tensor(list(str(folder).encode()), dtype=torch.uint8)
-    save_file({"model.embed_tokens.weight": table, "scale": torch.tensor(2.0)}, folder / "model-1.safetensors")
+    save_file(
+        {"model.embed_tokens.weight": table, "scale": torch.tensor(2.0)}, folder / "model-1.safetensors"
+    )
     save_file({"model.norm.weight": norm, fake_nccl.FOLDER: path}, folder / "model-2.safetensors")
     (folder / "training").mkdir()
     save_file({"exp_avg/x": norm}, folder / "training" / "shard-1.safetensors")
@@ -84,12 +85,10 @@ def serving_of(fake: FakeWorkers, path: Path, lora: LoraConfig | None = None, **
     return EngineServing(config, "org/Model-8B", path, lora=lora)
 
 
-def sender(serving: EngineServing) -> int:
+def sender(serving: EngineServing) -> BaseProcess:
     assert isinstance(serving._api, NcclApi)
     assert serving._api._sender is not None
-    pid = serving._api._sender[0].pid
-    assert pid is not None
-    return pid
+    return serving._api._sender[0]
 
 
 async def test_every_worker_gets_the_saved_weights_bit_for_bit_from_one_process(
@@ -102,12 +101,15 @@ async def test_every_worker_gets_the_saved_weights_bit_for_bit_from_one_process(
             await serving.publish(weights(tmp_path / version, off, off - 0.25), version)
             assert have(fake, tmp_path / version)
             assert (await reply(serving)).weight_version == fake.label == version
-            assert fake.log == (
-                "weight_checker pause start_weight_update update_weights finish_weight_update reset_prefix_cache "
-                "reset_mm_cache update_weight_version resume weight_checker"
-            ).split()[version == "2" :]
+            assert (
+                fake.log
+                == (
+                    "weight_checker pause start_weight_update update_weights finish_weight_update "
+                    "reset_prefix_cache reset_mm_cache update_weight_version resume weight_checker"
+                ).split()[version == "2" :]
+            )
         assert sender(serving) == first
-    await until(lambda: gone([first]))
+    await until(lambda: not first.is_alive())
 
 
 REQUESTS = ["/pause", "/start_weight_update", "/update_weights", "/finish_weight_update"]
@@ -142,18 +144,30 @@ async def test_a_worker_that_fails_half_way_and_a_process_that_is_killed_leave_t
     async with serving_of(fake, tmp_path) as serving:
         await serving.publish(first, "1")
         fake.quirks.add("refuses")
-        with pytest.raises(PublishError, match="weights 2: .*/update_weights answered 500: the transfer failed"):
+        with pytest.raises(
+            PublishError, match=r"weights 2: .*/update_weights answered 500: the transfer failed"
+        ):
             await serving.publish(second, "2")
         assert have(fake, first)
-        os.kill(sender(serving), signal.SIGKILL)
-        with pytest.raises(PublishError, match="the process that sends weights ended"):
-            await serving.publish(second, "2")
+        fake.go_on_receiving.clear()
+        publishing = asyncio.create_task(serving.publish(second, "2"))
+        await until(lambda: fake.log[-1] == "update_weights")
+        sender(serving).kill()
+        fake.go_on_receiving.set()
+        with pytest.raises(PublishError, match="cannot publish the weights 2"):
+            await publishing
         assert have(fake, first)
-        (tmp_path / "2" / "model-2.safetensors").write_bytes(b"torn")
+        whole = (second / "model-2.safetensors").read_bytes()
+        (second / "model-2.safetensors").write_bytes(b"torn")
         with pytest.raises(PublishError, match="the process that sends weights failed: SafetensorError: "):
             await serving.publish(second, "2")
         assert have(fake, first)
         assert (await reply(serving)).weight_version == "1"
+        (second / "model-2.safetensors").write_bytes(whole)
+        (process := sender(serving)).kill()
+        await until(lambda: not process.is_alive())
+        await serving.publish(second, "2")
+        assert have(fake, second)
 
 
 async def test_where_even_the_old_weights_cannot_be_sent_nothing_replies(
@@ -195,6 +209,8 @@ async def test_what_cannot_work_is_said_before_anything_starts(
 ) -> None:
     with pytest.raises(ConfigError, match=r"update.lora trains adapters .*leave vllm.transfer out"):
         serving_of(fake, tmp_path, LoraConfig())
+    command = VllmConfig(transfer="nccl").command("model", "name", 1, "in_place", 0)
+    assert command[-2:] == ["--weight-transfer-config", '{"backend": "nccl"}']
     with pytest.raises(ValidationError, match="transfer: nccl is for engine: vllm"):
         serving_of(fake, tmp_path, engine="sglang")
     fake.quirks.add("unconfigured")

@@ -1,4 +1,4 @@
-"""New weights for a vLLM server by NCCL, with the trainer's side of vLLM's own weight transfer (release 0.32).
+"""New weights for a vLLM server by NCCL, with the trainer's side of vLLM's own weight transfer (0.32).
 
 A process of its own, on the first GPU of the learner, forms a group with the server's workers, once for each
 server. It then sends the weights that an update has saved, one tensor after another. What hangs in NCCL ends
@@ -89,7 +89,7 @@ class NcclApi(VllmApi):
             LLMError: the server cannot be reached, or refuses.
             PublishError: the process that sends weights failed.
         """
-        if self._sender is not None:
+        if self._sender is not None and self._sender[0].is_alive():
             return
         if await self.is_paused():  # an earlier update may have been cut off, of which layers keep a part
             for path in ("/start_weight_update", "/finish_weight_update", "/shutdown_weight_transfer_engine"):
@@ -116,7 +116,7 @@ class NcclApi(VllmApi):
         await self._serve_sender(folder)
 
     async def _serve_sender(self, *folder: str) -> None:
-        """Have the process send the weights of a folder; send the requests that it asks for until it is done."""
+        """Have the process send the weights of a folder. Sends the requests that it asks for meanwhile."""
         assert self._sender is not None
         pipe = self._sender[1]
         try:
@@ -156,8 +156,8 @@ def _own_address(url: str) -> str:
 def _send_weights(pipe: Connection, group: Mapping[str, Any]) -> None:
     """Form the group; then send the weights of every folder that comes through the pipe.
 
-    Answers with ``None`` for what was done, with path and body of a request to be sent to the server, and with
-    the message of an error.
+    Answers with ``None`` for what was done, with path and body of a request that the server is to get, and
+    with the message of an error.
     """
     os.environ.setdefault("VLLM_LOGGING_LEVEL", "WARNING")
     try:
@@ -225,11 +225,13 @@ class _Saved:
         device = "cuda" if torch.cuda.is_available() else "cpu"
         return ((name, each.to(device)) for name, each in self._tensors())
 
-    def _tensors(self) -> Iterator[tuple[str, torch.Tensor]]:
-        """They stay in their file until they are used."""
+    def _tensors(self) -> list[tuple[str, torch.Tensor]]:
+        """They are mapped into memory, and read when they are used. The widest types come first, because
+        vLLM puts tensors into a buffer without gaps, and float32 cannot begin at every byte there."""
         folder = Path(self.folder)
-        files = (folder if folder.is_dir() else Path(snapshot_download(self.folder))).glob("model*.safetensors")
-        for path in sorted(files):
+        folder = folder if folder.is_dir() else Path(snapshot_download(self.folder))
+        found = []
+        for path in sorted(folder.glob("model*.safetensors")):
             with safe_open(path, "pt") as file:
-                for name in file.keys():  # noqa: SIM118 (it is no mapping)
-                    yield name, file.get_tensor(name)
+                found += [(name, file.get_tensor(name)) for name in file.keys()]  # noqa: SIM118
+        return sorted(found, key=lambda pair: -pair[1].element_size())

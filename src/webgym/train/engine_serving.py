@@ -3,8 +3,8 @@
 lora      Adapters: loads a new one under a new name, tests it, and uses it from then on; the old one is
           unloaded after its last reply. No request waits, and a failure changes nothing.
 in_place  All weights: holds new requests, drains those in progress, pauses the server, which reads the
-          weights from a common folder or gets them by NCCL, and tests it. After a failure the old weights are restored; where
-          even that fails, no request is sent again.
+          weights from a common folder or gets them by NCCL, and tests it. After a failure the old weights are
+          restored; where even that fails, no request is sent again.
 restart   For a server of ours that cannot do that: it is restarted with the new weights.
 """
 

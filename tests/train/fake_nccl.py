@@ -9,6 +9,7 @@ from __future__ import annotations
 import datetime
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -52,6 +53,12 @@ class FakeWorkers(fake_vllm.FakeVllm):
         self.go_on_receiving.set()
         self.left_over = False
         """Whether layers keep a part of an update that failed, which the next would be mixed with."""
+
+        self.one_at_a_time = threading.Lock()
+
+    def answer(self, method: str, path: str, body: dict[str, Any]) -> tuple[int, Any]:
+        with self.one_at_a_time if path in NCCL and method == "POST" else nullcontext():
+            return super().answer(method, path, body)
 
     def offers(self, path: str) -> bool:
         return (path in NCCL and "nccl" in self.quirks) or super().offers(path)
@@ -107,7 +114,7 @@ class FakeWorkers(fake_vllm.FakeVllm):
             return 500, {"error": {"message": "finish_weight_update called without start_weight_update"}}
         self.is_updating, self.left_over = False, False
         if FOLDER in self.received[0]:
-            self.weights = bytes(self.received[0][FOLDER].tolist()).decode()
+            self.weights = bytes(self.received[0][FOLDER].tolist()).decode().strip()
         return 200, {}
 
     def do_get_world_size(self, _: dict[str, Any]) -> tuple[int, Any]:

@@ -36,14 +36,10 @@ _CONTEXT: multiprocessing.context.BaseContext = multiprocessing.get_context("spa
 
 
 def api_of(config: VllmConfig, *, lora: bool) -> type[VllmApi]:
-    """The API of a server.
-
-    Args:
-        config: of the server.
-        lora: whether the learner trains adapters.
+    """The API of a server that is to get adapters or all weights.
 
     Raises:
-        ConfigError: its way to new weights is not possible here.
+        ConfigError: it cannot get them in the configured way.
     """
     if config.transfer == "folder":
         return ENGINES[config.engine]
@@ -97,13 +93,8 @@ class NcclApi(VllmApi):
                     await self._request("POST", path, once=True)
         workers = int((await self._request("GET", "/get_world_size"))["world_size"])
         address = _own_address(self.base_url)
-        group = {
-            "master_address": address,
-            "master_port": free_port(address, None),
-            "world_size": workers + 1,
-            "rank": 0,
-            "packed_buffer_size_bytes": _BUFFER_BYTES,
-        }
+        group = {"master_address": address, "master_port": free_port(address, None), "rank": 0}
+        group |= {"world_size": workers + 1, "packed_buffer_size_bytes": _BUFFER_BYTES}
         pipe, theirs = _CONTEXT.Pipe()
         process = _CONTEXT.Process(target=_send_weights, args=(theirs, group), daemon=True)  # type: ignore[attr-defined]
         process.start()
@@ -120,21 +111,23 @@ class NcclApi(VllmApi):
         assert self._sender is not None
         pipe = self._sender[1]
         try:
-            async with asyncio.timeout(UPDATE_SECONDS):
+            async with asyncio.timeout(UPDATE_SECONDS), asyncio.TaskGroup() as requests:
                 for each in folder:
                     pipe.send(each)
                 while (asked := await asyncio.to_thread(pipe.recv)) is not None:
                     if isinstance(asked, str):
                         raise PublishError(f"the process that sends weights failed: {asked}")
-                    await self._request("POST", *asked, once=True)
-                    pipe.send(None)
-        except (EOFError, OSError, TimeoutError) as error:
-            what = "took too long" if isinstance(error, TimeoutError) else "ended"
+                    requests.create_task(self._answer(pipe, *asked))
+        except BaseException as error:
             self._end_sender()
-            raise PublishError(f"the process that sends weights {what}") from error
-        except BaseException:
-            self._end_sender()
-            raise
+            first = error.exceptions[0] if isinstance(error, BaseExceptionGroup) else error
+            if isinstance(first, EOFError | OSError):  # an expired deadline is one, too
+                raise PublishError("the process that sends weights ended, or took too long") from error
+            raise first from None
+
+    async def _answer(self, pipe: Connection, path: str, body: Mapping[str, Any] | None) -> None:
+        await self._request("POST", path, body, once=True)
+        pipe.send(None)
 
     def _end_sender(self) -> None:
         if self._sender is not None:

@@ -409,12 +409,6 @@ class VllmApi:
     ) -> dict[str, Any]:
         """Send a request; returns the JSON object in the answer, or an empty one if it is something else.
 
-        Args:
-            method: of HTTP.
-            path: from the server's root.
-            body: sent as JSON.
-            once: whether it may not be repeated after a broken connection.
-
         Raises:
             LLMUnreachable: the server does not answer.
             LLMBadReply: it answers with an error status.

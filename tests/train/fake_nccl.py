@@ -172,7 +172,11 @@ class WeightTransferTrainerFactory:
         asking = threading.Thread(target=self.client.update_weights, args=(payload,))
         asking.start()
         for expected, (name, tensor) in zip(described, self.source, strict=True):
-            assert (name, tensor.dtype, tuple(tensor.shape)) == expected
+            assert (name, tensor.dtype, tuple(tensor.shape)) == (
+                expected.name,
+                expected.dtype,
+                expected.shape,
+            )
             broadcast(self.group, tensor.contiguous())
         asking.join()
         self.client.finish_weight_update()

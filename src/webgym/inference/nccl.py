@@ -17,7 +17,8 @@ import socket
 from collections.abc import Iterator, Mapping
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, ClassVar, Final, NamedTuple
+from types import SimpleNamespace
+from typing import Any, ClassVar, Final
 from urllib.parse import urlsplit
 
 import torch
@@ -92,7 +93,10 @@ class NcclApi(VllmApi):
                 with contextlib.suppress(LLMError):
                     await self._request("POST", path, once=True)
         workers = int((await self._request("GET", "/get_world_size"))["world_size"])
-        address = _own_address(self.base_url)
+        try:
+            address = _own_address(self.base_url)
+        except OSError as error:
+            raise self._unreachable(error) from error
         group = {"master_address": address, "master_port": free_port(address, None), "rank": 0}
         group |= {"world_size": workers + 1, "packed_buffer_size_bytes": _BUFFER_BYTES}
         pipe, theirs = _CONTEXT.Pipe()
@@ -200,19 +204,16 @@ class _Requests:
         self._ask("/finish_weight_update")  # the label follows once caches are empty
 
 
-class _Described(NamedTuple):
-    name: str
-    dtype: torch.dtype
-    shape: tuple[int, ...]
-
-
 class _Saved:
     """Saved weights, tensor by tensor (a ``WeightSource`` of vLLM's side)."""
 
     folder: str
 
-    def metadata(self) -> list[_Described]:
-        return [_Described(name, each.dtype, tuple(each.shape)) for name, each in self._tensors()]
+    def metadata(self) -> list[SimpleNamespace]:
+        return [
+            SimpleNamespace(name=name, dtype=each.dtype, shape=tuple(each.shape))
+            for name, each in self._tensors()
+        ]
 
     def __iter__(self) -> Iterator[tuple[str, torch.Tensor]]:
         device = "cuda" if torch.cuda.is_available() else "cpu"

@@ -1,6 +1,6 @@
 """A real vLLM, on processors: it is published to, read, broken and trained with as a GPU's would be.
 
-One server for all of them but one, of the tiny policy with output weights of its own, which can be stale.
+One server for most of them, of the tiny policy with output weights of its own, which can be stale.
 """
 
 from __future__ import annotations
@@ -12,23 +12,26 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 import torch
 import yaml
 from pydantic import SecretStr
 from safetensors.torch import load_file, save_file
+from tests.integrations import gloo_for_nccl
 from tests.train.making import NAMES, PICTURES, request, step
 from tests.train.test_kill import GIVEN
 from tests.train.updating import updater
 
 from webgym.core.errors import PublishError
 from webgym.core.trajectory import Reply
+from webgym.inference import nccl
 from webgym.inference.model import load_model
-from webgym.inference.vllm import HOST, VllmApi, VllmConfig, free_port
+from webgym.inference.vllm import HOST, PublishMethod, VllmApi, VllmConfig, free_port
 from webgym.llm.config import Sampling
 from webgym.store.runs import RunReader
 from webgym.study.model import save_model
@@ -71,18 +74,16 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
-def url(model: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """A server that takes adapters and weights, started as the training starts one."""
-    config = VllmConfig.model_validate(STARTED)
-    key = SecretStr(KEY)
-    environment = config.environment(key, "lora") | config.environment(key, "in_place")
-    port, log = free_port(HOST, None), tmp_path_factory.mktemp("log") / "vllm.log"
-    command = config.command(str(model), "tiny", port, "lora", LORA["rank"])
+@contextmanager
+def running(config: VllmConfig, model: Path, log: Path, *methods: PublishMethod) -> Iterator[str]:
+    """A server, started as the training starts one; its URL."""
+    environment = os.environ | {
+        name: value for way in methods for name, value in config.environment(SecretStr(KEY), way).items()
+    }
+    port = free_port(HOST, None)
+    command = config.command(str(model), "tiny", port, methods[0], LORA["rank"])
     with log.open("wb") as output:
-        process = subprocess.Popen(
-            command, env=os.environ | environment, stdout=output, stderr=subprocess.STDOUT
-        )
+        process = subprocess.Popen(command, env=environment, stdout=output, stderr=subprocess.STDOUT)
     try:
         deadline = time.monotonic() + START_SECONDS
         while b"startup complete" not in log.read_bytes():
@@ -95,6 +96,14 @@ def url(model: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         os.environ.pop("WEBGYM_API_KEY", None)
         process.terminate()
         process.wait()
+
+
+@pytest.fixture(scope="module")
+def url(model: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A server that takes adapters and weights."""
+    log = tmp_path_factory.mktemp("log") / "vllm.log"
+    with running(VllmConfig.model_validate(STARTED), model, log, "lora", "in_place") as url:
+        yield url
 
 
 @pytest.fixture
@@ -123,8 +132,11 @@ def updates(model: Path, out: Path, **settings: Any) -> tuple[Path, Path]:
     return out / "1", out / "2"
 
 
-def serving_of(url: str, model: Path, logs: Path, *, lora: bool = False) -> EngineServing:
-    config = VllmConfig(base_url=url, sampling=Sampling(temperature=1.0, top_p=1.0, max_tokens=6))
+def serving_of(
+    url: str, model: Path, logs: Path, *, lora: bool = False, transfer: Literal["folder", "nccl"] = "folder"
+) -> EngineServing:
+    sampling = Sampling(temperature=1.0, top_p=1.0, max_tokens=6)
+    config = VllmConfig(base_url=url, transfer=transfer, sampling=sampling)
     adapters = LoraConfig.model_validate(LORA) if lora else None
     return EngineServing(config, str(model), logs, lora=adapters)
 
@@ -202,9 +214,9 @@ async def test_whatever_request_of_an_update_fails_the_old_weights_reply(
     real, faults = VllmApi._exchange, dict[str, int]()
 
     async def exchange(
-        api: VllmApi, method: str, path: str, body: Mapping[str, Any] | None = None
+        api: VllmApi, method: str, path: str, body: Mapping[str, Any] | None = None, *, once: bool = False
     ) -> tuple[int, bytes]:
-        status, answer = await real(api, method, path, body)
+        status, answer = await real(api, method, path, body, once=once)
         return (faults.pop(path), b"") if method == "POST" and path in faults else (status, answer)
 
     monkeypatch.setattr(VllmApi, "_exchange", exchange)
@@ -228,6 +240,31 @@ async def test_whatever_request_of_an_update_fails_the_old_weights_reply(
         assert (await ask(serving, GREEDY)).tokens == before.tokens
         await serving.publish(two, "2")
         assert await off(serving, two) < 1e-4
+
+
+async def test_all_weights_arrive_by_nccl_and_after_a_failure_the_old_ones_reply(
+    model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Gloo is in NCCL's place; no GPU has tried it."""
+    monkeypatch.setattr(nccl, "_send_weights", gloo_for_nccl.send_weights)
+    imports = gloo_for_nccl.install(tmp_path / "plugin")
+    config = VllmConfig.model_validate(STARTED | {"transfer": "nccl"})
+    config.env["PYTHONPATH"] = f"{imports}:{os.environ.get('PYTHONPATH', '')}"
+    breaks = tmp_path / "breaks"
+    monkeypatch.setenv(gloo_for_nccl.BREAKS, str(breaks))
+    monkeypatch.setattr(nccl, "_BUFFER_BYTES", 2**16)
+    one, two = updates(model, tmp_path)
+    with running(config, model, tmp_path / "vllm.log", "in_place") as url:
+        async with serving_of(url, model, tmp_path, transfer="nccl") as serving:
+            await serving.publish(one, "1")
+            assert await off(serving, one) < 1e-4
+            before = await ask(serving, GREEDY)
+            breaks.touch()
+            with pytest.raises(PublishError, match="weights failed: RuntimeError: broken off"):
+                await serving.publish(two, "2")
+            assert (await ask(serving, GREEDY)).tokens == before.tokens
+            await serving.publish(two, "2")
+            assert await off(serving, two) < 1e-4
 
 
 def train(log: Path, *words: object, until: Path | None = None) -> str:

@@ -7,7 +7,7 @@ import os
 import signal
 import stat
 import sys
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterator, Sequence
 from contextlib import ExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -48,9 +48,9 @@ def fleet_of(out: Path, *, lora: bool = False, **vllm: Any) -> EngineFleet:
 
 @asynccontextmanager
 async def opened(
-    fakes: list[fake_vllm.FakeVllm], out: Path, *, lora: bool = False
+    fakes: Sequence[fake_vllm.FakeVllm], out: Path, *, lora: bool = False, **vllm: Any
 ) -> AsyncIterator[EngineFleet]:
-    async with fleet_of(out, lora=lora, base_url=[fake.url for fake in fakes]) as fleet:
+    async with fleet_of(out, lora=lora, base_url=[fake.url for fake in fakes], **vllm) as fleet:
         watch = asyncio.create_task(fleet.watch())
         yield fleet
         watch.cancel()

@@ -79,6 +79,9 @@ class VllmConfig(Settings):
     engine: Literal["vllm", "sglang"] = "vllm"
     """Which of the two it is."""
 
+    transfer: Literal["folder", "nccl"] = "folder"
+    """How all weights reach a running server: it reads them from a folder, or by NCCL (vLLM)."""
+
     base_url: str | tuple[str, ...] | None = None
     """Base URL of a running server, e.g. ``http://127.0.0.1:8000/v1``, or of several; ``None`` starts one on
     this machine."""
@@ -144,7 +147,9 @@ class VllmConfig(Settings):
         return None if value is None else ChatConfig(base_url=value, model="any").base_url
 
     @model_validator(mode="after")
-    def _has_gpus(self) -> Self:
+    def _is_possible(self) -> Self:
+        if self.transfer == "nccl" and self.engine != "vllm":
+            raise ValueError("transfer: nccl is for engine: vllm")
         needed = self.replicas * self.tensor_parallel_size * self.data_parallel_size
         if self.replicas > 1 and (self.base_url is not None or len(self._gpus) != needed):
             raise ValueError(
@@ -223,6 +228,8 @@ class VllmConfig(Settings):
             arguments += ["--enable-lora", "--max-lora-rank", str(largest), "--max-loras", "2"]
             # Each of several API servers would only know its own adapters, so vLLM allows only one.
             arguments += ["--api-server-count", "1"] if self.data_parallel_size > 1 else []
+        if self.transfer == "nccl":
+            arguments += ["--weight-transfer-config", '{"backend": "nccl"}']
         return [*arguments, *self.extra_args]
 
     def environment(self, key: SecretStr, publish_method: PublishMethod) -> dict[str, str]:
@@ -352,17 +359,24 @@ class VllmApi:
         """Unload an adapter."""
         await self._request("POST", "/v1/unload_lora_adapter", {"lora_name": name})
 
+    async def prepare(self) -> None:
+        """Get ready for :meth:`update_weights`, before the training begins; nothing is needed here."""
+
     async def update_weights(self, folder: str, version: str) -> None:
-        """Load weights into the running server by its workers' ``reload_weights``. The server is paused
-        during the update; if that fails, it stays paused."""
+        """Load weights into the running server. It is paused during the update; if that fails, it stays
+        paused."""
         await self._request("POST", "/pause?mode=wait")
-        call = {"method": "reload_weights", "kwargs": {"weights_path": folder}}
-        await self._request("POST", "/collective_rpc", call)
+        await self._load(folder)
         for cache in ("/reset_prefix_cache", "/reset_mm_cache", "/reset_encoder_cache"):
             if await self.offers(cache):
                 await self._request("POST", cache)
         await self.label(version)
         await self.resume()
+
+    async def _load(self, folder: str) -> None:
+        """Load weights by the workers' ``reload_weights``."""
+        call = {"method": "reload_weights", "kwargs": {"weights_path": folder}}
+        await self._request("POST", "/collective_rpc", call)
 
     async def is_paused(self) -> bool:
         """Whether it is paused, as far as it tells."""
@@ -390,14 +404,16 @@ class VllmApi:
         if await self.offers(self.labels) and await self.weight_version() != version:
             await self._request("POST", "/update_weight_version", {"new_version": version})
 
-    async def _request(self, method: str, path: str, body: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    async def _request(
+        self, method: str, path: str, body: Mapping[str, Any] | None = None, *, once: bool = False
+    ) -> dict[str, Any]:
         """Send a request; returns the JSON object in the answer, or an empty one if it is something else.
 
         Raises:
             LLMUnreachable: the server does not answer.
             LLMBadReply: it answers with an error status.
         """
-        status, answer = await self._exchange(method, path, body)
+        status, answer = await self._exchange(method, path, body, once=once)
         if status != 200:
             reason = error_message(answer) or quote(answer)
             raise LLMBadReply(f"{self._root}{path} answered {status}: {reason}")
@@ -408,12 +424,12 @@ class VllmApi:
         return content if isinstance(content, dict) else {}
 
     async def _exchange(
-        self, method: str, path: str, body: Mapping[str, Any] | None = None
+        self, method: str, path: str, body: Mapping[str, Any] | None = None, *, once: bool = False
     ) -> tuple[int, bytes]:
-        """Status and body of the answer. If the connection breaks, the request is sent once more: servers
-        close connections that they have kept, and every request here may be repeated."""
+        """Status and body of the answer. If the connection breaks, the request is sent once more, unless it
+        may not be repeated: servers close connections that they have kept."""
         limit = aiohttp.ClientTimeout(total=UPDATE_SECONDS if method == "POST" else _ANSWER_SECONDS)
-        for is_last in (False, True):
+        for is_last in (True,) if once else (False, True):
             try:
                 async with self._http.request(method, self._root + path, json=body, timeout=limit) as answer:
                     return answer.status, await answer.read()

@@ -3,8 +3,8 @@
 lora      Adapters: loads a new one under a new name, tests it, and uses it from then on; the old one is
           unloaded after its last reply. No request waits, and a failure changes nothing.
 in_place  All weights: holds new requests, drains those in progress, pauses the server, which reads the
-          weights from a common folder, and tests it. After a failure the old weights are restored; where
-          even that fails, no request is sent again.
+          weights from a common folder or gets them by NCCL, and tests it. After a failure the old weights are
+          restored; where even that fails, no request is sent again.
 restart   For a server of ours that cannot do that: it is restarted with the new weights.
 """
 
@@ -39,7 +39,7 @@ from webgym.core.errors import (
     TrainingError,
 )
 from webgym.core.trajectory import Reply
-from webgym.inference.sglang import ENGINES
+from webgym.inference.nccl import api_of
 from webgym.inference.vllm import (
     EXPLICIT,
     HOST,
@@ -270,7 +270,7 @@ class EngineServing:
         self._maybe_served = self._newest if self._method == "in_place" and not self._is_ours else None
         self.replies = EnginePolicy(Path(model).name)
         self.policy: Policy = self.replies
-        self._api_of = ENGINES[config.engine]
+        self._api_of = api_of(config, lora=lora is not None)
         self._api: VllmApi | None = None
         self._server: ManagedServer | None = None
         self._weights: Path | None = None  # the served weights; None for the initial ones
@@ -416,6 +416,8 @@ class EngineServing:
             return
         if method == "in_place":
             self._method = "restart" if await self._missing(self._api, method) else method
+            if self._method == method:
+                await self._api.prepare()
             await self._api.label(version)
         await self._switch(await self._tested(name, version, weights))
 
@@ -449,6 +451,8 @@ class EngineServing:
             missing = await self._missing(api, self._method)
             if self._method == "lora":
                 await self._unload_leftovers(api)
+            elif not missing:
+                await api.prepare()
         except LLMError as error:
             raise ConfigError(
                 error.message, hint=f"is {config.engine} running there, and the key right?"

@@ -8,8 +8,7 @@ import typer
 from typer.core import TyperGroup
 
 from webgym.cli._fields import SettingsCommand
-from webgym.cli.tasks.check import check, stats, validate
-from webgym.cli.tasks.probe import probe
+from webgym.cli.tasks.check import check, probe, stats, validate
 from webgym.cli.tasks.show import show, sources
 from webgym.cli.tasks.write import convert, offline, push, sample, split
 

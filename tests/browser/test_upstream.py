@@ -51,6 +51,15 @@ async def through(
     assert not egress._connections.transports
 
 
+@asynccontextmanager
+async def ways_to(host: str, *kinds: Kind, **more: Any) -> AsyncIterator[tuple[Egress, list[UpstreamProxy]]]:
+    """A way out through a proxy of each kind, which reach an echo by this name; and the proxies."""
+    async with AsyncExitStack() as stack:
+        places = {host: await stack.enter_async_context(serve(echo))}
+        proxies = [await stack.enter_async_context(upstream_proxy(kind, places)) for kind in kinds]
+        yield await stack.enter_async_context(through(*proxies, **more)), proxies
+
+
 async def told(egress: Egress | ProxyListener, host: str = "shop.example", port: int = 443) -> int:
     """The reply's code."""
     code, streams = await ask(egress, host, port)
@@ -65,10 +74,7 @@ async def test_bytes_come_through_under_the_sessions_own_name(
 ) -> None:
     file = tmp_path / "login"
     file.write_text(f"{NAME}-{{session}}:{PASSWORD}\n")
-    async with AsyncExitStack() as stack:
-        port = await stack.enter_async_context(serve(echo))
-        proxy = await stack.enter_async_context(upstream_proxy(kind, {"shop.example": port}))
-        egress = await stack.enter_async_context(through(proxy, settings={"credentials": str(file)}))
+    async with ways_to("shop.example", kind, settings={"credentials": str(file)}) as (egress, [proxy]):
         for _ in range(2):
             code, (reader, writer) = await ask(egress, "shop.example", 443)
             assert code == 0
@@ -87,11 +93,7 @@ async def test_bytes_come_through_under_the_sessions_own_name(
 @KINDS
 @scene
 async def test_sessions_take_turns_and_keep_their_proxy(kind: Kind) -> None:
-    async with AsyncExitStack() as stack:
-        port = await stack.enter_async_context(serve(echo))
-        places = {"shop.example": port}
-        one, other = [await stack.enter_async_context(upstream_proxy(kind, places)) for _ in range(2)]
-        egress = await stack.enter_async_context(through(one, other))
+    async with ways_to("shop.example", kind, kind) as (egress, [one, other]):
         for expected in ((2, 0), (2, 2), (4, 2)):
             await told(egress)
             await told(egress)
@@ -103,11 +105,7 @@ async def test_sessions_take_turns_and_keep_their_proxy(kind: Kind) -> None:
 @pytest.mark.parametrize("fault", ["hangs_up", "password", "gone"])
 @scene
 async def test_one_that_fails_is_left_out_and_tried_again(kind: Kind, fault: str) -> None:
-    async with AsyncExitStack() as stack:
-        port = await stack.enter_async_context(serve(echo))
-        places = {"shop.example": port}
-        one, other = [await stack.enter_async_context(upstream_proxy(kind, places)) for _ in range(2)]
-        egress = await stack.enter_async_context(through(one, other))
+    async with ways_to("shop.example", kind, kind) as (egress, [one, other]):
         real = egress._dialer.upstreams._by_name["p0"]
         if fault == "gone":
             real.port = 1
@@ -127,11 +125,7 @@ async def test_one_that_fails_is_left_out_and_tried_again(kind: Kind, fault: str
 @KINDS
 @scene
 async def test_a_session_that_has_begun_with_a_proxy_fails_with_it(kind: Kind) -> None:
-    async with AsyncExitStack() as stack:
-        port = await stack.enter_async_context(serve(echo))
-        places = {"shop.example": port}
-        one, other = [await stack.enter_async_context(upstream_proxy(kind, places)) for _ in range(2)]
-        egress = await stack.enter_async_context(through(one, other))
+    async with ways_to("shop.example", kind, kind) as (egress, [one, other]):
         _, streams = await ask(egress, "shop.example", 443)
         one.cut()
         assert await closed(streams) == b""
@@ -153,10 +147,7 @@ async def test_a_session_that_has_begun_with_a_proxy_fails_with_it(kind: Kind) -
 @KINDS
 @scene
 async def test_a_host_that_the_proxy_does_not_reach_is_not_its_failure(kind: Kind) -> None:
-    async with AsyncExitStack() as stack:
-        port = await stack.enter_async_context(serve(echo))
-        proxy = await stack.enter_async_context(upstream_proxy(kind, {"shop.example": port}))
-        egress = await stack.enter_async_context(through(proxy))
+    async with ways_to("shop.example", kind) as (egress, _):
         health = egress._dialer.upstreams._by_name["p0"]
         for host in ("a.example", "b.example", "a.example"):
             assert await told(egress, host) != 0
@@ -192,10 +183,8 @@ async def test_private_names_and_addresses_do_not_go_upstream(kind: Kind) -> Non
 @scene
 async def test_a_proxy_may_get_checked_addresses_alone(kind: Kind) -> None:
     names = {"inside.example": ["10.0.0.7"], "shop.example": ["93.184.215.14"]}
-    async with AsyncExitStack() as stack:
-        port = await stack.enter_async_context(serve(echo))
-        proxy = await stack.enter_async_context(upstream_proxy(kind, {"93.184.215.14": port}))
-        egress = await stack.enter_async_context(through(proxy, names=names, settings={"resolve": "here"}))
+    way = ways_to("93.184.215.14", kind, names=names, settings={"resolve": "here"})
+    async with way as (egress, [proxy]):
         assert await told(egress, "inside.example") == 2
         assert await told(egress, "shop.example") == 0
         assert proxy.asked == [(NAME, "93.184.215.14", 443)]

@@ -74,6 +74,11 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.fixture(autouse=True)
+def key(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("WEBGYM_API_KEY", KEY)
+
+
 @contextmanager
 def running(config: VllmConfig, model: Path, log: Path, *methods: PublishMethod) -> Iterator[str]:
     """A server, started as the training starts one; its URL."""
@@ -90,10 +95,8 @@ def running(config: VllmConfig, model: Path, log: Path, *methods: PublishMethod)
             assert process.poll() is None, log.read_text()[-4000:]
             assert time.monotonic() < deadline, log.read_text()[-4000:]
             time.sleep(0.5)
-        os.environ["WEBGYM_API_KEY"] = KEY
         yield f"http://{HOST}:{port}/v1"
     finally:
-        os.environ.pop("WEBGYM_API_KEY", None)
         process.terminate()
         process.wait()
 

@@ -106,7 +106,7 @@ class Timers:
         self._began_at = 0.0
         """When the trace was started last."""
         self._was_late = False
-        """Whether the last reading was: what was set before the next trace shows by later timers' numbers."""
+        """Whether the last reading was too late: what was set meanwhile is known by later timers' numbers."""
         connection.on("Tracing.dataCollected", _Collected, lambda data: self._events.extend(data.value))
         connection.on("Tracing.tracingComplete", CdpMessage, self._on_complete)
 
@@ -126,7 +126,7 @@ class Timers:
 
     async def stop(self) -> None:
         """End the trace. Call it while the page's renderer exists."""
-        self._is_wanted = False
+        self._is_wanted = self._was_late = False
         await self._end()
         for known in (self._set, self._last_ids, self._missed, self._events):
             known.clear()

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import socket
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -14,6 +17,7 @@ from starlette.responses import Response
 from webgym.browser.config import BrowserConfig
 from webgym.browser.notices import NOTICES_PER_OBSERVATION
 from webgym.browser.page import MOST_DOCUMENTS
+from webgym.browser.process import BrowserProcess
 from webgym.core.action import GoBack, LeftClick
 
 from .conftest import Open, Site, Tab, one_in
@@ -74,6 +78,46 @@ async def test_a_loop_that_starts_between_two_looks_is_ended(site: Site, open_ta
     await tab.step()
     assert tab.text == ["here"]
     assert [kind for kind, _ in tab.notices] == ["still_loading"]
+
+
+async def test_a_script_that_lacks_a_processor_is_not_ended(
+    site: Site, open_tab: Open, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tab = await open_tab(config=BrowserConfig(execute_seconds=2))
+
+    async def wholly() -> float:
+        return 1.0
+
+    monkeypatch.setattr(tab.slot.page.session.connection, "starved", wholly)
+    script = "const end = Date.now() + 3200; while (Date.now() < end); out.textContent = 'computed'"
+    await tab.goto(site.page(f"<p id=out>here</p><script>setTimeout(() => {{ {script} }}, 1800)</script>"))
+    await asyncio.sleep(2)  # the model thinks
+    await tab.step()
+    assert tab.text == ["computed"]
+    assert tab.notices == []
+
+
+async def test_that_a_page_lacks_a_processor_is_measured(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page("<p>here"))
+    session = tab.slot.page.session
+    starved = session.connection.starved
+    assert starved is not None
+    assert await starved() < 0.5, "it does nothing"
+    assert isinstance(tab.slot._process, BrowserProcess)
+    [cpu, *_] = os.sched_getaffinity(0)
+    for pid in tab.slot._process.processes():
+        os.sched_setaffinity(pid, {cpu})
+    session.send("Runtime.evaluate", {"expression": "for (;;);"})
+    burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(8)]  # noqa: ASYNC220 - they end below
+    try:
+        for burner in burners:
+            os.sched_setaffinity(burner.pid, {cpu})
+        assert await starved() > 0.5
+    finally:
+        for burner in burners:
+            burner.kill()
+            burner.wait()
+    await tab.slot.close()
 
 
 OBSERVER = """

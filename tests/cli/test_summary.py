@@ -52,6 +52,7 @@ def test_hosts_that_kept_the_agent_out_are_named() -> None:
     assert "  blocked by s0.example (9), s1.example (8), " in said.getvalue()
     assert "s4.example (5), and 2 others\n" in said.getvalue()
     assert said.getvalue().endswith(" ms (p95), 50.0% of replies invalid\n")
+    assert str(found).split() == said.getvalue().split(), "print() shows the same in Python"
 
 
 def test_what_errors_took_can_be_attempted_again() -> None:

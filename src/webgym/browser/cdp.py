@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import re
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar, cast
 
 import msgspec
@@ -108,6 +108,8 @@ class Connection(asyncio.Protocol):
         """Raised for the commands of all sessions while their pages wait for something else."""
         self.why_lost: Callable[[], BrowserCrashed | None] = lambda: None
         """Called when the pipe closes: may return a more specific error than "the pipe closed"."""
+        self.starved: Callable[[], Awaitable[float]] | None = None
+        """Called at a deadline: the share of the time, 0 to 1, that the pages lack processors."""
 
     # --- transport ----------------------------------------------------------------------------------
 
@@ -212,13 +214,26 @@ class Connection(asyncio.Protocol):
         future: asyncio.Future[msgspec.Raw] = asyncio.get_running_loop().create_future()
         self._pending[number] = _Pending(method, session_id, future)
         try:
-            async with asyncio.timeout(seconds):
-                raw = await future
+            raw = await self.wait(future, seconds)
         except TimeoutError:
             raise BrowserTimeout(f"{method} gave no answer within {seconds:g} s") from None
         finally:
             self._pending.pop(number, None)
         return msgspec.json.decode(raw, type=reply)
+
+    async def wait(self, future: asyncio.Future[T], seconds: float) -> T:
+        """Wait for a page. The time in which it lacks processors is added once: the machine is slow then, and
+        a script that does nothing wrong would be ended.
+
+        Raises:
+            TimeoutError: it took longer.
+        """
+        done, _ = await asyncio.wait([future], timeout=seconds)
+        if not done and self.starved is not None:
+            await asyncio.wait([future], timeout=seconds * await self.starved())
+        if not future.done():
+            raise TimeoutError
+        return future.result()
 
     # --- events -------------------------------------------------------------------------------------
 

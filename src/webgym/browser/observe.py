@@ -237,12 +237,18 @@ async def with_retries(page: Page, question: Callable[[], Awaitable[T]]) -> T:
 
 
 async def _ask(page: Page, question: Callable[[], Awaitable[T]]) -> T:
-    async with asyncio.timeout(page.config.screenshot_seconds):
+    async def ask() -> T:
         while True:
             try:
                 return await question()
             except DocumentGone:
                 await settle(page)
+
+    asked = asyncio.create_task(ask())
+    try:
+        return await page.session.connection.wait(asked, page.config.screenshot_seconds)
+    finally:
+        asked.cancel()
 
 
 async def _read_content(page: Page, wanted: dict[str, bool]) -> PageContent:

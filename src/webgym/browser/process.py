@@ -20,7 +20,7 @@ from webgym.browser.config import BrowserConfig
 from webgym.browser.desktop import Told
 from webgym.browser.egress.proxy import ProxyListener
 from webgym.browser.find import version_of
-from webgym.browser.memory import Cgroup, bound, new_cgroup
+from webgym.browser.memory import Cgroup, bound, new_cgroup, process_type
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.sandbox import SandboxState, examine_sandbox, is_sandbox_failure, planned_sandbox, remedy
 from webgym.core.errors import (
@@ -111,6 +111,9 @@ _REASON_MARKERS = ("FATAL:", "Check failed:", "sandbox!", "sandbox helper")
 _FEW_FILES = 100
 """With fewer open files, Chromium ends without a word."""
 
+_SAMPLE_SECONDS = 0.5
+"""How long to look whether the renderers lack processors."""
+
 _FORK_SECONDS = 1.0
 """Longest time that a fork takes on a busy machine."""
 
@@ -155,7 +158,7 @@ class BrowserProcess:
         self._cgroup = cgroup
         self._exited = asyncio.Event()
         self._ending: asyncio.Task[None] | None = None
-        connection.why_lost = self._why_lost
+        connection.why_lost, connection.starved = self._why_lost, self._starved
         self._pidfd = os.pidfd_open(pid)
         asyncio.get_running_loop().add_reader(self._pidfd, self._on_exit)
 
@@ -197,6 +200,14 @@ class BrowserProcess:
     def processes(self) -> list[int]:
         """Ids of all running processes of the group."""
         return _running_members(self.pid)
+
+    async def _starved(self) -> float:
+        """The share of the time that its renderers lack a processor; 0 where the kernel does not tell."""
+        renderers = [pid for pid in self.processes() if _computes(pid)]
+        before = _scheduled(renderers)
+        await asyncio.sleep(_SAMPLE_SECONDS if renderers else 0.0)
+        ran, lacked = (now - then for now, then in zip(_scheduled(renderers), before, strict=True))
+        return max(0.0, lacked / max(ran + lacked, _SAMPLE_SECONDS * 1e9))
 
     def freeze(self) -> None:
         """Stop the whole group: it uses no CPU until :meth:`thaw`. It can still be killed."""
@@ -255,6 +266,24 @@ class BrowserProcess:
         finally:
             self._close_pidfd()
             await self._root.remove(self.profile)
+
+
+def _computes(pid: int) -> bool:
+    """Whether it is a renderer that computes, or would if it had a processor."""
+    with contextlib.suppress(OSError):  # it has ended
+        state = Path("/proc", str(pid), "stat").read_text(errors="replace").rpartition(") ")[2][:1]
+        return state == "R" and process_type(pid) == b"renderer"
+    return False
+
+
+def _scheduled(pids: list[int]) -> tuple[int, int]:
+    """How long these processes' main threads have run, and were ready to run without a processor, ns."""
+    ran = lacked = 0
+    for pid in pids:
+        with contextlib.suppress(OSError):  # it has ended, or the kernel does not count
+            own_ran, own_lacked, _ = map(int, Path("/proc", str(pid), "schedstat").read_text().split())
+            ran, lacked = ran + own_ran, lacked + own_lacked
+    return ran, lacked
 
 
 def _running_members(group: int) -> list[int]:

@@ -34,10 +34,11 @@ def say(text: object, console: Console) -> None:
 
 
 def coloured(line: str) -> Text:
-    """A line with the names of outcomes in their colours, and their numbers in bold."""
+    """A line with the names of outcomes in their colours, and their numbers in bold; a note in yellow."""
     from webgym.rollout.live import COLORS
 
     text = Text(line)
+    text.highlight_regex(r"^note\b", "yellow")
     for outcome, colour in COLORS.items():
         text.highlight_regex(rf"\d+(?= {outcome}\b)", "bold")
         text.highlight_regex(rf"(?<=\d ){outcome}\b", colour)

@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 from rich.console import Console
-from rich.text import Text
 
 from webgym.cli._print import coloured, say
-from webgym.core.outcome import Outcome, outcomes_line
-from webgym.core.tables import DASH, Table, put
-from webgym.core.task import LEVELS
-from webgym.core.text import plain, shortened
-from webgym.results.rates import Interval
-from webgym.results.summary import REASONS, Summary
-from webgym.rollout.live import duration
+from webgym.core.outcome import Outcome
+from webgym.core.tables import show
+from webgym.results.summary import Summary, loss_lines, summary_parts
 
 
 def all_failed(summary: Summary) -> bool:
@@ -22,52 +17,14 @@ def all_failed(summary: Summary) -> bool:
 
 
 def print_summary(summary: Summary, console: Console) -> None:
-    """Print a run's outcomes and success rates."""
-    columns = ("", "success", "95 %", "judged", "success", "95 %", "planned", "median steps")
-    rows = []
-    for level in ("overall", *LEVELS):
-        group = summary if level == "overall" else summary["by_level"][level]
-        judged = sum(count for name, count in group["outcomes"].items() if Outcome(name).is_rewarded)
-        steps = group["steps_per_attempt"]["p50"]
-        cells = (
-            *_rate(summary["success_rate"][level], summary["success_interval"][level]),
-            str(judged),
-            *_rate(summary["success_rate_of_planned"][level], summary["success_interval_of_planned"][level]),
-            str(summary["planned"][level]),
-            DASH if steps is None else f"{steps:.0f}",
-        )
-        rows.append((level, *cells))
-    step, invalid = summary["step_milliseconds"], summary["invalid_reply_rate"]
-    more = ""
-    if step["p50"] is not None and step["p95"] is not None:
-        more = f", step latency {step['p50']:.0f} ms (p50) {step['p95']:.0f} ms (p95)"
-    if invalid is not None:
-        more += f", {invalid:.1%} of replies invalid"
+    """Print a run's outcomes and success rates, in colours."""
     console.print()
-    put(Table("", columns, rows), console)
-    console.print()
-    console.print(coloured(outcomes_line(summary["outcomes"])))
-    if faults := summary.get("faults"):
-        say(f"  failed by {', '.join(f'{count} {fault}' for fault, count in faults.items())}", console)
-    print_losses(summary, console)
-    if hosts := summary["blocked_hosts"]:
-        named = ", ".join(f"{plain(host)} ({count})" for host, count in list(hosts.items())[:REASONS])
-        others = f", and {len(hosts) - REASONS} others" if len(hosts) > REASONS else ""
-        say(f"  blocked by {named}{others}", console)
-    for note in summary["notes"]:
-        console.print(Text.assemble(("note ", "yellow"), shortened(note)), soft_wrap=True)
-    say(
-        f"{summary['attempts']} trajectories, {summary['steps']} steps in "
-        f"{duration(summary['wall_seconds'])}: {summary['steps_per_second']:.1f} steps/s{more}",
-        console,
-    )
-
-
-def _rate(rate: float | None, interval: Interval | None) -> tuple[str, str]:
-    return (
-        DASH if rate is None else f"{rate:.1%}",
-        DASH if interval is None else f"{interval[0]:.1%}–{interval[1]:.1%}",
-    )
+    for part in summary_parts(summary):
+        if isinstance(part, str):
+            console.print(coloured(part), soft_wrap=True)
+        else:
+            show([part], console)
+            console.print()
 
 
 def print_retry(summary: Summary, command: str, console: Console) -> None:
@@ -87,6 +44,5 @@ def print_unjudged(count: int, command: str, console: Console) -> None:
 
 def print_losses(summary: Summary, console: Console) -> None:
     """Print why attempts have no reward, the most frequent reasons first."""
-    for code, loss in list(summary["losses"].items())[:REASONS]:
-        reason = f": {shortened(loss['message'])}" if loss["message"] else ""
-        say("  " + plain(f"{loss['count']} {code}{reason} ({loss['attempt_id']})"), console)
+    for line in loss_lines(summary):
+        say(line, console)

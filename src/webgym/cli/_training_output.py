@@ -18,8 +18,9 @@ from rich.table import Table
 
 from webgym.cli import _run
 from webgym.core.background import running_in_background
+from webgym.core.text import duration
 from webgym.report.training import write_training_report
-from webgym.rollout.live import LINE_SECONDS, REFRESH_SECONDS, duration, line, panel
+from webgym.rollout.live import LINE_SECONDS, REFRESH_SECONDS, line, panel
 from webgym.rollout.progress import Progress
 from webgym.run.config import Secrets
 from webgym.store.files import CONFIG

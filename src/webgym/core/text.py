@@ -77,6 +77,15 @@ def counted(number: int, noun: str) -> str:
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 
+def duration(seconds: float | None) -> str:
+    """``75`` as ``1:15``; a dash for ``None``."""
+    if seconds is None:
+        return "–"
+    minutes, rest = divmod(int(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
+
+
 def fold(text: str) -> str:
     """The text with compatibility forms, typographic quotes and dashes, case and white space normalised,
     without soft hyphens."""

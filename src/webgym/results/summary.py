@@ -7,15 +7,16 @@ from array import array
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
-from typing import Literal, NamedTuple, TypeAlias, TypedDict
+from typing import Any, Literal, NamedTuple, TypeAlias, TypedDict, cast
 
 import msgspec
 import numpy as np
 
 from webgym.agent.policy import ORACLES
-from webgym.core.outcome import Outcome
+from webgym.core.outcome import Outcome, outcomes_line
+from webgym.core.tables import DASH, Table, printed
 from webgym.core.task import LEVELS, Task
-from webgym.core.text import plain
+from webgym.core.text import duration, plain, shortened
 from webgym.core.trajectory import Step, Trajectory
 from webgym.core.websites import host_or_text
 from webgym.judge.blocking import blocking_host
@@ -494,7 +495,7 @@ class Tally:
         levels: dict[str, Group] = {level: groups["level", level] for level in LEVELS}
         rated = {"overall": overall, **levels}
         wall = _covered(self._spans) if wall_seconds is None else wall_seconds
-        return {
+        figures: Summary = {
             "attempts": overall["attempts"],
             "outcomes": overall["outcomes"],
             "success_rate": {name: group["success_rate"] for name, group in rated.items()},
@@ -537,6 +538,67 @@ class Tally:
             "blocked_hosts": dict(self._blocked_by.most_common()),
             "losses": dict(sorted(self._losses.items(), key=lambda item: -item[1]["count"])),
         }
+        return cast(Summary, _Printable(figures))
+
+
+class _Printable(dict[str, Any]):
+    """A summary whose text is what the command line prints."""
+
+    def __str__(self) -> str:
+        return printed(summary_parts(cast(Summary, self)))
+
+
+def summary_parts(summary: Summary) -> Iterator[Table | str]:
+    """A run's outcomes and success rates: the lines and the table that are printed."""
+    columns = ("", "success", "95 %", "judged", "success", "95 %", "planned", "median steps")
+    rows = []
+    for level in ("overall", *LEVELS):
+        group = summary if level == "overall" else summary["by_level"][level]
+        judged = sum(count for name, count in group["outcomes"].items() if Outcome(name).is_rewarded)
+        steps = group["steps_per_attempt"]["p50"]
+        cells = (
+            *_rate(summary["success_rate"][level], summary["success_interval"][level]),
+            str(judged),
+            *_rate(summary["success_rate_of_planned"][level], summary["success_interval_of_planned"][level]),
+            str(summary["planned"][level]),
+            DASH if steps is None else f"{steps:.0f}",
+        )
+        rows.append((level, *cells))
+    yield Table("", columns, rows)
+    yield outcomes_line(summary["outcomes"])
+    if faults := summary.get("faults"):
+        yield f"  failed by {', '.join(f'{count} {fault}' for fault, count in faults.items())}"
+    yield from loss_lines(summary)
+    if hosts := summary["blocked_hosts"]:
+        named = ", ".join(f"{plain(host)} ({count})" for host, count in list(hosts.items())[:REASONS])
+        others = f", and {len(hosts) - REASONS} others" if len(hosts) > REASONS else ""
+        yield f"  blocked by {named}{others}"
+    for note in summary["notes"]:
+        yield f"note {shortened(note)}"
+    step, invalid = summary["step_milliseconds"], summary["invalid_reply_rate"]
+    more = ""
+    if step["p50"] is not None and step["p95"] is not None:
+        more = f", step latency {step['p50']:.0f} ms (p50) {step['p95']:.0f} ms (p95)"
+    if invalid is not None:
+        more += f", {invalid:.1%} of replies invalid"
+    yield (
+        f"{summary['attempts']} trajectories, {summary['steps']} steps in "
+        f"{duration(summary['wall_seconds'])}: {summary['steps_per_second']:.1f} steps/s{more}"
+    )
+
+
+def _rate(rate: float | None, interval: Interval | None) -> tuple[str, str]:
+    return (
+        DASH if rate is None else f"{rate:.1%}",
+        DASH if interval is None else f"{interval[0]:.1%}–{interval[1]:.1%}",
+    )
+
+
+def loss_lines(summary: Summary) -> Iterator[str]:
+    """Why attempts have no reward, the most frequent reasons first."""
+    for code, loss in list(summary["losses"].items())[:REASONS]:
+        reason = f": {shortened(loss['message'])}" if loss["message"] else ""
+        yield "  " + plain(f"{loss['count']} {code}{reason} ({loss['attempt_id']})")
 
 
 def summarise(

@@ -19,7 +19,7 @@ from rich.text import Text
 from webgym.core.background import running_in_background
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS
-from webgym.core.text import plain
+from webgym.core.text import duration, plain
 from webgym.rollout.progress import STATES, Cell, Progress, Queue, State
 
 REFRESH_SECONDS = 0.5
@@ -37,15 +37,6 @@ COLORS = {
     Outcome.JUDGE_ERROR: "cyan",
     Outcome.CANCELLED: "bright_black",
 }
-
-
-def duration(seconds: float | None) -> str:
-    """``75`` as ``1:15``; a dash for ``None``."""
-    if seconds is None:
-        return "–"
-    minutes, rest = divmod(int(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
 
 
 def _success(progress: Progress) -> str:

@@ -10,8 +10,8 @@ from typing import Any, Final
 from webgym.core.errors import TrainingError
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS
+from webgym.core.text import duration
 from webgym.results.summary import Summary
-from webgym.rollout.live import duration
 from webgym.store.runs import RunReader
 from webgym.train.config import CollapseAction
 from webgym.train.progress import TrainingProgress

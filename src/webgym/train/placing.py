@@ -185,7 +185,7 @@ def _update(config: TrainConfig, gpus: Gpus, layout: Layout) -> Estimate:
     learning = replace(gpus, count=layout.learner, sharded=_is_sharded(config))
     local = None if layout.servers else config.local
     width, height = viewport_of(config.rollout)
-    work = Workload(picture_patches=width * height // 16**2)
+    work = Workload(pictures=config.rollout.agent.rounds + 1, picture_patches=width * height // 16**2)
     return estimate(config.learn, learning, work, local=local, keep=config.loop.keep_weights)
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import gc
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -167,6 +169,20 @@ def commands(tmp_path: Path) -> Iterator[Commands]:
     made = Commands(scratch)
     yield made
     made.end()
+
+
+@pytest.fixture(scope="session")
+def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished run of twelve trajectories. Not to be changed."""
+    from tests.report.conftest import build_run  # most workers need no Playwright
+
+    return asyncio.run(build_run(tmp_path_factory.mktemp("runs") / "2026-03-demo"))
+
+
+@pytest.fixture
+def run(run_folder: Path, tmp_path: Path) -> Path:
+    """A copy of it."""
+    return shutil.copytree(run_folder, tmp_path / "run")
 
 
 class Calls:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import datetime
 import json
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from msgspec.structs import replace
@@ -107,21 +107,7 @@ def test_nothing_hidden_is_told() -> None:
     assert "HIDDEN" not in str(build([], AttemptPosition(hidden, 0, 15)))
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [
-        "navigation_failed",
-        "download_refused",
-        "action_failed",
-        "dialog",
-        "popup",
-        "still_loading",
-        "crashed",
-        "reply_unreadable",
-        "shortened",
-        "unchanged",
-    ],
-)
+@pytest.mark.parametrize("kind", get_args(NoticeKind))
 def test_every_notice_is_told_with_its_observation(kind: NoticeKind) -> None:
     messages = build([past(0, notices=(Notice(kind, "what\nhappened"),)), past(1)])
     assert "Note: " in said(messages[1])

@@ -45,22 +45,9 @@ TEMPLATE = """\
 {% endfor %}"""
 FORMATS: tuple[PromptFormat, ...] = ("memory", "official", "compact", "compact_official")
 FIELDS = (
-    "instruction",
-    "website",
-    "file",
-    "title",
-    "url",
-    "notice",
-    "memory key",
-    "memory value",
-    "progress",
-    "revision",
-    "reply",
-    "thought",
-    "description",
-    "typed",
-    "parse error",
-)
+    "instruction, website, file, title, url, notice, memory key, memory value, progress, "
+    "revision, reply, thought, description, typed, parse error"
+).split(", ")
 
 
 def past(index: int, reply: str, prompt_format: PromptFormat) -> Round:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
-import shutil
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -19,7 +17,6 @@ from tests.conftest import Calls
 from tests.judge.judge_model import JudgeModel, serve_judge
 from tests.judge.test_published import webjudge
 from tests.llm.endpoint import Endpoint, serve
-from tests.report.conftest import build_run
 from tests.rollout.test_attempt import answers
 from tests.serving import beside, serving
 
@@ -32,16 +29,6 @@ from webgym.store.verdicts import read_verdicts
 from webgym.tasks.benchmarks import BENCHMARKS, BenchmarkName, read_benchmark
 
 DATA = Path(__file__).resolve().parents[3] / "shared/data"
-
-
-@pytest.fixture(scope="module")
-def collected(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return asyncio.run(build_run(tmp_path_factory.mktemp("runs") / "run", 12))
-
-
-@pytest.fixture
-def run(collected: Path, tmp_path: Path) -> Path:
-    return shutil.copytree(collected, tmp_path / "run")
 
 
 @pytest.fixture

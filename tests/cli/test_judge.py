@@ -7,7 +7,6 @@ import hashlib
 import json
 import os
 import re
-import shutil
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,23 +14,12 @@ from pathlib import Path
 import msgspec
 import pytest
 from tests.judge.judge_model import Asked, JudgeModel, serve_judge
-from tests.report.conftest import build_run
 from tests.serving import beside
 
 from webgym.cli import main
 from webgym.store.records import decode
 from webgym.store.runs import RunReader
 from webgym.store.verdicts import read_verdicts
-
-
-@pytest.fixture(scope="module")
-def collected(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return asyncio.run(build_run(tmp_path_factory.mktemp("runs") / "run", 12))
-
-
-@pytest.fixture
-def run(collected: Path, tmp_path: Path) -> Path:
-    return shutil.copytree(collected, tmp_path / "run")
 
 
 @pytest.fixture

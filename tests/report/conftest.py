@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
-import pytest
 import pytest_asyncio
 from PIL import Image, ImageDraw, ImageFont
 from playwright.async_api import Browser, async_playwright, expect
@@ -373,12 +372,6 @@ async def build_run(path: Path, count: int = 12, distinct: int = 5, *, finished:
             reader = RunReader(path)
             await writer.write_summary(summarise(reader.trajectories(), reader.drawn, seed=7))
     return path
-
-
-@pytest.fixture(scope="session")
-def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A finished run of twelve trajectories. Not to be changed."""
-    return asyncio.run(build_run(tmp_path_factory.mktemp("runs") / "2026-03-demo"))
 
 
 @pytest_asyncio.fixture(scope="package", loop_scope="package")

@@ -6,7 +6,6 @@ import asyncio
 import json
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -42,11 +41,6 @@ HOST = "http://127.0.0.1:1234"
 @pytest.fixture(scope="module")
 def large_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return asyncio.run(build_run(tmp_path_factory.mktemp("runs") / "run", 60, 3))
-
-
-@pytest.fixture
-def run(run_folder: Path, tmp_path: Path) -> Path:
-    return shutil.copytree(run_folder, tmp_path / "run")
 
 
 @pytest.fixture

@@ -8,7 +8,6 @@ import hashlib
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 import zlib
@@ -30,11 +29,6 @@ from webgym.report.write import write_report
 from webgym.store.runs import RunReader, RunWriter
 
 SMALL = ReportConfig(embed=True, image_width=160)
-
-
-@pytest.fixture
-def run(run_folder: Path, tmp_path: Path) -> Path:
-    return shutil.copytree(run_folder, tmp_path / "run")
 
 
 def _data(text: str, element_id: str) -> object:

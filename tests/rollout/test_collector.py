@@ -8,7 +8,7 @@ import json
 import math
 import threading
 import urllib.request
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +20,11 @@ from tests.rollout.running import (
     Model,
     Run,
     World,
-    a_world,
     books,
     outcomes,
     until,
     until_half,
 )
-from tests.rollout.stand_in_judge import ADDRESS
 
 from webgym.core.errors import LeaseLost, ServerUnreachable
 from webgym.core.task import LEVELS
@@ -37,14 +35,6 @@ from webgym.rollout.sessions import Places
 from webgym.server.client import BrowserClient
 from webgym.server.config import ClientLimits
 from webgym.store.files import TRAJECTORIES, Log
-
-
-@pytest.fixture
-async def world(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[World]:
-    async with a_world() as world:
-        monkeypatch.setenv(ADDRESS, world.url("judge"))
-        yield world
-
 
 # --- schedules ------------------------------------------------------------------------------------------
 

@@ -20,8 +20,7 @@ from typing import Any, cast
 import pytest
 from aiohttp import web
 from benchmarks.stand_ins import TOKEN, StandInBrowsers, refusal, serving_app
-from tests.rollout.running import HALF, SECONDS, Run, World, a_world, books, outcomes, until, until_half
-from tests.rollout.stand_in_judge import ADDRESS
+from tests.rollout.running import HALF, SECONDS, Run, World, books, outcomes, until, until_half
 from tests.soak.disk import small_disk
 
 from webgym.core.errors import (
@@ -47,13 +46,6 @@ from webgym.server.client import BrowserClient
 from webgym.server.messages import SessionGrant, SessionOptions
 from webgym.store.runs import RunReader
 from webgym.testing.environments import StandInBrowsers as StandInPages
-
-
-@pytest.fixture
-async def world(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[World]:
-    async with a_world() as world:
-        monkeypatch.setenv(ADDRESS, world.url("judge"))
-        yield world
 
 
 async def test_a_policy_that_is_away_for_longer_than_its_tries_costs_no_attempt(

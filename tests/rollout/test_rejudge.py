@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -12,7 +11,6 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from tests.report.conftest import build_run
 
 from webgym.core.errors import JudgeError, RunFolderError, StoreLocked
 from webgym.core.outcome import Outcome
@@ -43,16 +41,6 @@ class Counting:
         if episode.attempt_id in self.failing:
             raise JudgeError("it is hard to say \ud800")
         return Verdict(self.name, self.reward, (), Judgement(False, "no"), cost=Cost(calls=2, dollars=0.5))
-
-
-@pytest.fixture(scope="module")
-def collected(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return asyncio.run(build_run(tmp_path_factory.mktemp("runs") / "run", 12))
-
-
-@pytest.fixture
-def run(collected: Path, tmp_path: Path) -> Path:
-    return shutil.copytree(collected, tmp_path / "run")
 
 
 async def test_each_attempt_is_judged_once_per_judge(run: Path) -> None:

@@ -9,13 +9,11 @@ import shutil
 import subprocess
 import sys
 from collections import Counter, defaultdict
-from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.rollout.running import HALF, Run, World, a_world, books, outcomes, until, until_half
-from tests.rollout.stand_in_judge import ADDRESS
+from tests.rollout.running import HALF, Run, World, books, outcomes, until, until_half
 from tests.rollout.test_plan import entry
 from tests.rollout.test_store import begun, made
 from tests.rollout.test_summary import task
@@ -37,12 +35,6 @@ TASKS = [task(f"t{number}", 1) for number in range(4)]
 SETTINGS = {"seed": 1, "samples": 2, "agent": {}, "judge": {}, "attempt": {}} | {
     "policy": {"chat": {"base_url": "http://one/", "model": "m"}}
 }
-
-
-@pytest.fixture
-async def world() -> AsyncIterator[World]:
-    async with a_world() as world:
-        yield world
 
 
 def collector(folder: Path, name: str, dead_seconds: float = 60.0) -> Claims:
@@ -301,9 +293,8 @@ async def test_a_record_that_was_set_aside_is_made_again_by_whose_run_it_was(
 
 
 async def test_what_was_taken_over_while_it_waited_for_a_verdict_has_no_reward_in_two_runs(
-    tmp_path: Path, world: World, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, world: World
 ) -> None:
-    monkeypatch.setenv(ADDRESS, world.url("judge"))
     world.judge.lets.clear()
     config = world.config(tmp_path, 3, shared(tmp_path, beat_seconds=600.0))
     first = Run().start(config, tmp_path / "a")
@@ -328,9 +319,8 @@ async def test_what_was_taken_over_while_it_waited_for_a_verdict_has_no_reward_i
 
 
 async def test_who_loses_sight_of_the_others_keeps_what_its_browsers_did(
-    tmp_path: Path, world: World, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, world: World
 ) -> None:
-    monkeypatch.setenv(ADDRESS, world.url("judge"))
     world.judge.lets.clear()
     config = world.config(tmp_path, 3, shared(tmp_path, beat_seconds=600.0))
     run = Run().start(config, tmp_path / "a")

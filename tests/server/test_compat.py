@@ -110,6 +110,18 @@ class Theirs:
         return dict(node)
 
 
+@contextlib.asynccontextmanager
+async def a_layer(url: str, token: str) -> AsyncIterator[tuple[RunningCompat, Theirs]]:
+    """A layer without a key of its own, and a client."""
+    async with (
+        running_compat(url, token, listening=ServerConfig()) as layer,
+        httpx.AsyncClient(
+            base_url=layer.url, headers={"x-api-key": token}, trust_env=False, timeout=60
+        ) as http,
+    ):
+        yield layer, Theirs(http)
+
+
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def compat(server: RunningServer) -> AsyncIterator[RunningCompat]:
     async with running_compat(server.url, server.token, listening=ServerConfig(), key=KEY) as layer:
@@ -188,11 +200,8 @@ async def test_nothing_is_done_without_the_key(compat: RunningCompat, method: st
 
 
 async def test_the_servers_token_is_the_key_where_no_other_is_given(server: RunningServer) -> None:
-    async with (
-        running_compat(server.url, server.token, listening=ServerConfig()) as layer,
-        httpx.AsyncClient(headers={"x-api-key": server.token}, trust_env=False, timeout=60) as http,
-    ):
-        assert (await http.get(f"{layer.url}/info")).status_code == 200
+    async with a_layer(server.url, server.token) as (_, theirs):
+        assert (await theirs.http.get("/info")).status_code == 200
 
 
 @pytest.mark.parametrize(("method", "path"), [*PATHS[1:5], ("POST", "/execute")])
@@ -521,13 +530,7 @@ async def test_an_instance_used_again_after_its_reset_is_taken_back_when_idle(
     server: RunningServer, site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("webgym.compat.instances.RESET_IDLE_SECONDS", 0.3)
-    async with (
-        running_compat(server.url, server.token, listening=ServerConfig()) as layer,
-        httpx.AsyncClient(
-            base_url=layer.url, headers={"x-api-key": layer.key}, trust_env=False, timeout=60
-        ) as http,
-    ):
-        theirs = Theirs(http)
+    async with a_layer(server.url, server.token) as (layer, theirs):
         instance, other = await theirs.get(), await theirs.get()
         await theirs.reset(instance)
         await theirs.visit(instance, site.url())
@@ -540,13 +543,7 @@ async def test_only_so_many_instances_are_remembered(
     server: RunningServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("webgym.compat.instances.INSTANCES", 2)
-    async with (
-        running_compat(server.url, server.token, listening=ServerConfig()) as layer,
-        httpx.AsyncClient(
-            base_url=layer.url, headers={"x-api-key": layer.key}, trust_env=False, timeout=60
-        ) as http,
-    ):
-        theirs = Theirs(http)
+    async with a_layer(server.url, server.token) as (_, theirs):
         first = await theirs.get()
         await theirs.reset(first)
         second, _ = await theirs.get(), await theirs.get()
@@ -606,12 +603,7 @@ async def test_a_caller_who_leaves_the_line_gets_nothing(
 async def test_a_server_that_is_away() -> None:
     with contextlib.closing(socket.create_server(("127.0.0.1", 0))) as listener:
         port = listener.getsockname()[1]
-    async with (
-        running_compat(f"http://127.0.0.1:{port}", KEY, listening=ServerConfig()) as layer,
-        httpx.AsyncClient(
-            base_url=layer.url, headers={"x-api-key": KEY}, trust_env=False, timeout=60
-        ) as http,
-    ):
-        node = await Theirs(http).node()
+    async with a_layer(f"http://127.0.0.1:{port}", KEY) as (_, theirs):
+        node = await theirs.node()
         assert (node["healthy"], node["capacity"], node["instances"]) == (False, 0, [])
-        assert refusal(await http.post("/get"))[0] == 503
+        assert refusal(await theirs.http.post("/get"))[0] == 503

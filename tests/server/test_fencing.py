@@ -154,29 +154,21 @@ small = st.integers(0, 6)
 acts = st.lists(st.tuples(st.sampled_from(NAMES), small, small, small), max_size=40)
 
 
-LEFT_TWICE: list[Act] = [
-    ("open", 0, 0, 0),
-    ("call", 0, 6, 6),
-    ("wait", 0, 3, 0),
-    ("leave", 0, 0, 0),
-    ("wait", 0, 1, 0),
-    ("leave", 0, 0, 0),
-    ("close", 0, 0, 0),
-    ("wait", 0, 1, 0),
-]
+def read(script: str) -> list[Act]:
+    """Acts in words, divided by commas."""
+    words = (act.split() for act in script.split(", "))
+    return [(what, int(which), int(one), int(two)) for what, which, one, two in words]
+
+
+LEFT_TWICE = read(
+    "open 0 0 0, call 0 6 6, wait 0 3 0, leave 0 0 0, wait 0 1 0, leave 0 0 0, close 0 0 0, wait 0 1 0"
+)
 """A caller is cancelled while its cancelled work still cleans up: the page must not be given on before."""
 
-EXPIRED_AND_CLOSED: list[Act] = [
-    ("open", 0, 0, 0),
-    ("call", 0, 6, 0),
-    ("call", 0, 6, 0),
-    ("wait", 0, 2, 0),
-    ("expire", 0, 0, 0),
-    ("close", 0, 0, 0),
-    ("wait", 0, 6, 0),
-    ("open", 0, 0, 0),
-    ("call", 0, 3, 0),
-]
+EXPIRED_AND_CLOSED = read(
+    "open 0 0 0, call 0 6 0, call 0 6 0, wait 0 2 0, expire 0 0 0, "
+    "close 0 0 0, wait 0 6 0, open 0 0 0, call 0 3 0"
+)
 
 
 @settings(derandomize=True, max_examples=400, deadline=None)

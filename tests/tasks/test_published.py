@@ -97,22 +97,7 @@ SHAPES: list[tuple[Any, tuple[tuple[str, ...], ...], tuple[str, ...]]] = [
 ]
 
 NOTHING: list[Any] = [
-    *(
-        "",
-        " \t",
-        "None",
-        "none",
-        "null",
-        "N/A",
-        "nan",
-        "-",
-        "[]",
-        "{}",
-        "['None']",
-        '["None"]',
-        "[None]",
-        "**",
-    ),
+    *("", " \t", *"""None none null N/A nan - [] {} ['None'] ["None"] [None] **""".split()),
     *("**", None, [], {}, [[]], [None], ["None"], ["", "N/A"], float("nan")),
     [{"id": 1, "description": "x", "facts": ["None"]}, {"id": 2, "description": "y", "facts": [""]}],
     [{"id": 1, "description": "x", "facts": None}, {"id": 2, "description": "y", "facts": "None"}],

@@ -201,24 +201,18 @@ class Dialogue:
         revision = self._remember(parsed, pending.unseen)
         if revision:
             self.revisions[turn.index] = revision
+        read: dict[str, Any] = (
+            {"parse_error": str(parsed)} if isinstance(parsed, ParseError) else {"action": parsed.action}
+        )
         step = Step(
-            turn.index,
-            turn.observation,
-            turn.messages,
-            reply,
-            at=at,
-            revision=revision or None,
-            **_action_fields(parsed),
+            turn.index, turn.observation, turn.messages, reply, at=at, revision=revision or None, **read
         )
         self._rounds = [*pending.past, Round(step, parsed)]
-        self._images = {name: pending.images[name] for name in self._window_pictures()}
+        window = self._rounds[max(0, len(self._rounds) - self._config.rounds) :]
+        shown_again = {past.step.observation.screenshot for past in window}
+        self._images = {name: pending.images[name] for name in shown_again}
         self._pending = None
         return step
-
-    def _window_pictures(self) -> set[str]:
-        """Names of the pictures that the next request may show again."""
-        first = max(0, len(self._rounds) - self._config.rounds)
-        return {past.step.observation.screenshot for past in self._rounds[first:]}
 
     def _parse(self, reply: Reply, turn: PolicyInput) -> ParsedReply | ParseError:
         parsed = parse_reply(
@@ -310,12 +304,6 @@ def _with_effect(rounds: list[Round], observation: Observation) -> list[Round]:
         return []
     *earlier, last = rounds
     return [*earlier, Round(last.step.followed_by(observation), last.parsed)]
-
-
-def _action_fields(parsed: ParsedReply | ParseError) -> dict[str, Any]:
-    if isinstance(parsed, ParseError):
-        return {"parse_error": str(parsed)}
-    return {"action": parsed.action}
 
 
 _OWN_BUG: Final = "this is a bug in the policy's own code"

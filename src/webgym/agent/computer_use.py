@@ -93,17 +93,12 @@ def to_arguments(action: Action, screen: Size = (GRID, GRID)) -> dict[str, Any]:
         if field == "path":
             arguments[field] = [_scaled_point(point, screen) for point in value]
         elif isinstance(value, Target):
-            target = _target_argument(value, screen)
-            arguments |= {_TARGET_PREFIXES[field] + key: part for key, part in target.items()}
+            key = "element" if value.coordinate is None else "coordinate"
+            point = value.element if value.coordinate is None else _scaled_point(value.coordinate, screen)
+            arguments[_TARGET_PREFIXES[field] + key] = point
         else:
             arguments[field] = list(value) if isinstance(value, tuple) else value
     return arguments
-
-
-def _target_argument(target: Target, screen: Size) -> dict[str, Any]:
-    if target.coordinate is None:
-        return {"element": target.element}
-    return {"coordinate": _scaled_point(target.coordinate, screen)}
 
 
 def _scaled_point(coordinate: tuple[float, float], screen: Size) -> list[float]:

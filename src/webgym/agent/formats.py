@@ -11,7 +11,7 @@ import importlib
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, NamedTuple
 
 from webgym.agent.computer_use import Refused
 from webgym.agent.config import AgentConfig, PromptFormat
@@ -32,6 +32,16 @@ _PLACES: Final[dict[PromptFormat, tuple[str, str]]] = {
 }
 
 
+class Turn(NamedTuple):
+    """What a request is made from, as :func:`build_request` takes it."""
+
+    task: Task
+    past: Sequence[Round]
+    now: AttemptPosition
+    config: AgentConfig
+    profile: Profile
+
+
 class Format(ABC):
     """A prompt format.
 
@@ -48,15 +58,7 @@ class Format(ABC):
     spaces: ClassVar[Sequence[Space]]
 
     @abstractmethod
-    def messages(
-        self,
-        task: Task,
-        past: Sequence[Round],
-        now: AttemptPosition,
-        config: AgentConfig,
-        profile: Profile,
-        cut: Cut,
-    ) -> tuple[Message, ...]:
+    def messages(self, turn: Turn, cut: Cut) -> tuple[Message, ...]:
         """The request for the next reply, without what ``cut`` leaves out."""
 
     @abstractmethod
@@ -106,7 +108,7 @@ def build_request(
     """
     rounds, chosen = min(config.rounds, len(past)), format_of(config.prompt_format)
     messages, cut = fit_request(
-        lambda cut: chosen.messages(task, past, now, config, profile, cut),
+        lambda cut: chosen.messages(Turn(task, past, now, config, profile), cut),
         profile,
         rounds=rounds,
         lines=len(past) - rounds,

@@ -16,6 +16,7 @@ Progress is not merged: it may be refined, so the latest statement counts.
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Collection, Mapping
 from typing import Any
@@ -40,9 +41,11 @@ def merge(
     for key, value in new.items():
         target = key
         if key in old and not _extends(old[key], value):
-            if _is_stored_variant(merged, key, value):
-                continue
-            target = _free_key(merged, key)
+            variants = (f"{key} ({count})" for count in itertools.count(2))
+            stored = list(itertools.takewhile(merged.__contains__, variants))
+            if any(merged[variant] == value for variant in stored):
+                continue  # an earlier rewrite already stored this value
+            target = f"{key} ({len(stored) + 2})"
             rewritten.append(key)
         before = len(to_json({target: merged[target]})) if target in merged else 0
         room -= (cost := len(to_json({target: value})) - before)
@@ -69,27 +72,6 @@ def _extends(old: Any, new: Any) -> bool:
     if isinstance(old, dict) and isinstance(new, dict):
         return all(key in new and _extends(value, new[key]) for key, value in old.items())
     return bool(old == new) and type(old) is type(new)
-
-
-def _variant(key: str, count: int) -> str:
-    return f"{key} ({count})"
-
-
-def _free_key(memory: Mapping[str, Any], key: str) -> str:
-    count = 2
-    while _variant(key, count) in memory:
-        count += 1
-    return _variant(key, count)
-
-
-def _is_stored_variant(memory: Mapping[str, Any], key: str, value: Any) -> bool:
-    """Whether an earlier rewrite already stored this value under a variant of the key."""
-    count = 2
-    while (variant := _variant(key, count)) in memory:
-        if memory[variant] == value:
-            return True
-        count += 1
-    return False
 
 
 def _is_variant(key: str, memory: Mapping[str, Any]) -> bool:

@@ -6,7 +6,6 @@ convention of Qwen3-VL; the wording is WebGym's own.
 
 from __future__ import annotations
 
-import datetime
 import json
 from collections.abc import Mapping
 from functools import lru_cache
@@ -122,8 +121,9 @@ def system_prompt(config: AgentConfig, mode: Mode = "coordinates", screen: Size 
         mode: how a target is named.
         screen: largest x and y of points.
     """
+    today = config.today
     parts = [
-        _ROLE if config.today is None else f"{_ROLE}\n{_date(config.today)}",
+        _ROLE if today is None else f"{_ROLE}\nToday is {today:%A}, {today.day} {today:%B %Y}.",
         f"# Tool\n<tools>\n{_declared(mode, screen, config.actions)}\n</tools>",
         _REPLIES[config.prompt_format].format(tool=TOOL_NAME),
         _RULES,
@@ -197,10 +197,6 @@ def _arguments(mode: Mode, screen: Size, space: Space) -> dict[str, dict[str, An
 def _on_screen(point: dict[str, Any], screen: Size) -> dict[str, Any]:
     """The part of a point's schema that limits its numbers to the screen."""
     return {"items": point["items"] | {"maximum": max(screen)}}
-
-
-def _date(today: datetime.date) -> str:
-    return f"Today is {today:%A}, {today.day} {today:%B %Y}."
 
 
 def write_sections(

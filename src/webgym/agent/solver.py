@@ -266,7 +266,7 @@ class Solver:
     # --- obstacles --------------------------------------------------------------------------------
 
     def _clear(self, observation: Observation, move: Move, mode: Mode) -> Act | None:
-        visible = self._is_visible(move, observation)
+        visible = self._is_satisfied(move, observation) or self._find(move, observation) is not None
         own = fold(move.name or "") if isinstance(move, Click) else ""
         if visible and own in IN_THE_WAY | IN_THE_WAY_IF_LOST:
             return None  # the move itself dismisses it
@@ -279,9 +279,6 @@ class Solver:
                 target = target_of(element, observation, mode, at=_POINTS[tries])
                 return Act(LeftClick(target), f'Click "{element.name}" to clear what is in the way')
         return None
-
-    def _is_visible(self, move: Move, observation: Observation) -> bool:
-        return self._is_satisfied(move, observation) or self._find(move, observation) is not None
 
     def _find(self, move: Move, observation: Observation) -> Element | None:
         match move:

@@ -17,12 +17,12 @@ from dataclasses import dataclass
 from typing import Any, Final, get_args
 
 from webgym.agent.config import AgentConfig
-from webgym.agent.context import AttemptPosition, Cut, Round, cut_short, describe, picture_of, shown_reply
-from webgym.agent.formats import Format
+from webgym.agent.context import Cut, Round, cut_short, describe, picture_of, shown_reply
+from webgym.agent.formats import Format, Turn
 from webgym.agent.image_sizing import Size
 from webgym.agent.memory import to_json
 from webgym.agent.parser import ParsedReply, ParseError, read_sections
-from webgym.agent.profile import Profile, Thinking
+from webgym.agent.profile import Thinking
 from webgym.agent.prompts import system_prompt, write_sections
 from webgym.core.action import Action, Mode, Space
 from webgym.core.observation import Notice, NoticeKind, Observation
@@ -62,16 +62,9 @@ class StandardFormat(Format):
     has_end = True
     spaces = get_args(Space)
 
-    def messages(
-        self,
-        task: Task,
-        past: Sequence[Round],
-        now: AttemptPosition,
-        config: AgentConfig,
-        profile: Profile,
-        cut: Cut,
-    ) -> tuple[Message, ...]:
+    def messages(self, turn: Turn, cut: Cut) -> tuple[Message, ...]:
         """A turn for each round of the window, after a list of earlier actions and the memory."""
+        task, past, now, config, profile = turn
         rounds = min(config.rounds, len(past)) - cut.rounds
         older, window = past[: len(past) - rounds], past[len(past) - rounds :]
         seen = now.observation
@@ -79,7 +72,9 @@ class StandardFormat(Format):
         messages = [Message("system", (TextPart(system_prompt(config, profile.mode, screen)),))]
         opening = _opening(task, older, config, screen, cut)
         if self.has_memory:
-            opening += _memory_text(now.memory, cut.entries)
+            shown_memory = to_json(dict(list(now.memory.items())[cut.entries :]))
+            note = f" (The {cut.entries} oldest entries are kept but left out here.)" if cut.entries else ""
+            opening += f"Memory so far: {shown_memory}{note}\n\n"
         before = older[-1] if older else None
         blind = cut.pictures - cut.rounds
         for number, shown in enumerate(window):
@@ -132,12 +127,6 @@ def _opening(task: Task, older: Sequence[Round], config: AgentConfig, screen: Si
         lines += [_summary_line(past, screen, SUMMARY_LINE_MAX_CHARS) for past in older[cut.lines :]]
         parts.append("Earlier actions:\n" + "\n".join(lines))
     return "\n\n".join(parts) + "\n\n"
-
-
-def _memory_text(memory: Mapping[str, Any], left_out: int) -> str:
-    shown = to_json(dict(list(memory.items())[left_out:]))
-    told = f" (The {left_out} oldest entries are kept but left out here.)" if left_out else ""
-    return f"Memory so far: {shown}{told}\n\n"
 
 
 def _summary_line(past: Round, screen: Size, max_chars: int) -> str:

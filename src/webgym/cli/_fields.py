@@ -118,7 +118,7 @@ class Options:
         default = option.default or _default_text(field)
         declaration = typer.Option(
             flag,
-            help=option.help or help_of(model, name),
+            help=option.help or escape(_plain_help(model, name)),
             show_default=default or False,
             metavar=option.metavar or choices,
             rich_help_panel=self._panel,
@@ -271,12 +271,8 @@ def owner_of(model: type[BaseModel], path: str) -> tuple[type[BaseModel], str]:
     return owner_of(section, rest)
 
 
-def help_of(model: type[BaseModel], name: str) -> str:
-    """The first paragraph of a field's docstring, without reStructuredText markup."""
-    return escape(_plain_help(model, name))
-
-
 def _plain_help(model: type[BaseModel], name: str) -> str:
+    """The first paragraph of a field's docstring, without reStructuredText markup."""
     paragraph = re.split(r"\n\s*\n", field_docstring(model, name))[0]
     return " ".join(_CODE.sub(r"\1", _ROLE.sub(r"\1", paragraph)).split())
 

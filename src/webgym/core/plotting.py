@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -18,7 +18,7 @@ COLUMN: Final = 3.4
 PAGE: Final = 7.0
 """Width of a figure in inches: both columns."""
 
-INK, MUTED, GRIDLINE = "#222222", "#666666", "#e4e4e4"
+INK, MUTED = "#222222", "#666666"
 CATEGORIES: Final = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9")
 """The colours of Okabe and Ito, which people with any colour vision can distinguish."""
 
@@ -30,43 +30,12 @@ _METADATA: Final[dict[str, dict[str, None]]] = {
 }
 """By suffix: metadata to omit, as it would differ between two files of the same figure."""
 
-_STYLE: Final[dict[str, Any]] = {
-    "font.family": "DejaVu Sans",  # included in matplotlib, so it is the same on every machine
-    "font.size": 7,
-    "axes.titlesize": 7.5,
-    "axes.labelsize": 7,
-    "xtick.labelsize": 6.5,
-    "ytick.labelsize": 6.5,
-    "legend.fontsize": 6.5,
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "axes.edgecolor": MUTED,
-    "xtick.color": MUTED,
-    "ytick.color": MUTED,
-    "xtick.labelcolor": INK,
-    "ytick.labelcolor": INK,
-    "axes.linewidth": 0.6,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.minor.width": 0.4,
-    "ytick.minor.width": 0.4,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.axisbelow": True,
-    "axes.titlelocation": "left",
-    "grid.color": GRIDLINE,
-    "grid.linewidth": 0.5,
-    "figure.facecolor": "white",
-    "savefig.facecolor": "white",
-    "svg.hashsalt": "webgym",
-    "svg.fonttype": "path",
-}
-
 
 @contextmanager
 def styled() -> Iterator[None]:
     """Apply our style to figures that are made and saved in the block."""
-    with mpl.rc_context(_STYLE):  # type: ignore[arg-type]  # typed by 300 literal names
+    style = Path(__file__).with_name("figures.mplstyle")
+    with mpl.rc_context(mpl.rc_params_from_file(style, use_default_template=False)):
         yield
 
 

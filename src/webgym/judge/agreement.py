@@ -221,7 +221,8 @@ def _block(title: str, rows: Iterable[tuple[Group, int, Mapping[Metric, Estimate
 def rates(confusion: Confusion) -> dict[Metric, float | None]:
     """The metrics of a confusion matrix; ``None`` where one is undefined."""
     counts = [confusion.both, confusion.judge_only, confusion.human_only, confusion.neither]
-    return {name: _none_if_nan(value) for name, value in zip(METRICS, _rates(np.array(counts)), strict=True)}
+    values = zip(METRICS, _rates(np.array(counts)), strict=True)
+    return {name: None if np.isnan(value) else float(value) for name, value in values}
 
 
 def agreement(
@@ -302,7 +303,8 @@ def _clusters(cases: Iterable[Case], judges: int, config: AgreementConfig) -> li
     rows: dict[object, list[int]] = defaultdict(lambda: [0] * width)
     for number, case in enumerate(cases):
         row = rows[case.task or number]
-        verdicts = [_effective_verdict(verdict, config) for verdict in case.verdicts]
+        missing = False if config.no_verdict == "failure" else None
+        verdicts = [missing if verdict is None else verdict for verdict in case.verdicts]
         for judge, verdict in enumerate(verdicts):
             if verdict is None:
                 continue
@@ -312,10 +314,6 @@ def _clusters(cases: Iterable[Case], judges: int, config: AgreementConfig) -> li
                 row[pair + _cell(case.human, verdicts[0])] += 1
                 row[pair + 4 + _cell(case.human, verdict)] += 1
     return list(rows.values())
-
-
-def _effective_verdict(verdict: bool | None, config: AgreementConfig) -> bool | None:
-    return False if verdict is None and config.no_verdict == "failure" else verdict
 
 
 def _cell(human: bool, verdict: bool) -> int:
@@ -380,10 +378,6 @@ def _estimate(value: float, resamples: Values) -> Estimate:
     if np.isnan(value):
         return Estimate(None)
     return Estimate(value, *(percentiles(resamples, CONFIDENCE) or ()))
-
-
-def _none_if_nan(value: float) -> float | None:
-    return None if np.isnan(value) else float(value)
 
 
 _METRICS: Final[dict[Metric, str]] = {

@@ -25,8 +25,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple, TypeAlias
+from importlib.resources import files
+from typing import Final, TypeAlias
 from urllib.parse import urlsplit
+
+import msgspec
 
 from webgym.core.action import LeftClick, Navigate, Type
 from webgym.core.observation import Observation
@@ -53,7 +56,7 @@ SHORT_CHARS: Final = 1_500
 """Longest challenge page, characters; a longer text with a challenge's words is about something else."""
 
 
-class Guard(NamedTuple):
+class Guard(msgspec.Struct, frozen=True):
     """A bot-protection service, and how its challenge pages are recognised.
 
     Attributes:
@@ -69,102 +72,16 @@ class Guard(NamedTuple):
     words: tuple[str, ...] = ()
 
 
-GUARDS: Final = (
-    Guard(
-        "Cloudflare",
-        r"/cdn-cgi/(?:challenge-platform|l/chk_)|[?&]__cf_chl_",
-        ("just a moment...", "attention required! | cloudflare", "please wait... | cloudflare"),
-        (
-            "checking if the site connection is secure",
-            "needs to review the security of your connection",
-            "checking your browser before accessing",
-            "verify you are human by completing the action below",
-            "performance & security by cloudflare",
-            "cloudflare ray id",
-            "enable javascript and cookies to continue",
-            "you have been blocked",
-        ),
-    ),
-    Guard(
-        "DataDome",
-        r"//(?:geo|ct|interstitial)\.captcha-delivery\.com/",
-        (),
-        ("please enable js and disable any ad blocker", "slide right to complete the puzzle", "datadome"),
-    ),
-    Guard(
-        "PerimeterX (HUMAN)",
-        r"//captcha\.px-c(?:loud|dn)\.net/",
-        ("access to this page has been denied", "access to this page has been denied."),
-        (
-            "press & hold to confirm you are",
-            "press and hold to confirm you are",
-            "we think you are using automation",
-        ),
-    ),
-    Guard(
-        "Akamai",
-        r"//errors\.edgesuite\.net/",
-        ("access denied",),
-        ("you don't have permission to access", "errors.edgesuite.net"),
-    ),
-    Guard(
-        "Google",
-        r"//(?:www\.)?google\.[a-z.]+/sorry/",
-        (),
-        ("detected unusual traffic from your computer network", "about this page our systems have detected"),
-    ),
-    Guard(
-        "Imperva",
-        r"/_incapsula_resource",
-        ("pardon our interruption",),
-        ("incapsula incident id", "made us think you were a bot", "request unsuccessful. incapsula"),
-    ),
-    Guard(
-        "AWS WAF",
-        r"//[\w.-]+\.token\.awswaf\.com/",
-        ("human verification",),
-        ("let's confirm you are human",),
-    ),
-    Guard(
-        "hCaptcha",
-        r"//(?:newassets\.)?hcaptcha\.com/captcha/",
-        ("one more step",),
-        ("one more step please complete",),
-    ),
-    Guard("Kasada", r"/ips\.js\?kp_", (), ()),
-)
-"""Common bot-protection services, by what is publicly visible of their pages."""
+class _Data(msgspec.Struct, frozen=True):
+    words: tuple[str, ...]
+    guards: tuple[Guard, ...]
 
-WORDS: Final = (
-    "verify you are human",
-    "verify that you are human",
-    "verifying you are human",
-    "confirm you are human",
-    "confirm that you are human",
-    "are you human",
-    "checking your browser",
-    "are you a robot",
-    "i'm not a robot",
-    "i am not a robot",
-    "you are not a robot",
-    "you're not a robot",
-    "unusual traffic",
-    "automated traffic",
-    "automated access",
-    "suspicious activity",
-    "complete the captcha",
-    "complete the security check",
-    "solve the captcha",
-    "solve this captcha",
-    "enter the characters you see",
-    "access to this page has been denied",
-    "access denied",
-    "access has been blocked",
-    "request blocked",
-    "too many requests",
-)
+
+_DATA: Final = msgspec.toml.decode(files("webgym.judge").joinpath("guards.toml").read_bytes(), type=_Data)
+GUARDS: Final = _DATA.guards
+"""Common bot-protection services."""
+WORDS: Final = _DATA.words
 """Phrases of challenge pages of any service, folded."""
-
 
 FORM_WORDS: Final = re.compile(
     r"\b(?:password|e-?mail|username|user name|first name|last name|phone|message|sign up|sign in|log in|"

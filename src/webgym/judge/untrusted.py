@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable
 from typing import Final
 
 from webgym.core.text import visible
@@ -52,9 +51,5 @@ def in_parts(text: str, limit: int) -> list[str]:
 
 def quote(label: str, text: str, code: str) -> str:
     """The text as a quotation that nothing in it can end."""
-    lines = _barred(text.splitlines() or [""])
+    lines = (f"| {visible(line)}" for line in text.splitlines() or [""])
     return "\n".join((f"<<{label} {code}>>", *lines, f"<<end of {label} {code}>>"))
-
-
-def _barred(lines: Iterable[str]) -> Iterable[str]:
-    return (f"| {visible(line)}" for line in lines)

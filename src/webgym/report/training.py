@@ -11,9 +11,11 @@ import shlex
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
+from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
+import msgspec
 import yaml
 from markupsafe import Markup
 
@@ -54,96 +56,19 @@ def _figure(row: Mapping[str, Any], path: str) -> float | None:
     return None if value is None else float(value)
 
 
-def _short(value: float) -> str:
-    return f"{value:.3g}"
-
-
-class _Chart(NamedTuple):
-    """A chart of figures of the metrics, over the number of trajectories collected.
-
-    Attributes:
-        axis: what its values are, as its vertical axis names them.
-        lines: paths of the figures, by their names.
-        write: formats a value.
-        whole: as for :class:`Curves`.
-    """
+class _Chart(msgspec.Struct, frozen=True):
+    """A chart of figures of the metrics, over the number of trajectories collected, in
+    ``training_charts.toml``."""
 
     axis: str
     lines: dict[str, str]
-    write: Callable[[float], str] = _short
+    write: Literal["number", "percent"] | None = None
     whole: bool = False
 
 
-_CHARTS: Final = {
-    "Steps per trajectory": _Chart(
-        "Steps",
-        {
-            "All": "collect/steps_per_trajectory",
-            "Success": "collect/steps_of_successes",
-            "Failure": "collect/steps_of_failures",
-        },
-        formatting.number,
-    ),
-    "Steps without effect": _Chart(
-        "Share of steps",
-        {"Unchanged screenshot": "collect/unchanged_share", "Unreadable reply": "collect/unreadable_share"},
-        formatting.percent,
-        whole=True,
-    ),
-    "Reply length, tokens": _Chart("Tokens", {"Reply": "collect/reply_tokens"}, formatting.number),
-    "Reply length, characters": _Chart(
-        "Characters", {"Reply": "collect/reply_characters"}, formatting.number
-    ),
-    "Blocked attempts": _Chart(
-        "Share of attempts", {"Blocked": "collect/blocked_share"}, formatting.percent, whole=True
-    ),
-    "Groups of attempts": _Chart(
-        "Share of groups",
-        {
-            "All right": "replay/counts/groups/all_right",
-            "All wrong": "replay/counts/groups/all_wrong",
-            "Mixed": "replay/counts/groups/mixed",
-            "Cut off": "replay/counts/groups/cut_off",
-        },
-        formatting.percent,
-        whole=True,
-    ),
-    "Loss": _Chart("Loss per token", {"Loss": "update/loss"}),
-    "Gradient norm before clipping": _Chart("Norm", {"Norm": "update/grad_norm"}),
-    "Entropy": _Chart("Nats per token", {"Entropy": "update/extra/entropy"}),
-    "Divergence": _Chart(
-        "Nats per token",
-        {
-            "From behaviour": "update/extra/kl_behaviour",
-            "From the start": "update/extra/kl_start",
-            "Server from learner": "update/extra/logprob_mismatch",
-        },
-    ),
-    "Largest ratio": _Chart("New over old probability", {"Largest": "update/extra/ratio_max"}),
-    "Tokens clipped and dropped": _Chart(
-        "Share of tokens",
-        {
-            "Clipped low": "update/extra/clipped_low",
-            "Clipped high": "update/extra/clipped_high",
-            "Dropped": "update/extra/dropped",
-        },
-        formatting.percent,
-        whole=True,
-    ),
-    "Advantages": _Chart(
-        "Advantage",
-        {"Mean size": "replay/advantages/mean_size", "Highest": "replay/advantages/highest"},
-    ),
-    "Reuse and age of steps": _Chart(
-        "Earlier uses; updates", {"Uses": "replay/earlier_uses", "Age": "replay/mean_staleness"}
-    ),
-    "Tokens per second of the update": _Chart(
-        "Tokens/s", {"Tokens": "update/tokens_per_second"}, formatting.number
-    ),
-    "Share of the GPUs' peak": _Chart(
-        "Model operations", {"Share": "update/peak_share"}, formatting.percent, whole=True
-    ),
-}
+_CHARTS: Final = msgspec.toml.decode(
+    files("webgym.report").joinpath("training_charts.toml").read_bytes(), type=dict[str, _Chart]
+)
 
 
 class Pair(NamedTuple):
@@ -219,7 +144,7 @@ class Training:
             title: Curves(
                 chart.axis,
                 [self._line(*line, number=number) for number, line in enumerate(chart.lines.items())],
-                chart.write,
+                getattr(formatting, chart.write) if chart.write else "{:.3g}".format,
                 whole=chart.whole,
             )
             for title, chart in _CHARTS.items()

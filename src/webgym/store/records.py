@@ -103,12 +103,8 @@ def decode(line: bytes) -> Trajectory:
 _NAME = re.compile(rb'"attempt_id":("(?:[^"\\]|\\.)*")')
 
 
-def attempt_id_in(line: bytes) -> str | None:
-    """The attempt id in a damaged line, if it can still be read."""
-    return next(_attempt_ids_in(line), None)
-
-
 def _attempt_ids_in(line: bytes) -> Iterator[str]:
+    """The attempt ids in a damaged line that can still be read."""
     for found in _NAME.finditer(line):
         with suppress(ValueError):
             yield msgspec.json.decode(found.group(1), type=str)
@@ -197,7 +193,7 @@ class Index:
                     self._add(_heads.decode(unseal(line)), shard.name, offset, len(line))
                 except (ValueError, RecursionError) as error:
                     self._note(shard, number, error)
-                    if name := attempt_id_in(line):
+                    if name := next(_attempt_ids_in(line), None):
                         self.retired.add(name)
                 offset += len(line)
         self._read[shard.name] = (offset, number)

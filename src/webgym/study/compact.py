@@ -21,15 +21,13 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
 from webgym.agent.computer_use import Refused, from_arguments, to_arguments
-from webgym.agent.config import AgentConfig
-from webgym.agent.context import AttemptPosition, Cut, Round, picture_of, shown_reply
-from webgym.agent.formats import Format
+from webgym.agent.context import Cut, Round, picture_of, shown_reply
+from webgym.agent.formats import Format, Turn
 from webgym.agent.image_sizing import Size
 from webgym.agent.parser import ParsedReply, ParseError, after_thinking
-from webgym.agent.profile import Profile, Thinking
+from webgym.agent.profile import Thinking
 from webgym.core.action import GRID, Action, Mode, Space
 from webgym.core.observation import Observation
-from webgym.core.task import Task
 from webgym.core.text import visible
 from webgym.core.trajectory import Message, TextPart
 
@@ -53,16 +51,9 @@ class CompactFormat(Format):
     has_end = False
     spaces: ClassVar[Sequence[Space]] = ("paper",)
 
-    def messages(
-        self,
-        task: Task,
-        past: Sequence[Round],
-        now: AttemptPosition,
-        config: AgentConfig,
-        profile: Profile,
-        cut: Cut,
-    ) -> tuple[Message, ...]:
+    def messages(self, turn: Turn, cut: Cut) -> tuple[Message, ...]:
         """The request: each picture comes first, and the task is in the last message."""
+        task, past, now, config, profile = turn
         rounds = min(config.rounds, len(past)) - cut.rounds
         screen = profile.screen(profile.picture_size(now.observation.picture_size, config.image_max_side))
         blind = cut.pictures - cut.rounds

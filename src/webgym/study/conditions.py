@@ -202,7 +202,7 @@ async def carry_out(
     trainings = [(row, seed) for seed in range(1, seeds + 1) for row in rows]
     for number, (row, seed) in enumerate(trainings, start=1):
         config = study.training(row, seed, weights)
-        folder = TrainingFolder(out / "trainings" / _slug(row) / f"seed-{seed}")
+        folder = TrainingFolder(out / "trainings" / re.sub(r"\W+", "-", row) / f"seed-{seed}")
         tell(f"training {number} of {len(trainings)}: {row}, seed {seed}")
         settings, reusable = _settings(config, first), evaluated.get(_evaluation_of(config))
         result_so_far = results.setdefault((row, seed), Result(row, seed, [], [], settings))
@@ -419,10 +419,6 @@ def _draw(results: Sequence[Result], path: Path) -> None:
         axes.grid(axis="y")
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
         save(figure, path)
-
-
-def _slug(row: str) -> str:
-    return re.sub(r"\W+", "-", row)
 
 
 # --- what is more than chance ---------------------------------------------------------------------------

@@ -368,12 +368,10 @@ def task_of_record(record: object, place: str) -> Task:
 def without_nulls(value: Any) -> Any:
     """The value without members that are null or NaN: writers of tables give each row the keys of all."""
     if isinstance(value, dict):
-        return {name: without_nulls(each) for name, each in value.items() if not _is_null(each)}
+        return {
+            name: without_nulls(each) for name, each in value.items() if each is not None and each == each
+        }
     return [without_nulls(each) for each in value] if isinstance(value, list) else value
-
-
-def _is_null(value: object) -> bool:
-    return value is None or value != value
 
 
 def as_text(value: object) -> object:

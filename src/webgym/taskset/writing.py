@@ -252,7 +252,11 @@ def _of_fact(fact: str, task: SourceTask, stated: set[str]) -> Iterator[str]:
 def text_problem(text: str, task: Task, groups: Sequence[FactGroup]) -> str | None:
     """Why a text is refused as the instruction of a task with only these groups; ``None`` if it is not."""
     parent = task.instruction
-    return _not_plain(text, parent) or _other_numbers(text, task, groups) or _gives_away(text, task)
+    return (
+        _not_plain(text, parent)
+        or _other_numbers(text, task, groups)
+        or ("it gives the answer away." if _reveals(text, task) else None)
+    )
 
 
 def _not_plain(text: str, parent: str) -> str | None:
@@ -285,10 +289,6 @@ def _other_numbers(text: str, task: Task, groups: Sequence[FactGroup]) -> str | 
     if missing := (wanted & original) - written:
         return f"it leaves out {', '.join(sorted(missing))}, which the facts ask for."
     return None
-
-
-def _gives_away(text: str, task: Task) -> str | None:
-    return "it gives the answer away." if _reveals(text, task) else None
 
 
 # --- texts ------------------------------------------------------------------------------------------------

@@ -383,7 +383,9 @@ class Pipeline:
             The tasks, and the ids of those whose reply is pending. These are passed on, because their rubric
             can be requested without it, and removed at that stage.
         """
-        unplaced = [task for task in tasks if task.website is None or not _in_taxonomy(task)]
+        unplaced = [
+            task for task in tasks if task.website is None or DOMAIN_OF.get(task.subdomain) != task.domain
+        ]
         ask = partial(infer_website, tries=self._config.writing.tries)
         results = await self._ask("website", "websites", unplaced, ask)
         placed: list[SourceTask] = []
@@ -562,10 +564,6 @@ class Pipeline:
 
 def _by_source(tasks: Iterable[SourceTask | Task]) -> Counter[str]:
     return Counter(task.source for task in tasks)
-
-
-def _in_taxonomy(task: SourceTask) -> bool:
-    return DOMAIN_OF.get(task.subdomain) == task.domain
 
 
 def _finished(task: SourceTask, rubric: Rubric) -> Task:

@@ -108,19 +108,12 @@ def test_what_is_rendered_is_read(
 
 
 PIECES = [
-    "<tool_call>",
-    "</tool_call>",
-    "<think>",
-    "</think>",
+    *"<tool_call> </tool_call> <think> </think> ``` } Action: NaN".split(),
     "```json\n",
-    "```",
     '{"name": "computer_use", "arguments": ',
     '{"action": "left_click", "coordinate": [1, 2]}',
     '{"action": "answer", "text": "yes"}',
-    "}",
     "Memory: ",
-    "Action:",
-    "NaN",
     "\ud800",
 ]
 

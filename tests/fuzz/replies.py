@@ -213,22 +213,8 @@ class Generator:
 
 
 SCRAPS = (
-    "<tool_call>",
-    "</tool_call>",
-    "<think>",
-    "</think>",
-    "```",
-    "{",
-    "}",
-    '"',
-    "\\",
-    ",",
-    "null",
-    "NaN",
-    "9",
-    "-",
-    "\ud800",
-    '"action": "answer", ',
+    *'<tool_call> </tool_call> <think> </think> ``` { } " \\ , null NaN 9 -'.split(),
+    *("\ud800", '"action": "answer", '),
 )
 
 

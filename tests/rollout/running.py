@@ -189,6 +189,14 @@ async def until_half(run: Run, world: World) -> None:
     )
 
 
+async def half_of(world: World, config: RunConfig | None, out: Path) -> Run:
+    """A run of which half has ended, while the model holds the rest."""
+    world.model.may = HALF
+    run = Run().start(config, out)
+    await until_half(run, world)
+    return run
+
+
 def books(out: Path) -> list[Trajectory]:
     """A run's trajectories, after it was checked that they add up and that nothing is there twice."""
     reader = RunReader(out)

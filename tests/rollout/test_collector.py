@@ -15,15 +15,14 @@ from typing import Any
 import pytest
 from benchmarks.stand_ins import TOKEN
 from tests.rollout.running import (
-    HALF,
     SECONDS,
     Model,
     Run,
     World,
     books,
+    half_of,
     outcomes,
     until,
-    until_half,
 )
 
 from webgym.core.errors import LeaseLost, ServerUnreachable
@@ -248,9 +247,7 @@ async def test_a_slow_judge_or_disk_holds_browsers_back_before_memory_grows(
 async def test_a_run_that_is_to_finish_ends_what_it_has_begun_and_begins_nothing(
     tmp_path: Path, world: World
 ) -> None:
-    world.model.may = HALF
-    run = Run().start(world.config(tmp_path, 16), tmp_path / "run")
-    await until_half(run, world)
+    run = await half_of(world, world.config(tmp_path, 16), tmp_path / "run")
     begun = world.browsers.opened
     run.finishing.set()
     world.model.may = math.inf

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import io
 import json
 import shutil
@@ -17,7 +16,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 from tests.conftest import Calls
-from tests.report.conftest import build_run
 from tests.rollout.test_summary import attempt, task
 
 from webgym.core.errors import RunFolderError
@@ -150,11 +148,6 @@ def test_the_levels_add_up_and_intervals_hold_the_rate(ended: list[tuple[Level, 
 
 
 # --- of a run --------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return asyncio.run(build_run(tmp_path_factory.mktemp("runs") / "run", 12))
 
 
 def test_a_run_as_its_summary_has_it(run: Path) -> None:

@@ -20,7 +20,7 @@ from typing import Any, cast
 import pytest
 from aiohttp import web
 from benchmarks.stand_ins import TOKEN, StandInBrowsers, refusal, serving_app
-from tests.rollout.running import HALF, SECONDS, Run, World, books, outcomes, until, until_half
+from tests.rollout.running import HALF, SECONDS, Run, World, books, half_of, outcomes, until, until_half
 from tests.soak.disk import small_disk
 
 from webgym.core.errors import (
@@ -56,9 +56,7 @@ async def test_a_policy_that_is_away_for_longer_than_its_tries_costs_no_attempt(
     retry = Retry(tries=2, first_seconds=0.05, longest_seconds=0.2)
     chat = config.policy.chat.model_copy(update={"retry": retry})
     config = config.model_copy(update={"policy": config.policy.model_copy(update={"chat": chat})})
-    world.model.may = HALF
-    run = Run().start(config, tmp_path / "run")
-    await until_half(run, world)
+    run = await half_of(world, config, tmp_path / "run")
     await world.stop("model")
     await until(lambda: "cannot be reached" in " ".join(run.progress.warnings))
     await asyncio.sleep(1)
@@ -109,9 +107,7 @@ def test_attempts_that_fail_together_stop_the_run_with_one_error() -> None:
 async def test_what_a_judge_that_is_down_did_not_judge_is_judged_later_and_not_made_again(
     tmp_path: Path, world: World
 ) -> None:
-    world.model.may = HALF
-    run = Run().start(world.config(tmp_path, 16), tmp_path / "run")
-    await until_half(run, world)
+    run = await half_of(world, world.config(tmp_path, 16), tmp_path / "run")
     await world.stop("judge")
     world.model.may = 44  # of 48: two attempts, at least, end when it is back
     await until(lambda: run.progress.outcomes[Outcome.JUDGE_ERROR] >= 3)
@@ -144,9 +140,7 @@ async def test_a_judge_that_hangs_stops_the_run_and_judges_when_it_goes_on(
 async def test_a_server_that_is_lost_and_comes_back_costs_what_was_in_flight(
     tmp_path: Path, world: World
 ) -> None:
-    world.model.may = HALF
-    run = Run().start(world.config(tmp_path, 16, retries=3), tmp_path / "run")
-    await until_half(run, world)
+    run = await half_of(world, world.config(tmp_path, 16, retries=3), tmp_path / "run")
     await world.stop("browsers")
     world.browsers.sessions.clear()
     world.model.may = math.inf
@@ -212,9 +206,7 @@ async def test_a_browser_that_cannot_be_had_for_a_while_is_waited_for(
     tmp_path: Path, world: World, refuses: Callable[[], web.HTTPException]
 ) -> None:
     """Nothing has begun: no attempt is recorded for it."""
-    world.model.may = HALF
-    run = Run().start(world.config(tmp_path, 16, retries=0), tmp_path / "run")
-    await until_half(run, world)
+    run = await half_of(world, world.config(tmp_path, 16, retries=0), tmp_path / "run")
     world.browsers.refuses, world.model.may = refuses, math.inf
     await until(lambda: run.progress.browser_problem)
     assert "wait for a browser" in " ".join(run.progress.warnings)
@@ -226,9 +218,7 @@ async def test_a_browser_that_cannot_be_had_for_a_while_is_waited_for(
 
 
 async def test_a_token_that_is_refused_stops_the_run_at_once(tmp_path: Path, world: World) -> None:
-    world.model.may = HALF
-    run = Run().start(world.config(tmp_path, 16), tmp_path / "run")
-    await until_half(run, world)
+    run = await half_of(world, world.config(tmp_path, 16), tmp_path / "run")
     world.browsers.refuses = lambda: refusal(Unauthorized("the token is invalid"))
     world.model.may = math.inf
     with pytest.raises(BaseExceptionGroup) as stopped:
@@ -327,10 +317,8 @@ async def test_a_resumed_collector_gives_back_the_leases_of_the_one_that_was_kil
 async def test_a_browser_that_does_not_come_back_stops_the_run_and_uses_up_no_sample(
     tmp_path: Path, world: World
 ) -> None:
-    world.model.may = HALF
     config = world.config(tmp_path, 16, {"server_patience_seconds": 0.3}, retries=0)
-    run = Run().start(config, tmp_path / "run")
-    await until_half(run, world)
+    run = await half_of(world, config, tmp_path / "run")
     world.browsers.refuses = lambda: refusal(BrowserLaunchFailed("chromium did not start"))
     world.model.may = math.inf
     with pytest.raises(BaseExceptionGroup) as stopped:
@@ -422,9 +410,7 @@ async def test_a_disk_that_is_full_stops_the_run_and_once_freed_it_goes_on(
 
 async def test_a_run_whose_folder_is_deleted_says_so(tmp_path: Path, world: World) -> None:
     """The summary, which cannot be written either, is not what stopped it."""
-    world.model.may = HALF
-    run = Run().start(world.config(tmp_path, 16), tmp_path / "run")
-    await until_half(run, world)
+    run = await half_of(world, world.config(tmp_path, 16), tmp_path / "run")
     # Renamed first: in a folder that is being emptied, a writer could put something new meanwhile.
     (tmp_path / "run").rename(tmp_path / "deleted")
     await asyncio.to_thread(shutil.rmtree, tmp_path / "deleted")

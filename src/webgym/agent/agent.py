@@ -134,7 +134,9 @@ class Dialogue:
             image: its screenshot, encoded.
         """
         config, profile = self._config, self._profile
-        past = _with_effect(self._rounds, observation)
+        past = list(self._rounds)
+        if past:
+            past[-1] = Round(past[-1].step.followed_by(observation), past[-1].parsed)
         index = len(past)
         revision = self.revisions.get(index - 1, Revision())
         now = AttemptPosition(observation, index, self._budget, self.memory, revision, self.progress)
@@ -296,14 +298,6 @@ class Conversation(Dialogue):
                 if is_last or ended_by(reply.finish_reason) != "unknown":
                     raise
         raise AssertionError("the last reply is returned or raises")
-
-
-def _with_effect(rounds: list[Round], observation: Observation) -> list[Round]:
-    """The rounds, with ``changed`` of the last one set from the observation after it."""
-    if not rounds:
-        return []
-    *earlier, last = rounds
-    return [*earlier, Round(last.step.followed_by(observation), last.parsed)]
 
 
 _OWN_BUG: Final = "this is a bug in the policy's own code"

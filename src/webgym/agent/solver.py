@@ -47,21 +47,8 @@ from webgym.core.text import fold
 from webgym.core.truth import Back, Choose, Click, Done, Fill, Give, Home, Move, Remember, See
 
 IN_THE_WAY: Final = frozenset(
-    {
-        "accept all",
-        "accept all cookies",
-        "accept cookies",
-        "allow all",
-        "allow all cookies",
-        "got it",
-        "i agree",
-        "maybe later",
-        "no thanks",
-        "no, thanks",
-        "not now",
-        "only necessary",
-        "reject all",
-    }
+    "accept all|accept all cookies|accept cookies|allow all|allow all cookies|got it|i agree|maybe later|"
+    "no thanks|no, thanks|not now|only necessary|reject all".split("|")
 )
 """Names of buttons that dismiss an obstacle and do nothing else; clicked whenever they are visible."""
 

@@ -105,12 +105,10 @@ class BareTab:
             A PNG, encoded for speed.
         """
         if number % 2:
-            await self._do(
-                "Input.dispatchMouseEvent", type="mousePressed", x=40, y=400, button="left", clickCount=1
-            )
-            await self._do(
-                "Input.dispatchMouseEvent", type="mouseReleased", x=40, y=400, button="left", clickCount=1
-            )
+            for kind in ("mousePressed", "mouseReleased"):
+                await self._do(
+                    "Input.dispatchMouseEvent", type=kind, x=40, y=400, button="left", clickCount=1
+                )
         else:
             down = 576 if number % 4 else -576
             await self._do("Input.dispatchMouseEvent", type="mouseWheel", x=640, y=384, deltaX=0, deltaY=down)

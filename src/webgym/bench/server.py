@@ -238,10 +238,8 @@ async def burst(plan: BenchPlan, pages: PageServer, report: Report) -> Burst:
 
     def is_under_way(now: Pressure) -> bool:
         load = now.operations["navigate"]
-        begun = (
-            load.done + load.running + load.waiting - plan.burst - screenshots
-        )  # without the first one of each session
-        return begun >= plan.burst // 2
+        first = plan.burst + screenshots  # of each session
+        return load.done + load.running + load.waiting - first >= plan.burst // 2
 
     for queues in get_args(Queues):
         report(f"screenshots during {plan.burst} navigations, {queues.replace('_', ' ')} queue")

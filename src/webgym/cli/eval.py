@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -107,7 +108,7 @@ def command(
         _run.refuse_unused_with_resume(context, folder)
         job = _run.resume_job(folder, settings, skip_corrupt=skip_corrupt, retry_errors=retry_errors)
     else:
-        folder = out or _new_folder()
+        folder = out or Path("runs") / f"eval-{datetime.now():%Y%m%d-%H%M%S}"
         job = _collection(folder, config or (), settings, budget)
     resumed_by = ("webgym eval", folder)
     summary, finishing = _run.make_run(
@@ -181,9 +182,3 @@ def _budgets(budget: str | None) -> dict[str, int]:
     if len(parts) != 3 or not all(part.isascii() and part.isdecimal() for part in parts):
         raise ConfigError(f"--budget {budget!r} is not three numbers", hint="as in --budget 30,50,70")
     return {f"budget_{level}": int(part) for level, part in zip(LEVELS, parts, strict=True)}
-
-
-def _new_folder() -> Path:
-    from datetime import datetime
-
-    return Path("runs") / f"eval-{datetime.now():%Y%m%d-%H%M%S}"

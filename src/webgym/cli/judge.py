@@ -354,7 +354,7 @@ def _read_run(
     if read.labels and not own:
         known = ", ".join(sorted({label.annotator or "(unnamed)" for label in read.labels}))
         raise UsageError(f"there are no labels of {annotator!r}", hint=f"the annotators are {known}")
-    labels_by_name = dict(_name_and_label(option) for option in judges)
+    labels_by_name = dict(option.partition("=")[::2] for option in judges)  # a label may contain it
     labels_by_name = labels_by_name or dict.fromkeys([RECORDED, *read_verdicts(run)], "")
     pairs = pairs_of(run, list(labels_by_name), own, humans, agent=agent)
     names = tuple(map(_printed_name, pairs.judges, labels_by_name.values()))
@@ -362,12 +362,6 @@ def _read_run(
         raise UsageError("two judges have the same name", hint="give them labels: --judge NAME=LABEL")
     people = annotator_agreement(resolved(reader, read.labels))
     return _Labelled(names, pairs.cases, pairs.left_out, notes, people)
-
-
-def _name_and_label(option: str) -> tuple[str, str]:
-    """Split ``NAME=LABEL``; a label may contain ``=``, a judge's name does not."""
-    name, _, label = option.partition("=")
-    return name, label
 
 
 def _printed_name(name: str, label: str) -> str:

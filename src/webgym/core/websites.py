@@ -135,13 +135,10 @@ def start_url_problem(website: str) -> str:
     scheme, _, rest = address.partition("://") if _SCHEME.match(address) else ("", "", address)
     port = _PATH.sub("", rest).rpartition("@")[2].rpartition("]")[2].partition(":")[2]
     is_local = host == "localhost" or (scheme and port)
-    if not ("." in host or ":" in host or is_local) or (port and not _is_port(port)):
+    is_port = not port or (port.isdecimal() and int(port) <= _LARGEST_PORT)
+    if not ("." in host or ":" in host or is_local) or not is_port:
         return f"{website[:80]!r} does not name a website"
     return ""
-
-
-def _is_port(text: str) -> bool:
-    return text.isdecimal() and int(text) <= _LARGEST_PORT
 
 
 @cache

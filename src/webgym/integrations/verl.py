@@ -134,22 +134,17 @@ class WebGymAgentLoop(AgentLoopBase):
                 response_ids=row.reply_ids,
                 response_mask=[1] * len(row.reply_ids),
                 response_logprobs=row.logprobs,
-                multi_modal_data={"images": _decoded(row.images)},
+                multi_modal_data={"images": TokenRequest("", [], [], row.images, ()).pil_images()},
                 reward_score=rollout.reward,
                 num_turns=2,
-                metrics=AgentLoopMetrics(num_preempted=_preempted(replies[row.step])),
-                extra_fields={**replies[row.step].extra_fields, "reward_extra_info": reward_info},
+                metrics=AgentLoopMetrics(
+                    num_preempted=-1 if reply.num_preempted is None else reply.num_preempted
+                ),
+                extra_fields={**reply.extra_fields, "reward_extra_info": reward_info},
             )
             for row in rollout.rows
+            for reply in [replies[row.step]]
         ]
-
-
-def _decoded(images: tuple[bytes, ...]) -> list[Any]:
-    return TokenRequest("", [], [], images, ()).pil_images()
-
-
-def _preempted(reply: TokenOutput) -> int:
-    return -1 if reply.num_preempted is None else reply.num_preempted
 
 
 def write_dataset(

@@ -13,6 +13,7 @@ from webgym.core.task import WHOLE_TASK, Task
 from webgym.core.trajectory import Episode
 from webgym.core.verdict import Cost, FactJudgement, Judgement, Verdict
 from webgym.judge.base import Judge, Pictures, score_of
+from webgym.judge.model_client import result_or_error
 
 
 class Panel:
@@ -45,7 +46,7 @@ class Panel:
             JudgeError: no reward was given by more than half of the members.
         """
         results = await asyncio.gather(
-            *(_verdict_or_error(member, task, episode, pictures) for member in self._members)
+            *(result_or_error(member.judge(task, episode, pictures)) for member in self._members)
         )
         verdicts = [verdict for verdict in results if isinstance(verdict, Verdict)]
         rewards = [verdict.reward for verdict in verdicts]
@@ -74,15 +75,6 @@ class Panel:
             cost=sum(costs, Cost()) if costs else None,
             prompts=agreeing[0].prompts,
         )
-
-
-async def _verdict_or_error(
-    member: Judge, task: Task, episode: Episode, pictures: Pictures
-) -> Verdict | JudgeError:
-    try:
-        return await member.judge(task, episode, pictures)
-    except JudgeError as error:
-        return error
 
 
 def _facts(task: Task, verdicts: Sequence[Verdict]) -> list[FactJudgement]:

@@ -190,7 +190,9 @@ def _compose(place: Place, assignment: Assignment, rubric: Rubric) -> Task:
     whats = [fact.what for part in chosen for fact in part.facts if fact.answer]
     task_id = root if is_whole else f"{root}/{'+'.join(str(number) for number, _ in parts)}"
     form = answer_forms()[wording.form].sentence(whats, task_id)
-    merged, others = _merged_checks(chosen), _unchanged(chosen)
+    merged = _merged_checks(chosen)
+    changed = {check.key[0] for part in chosen for fact in part.facts for check in fact.state}
+    others = [StateCheck((kind,), None) for kind in _CHANGED if kind not in changed]
     first = next((fact for part in chosen for fact in part.facts if fact.state), None)
     return Task(
         id=task_id,
@@ -254,12 +256,6 @@ def _merged_checks(parts: Sequence[Part]) -> dict[tuple[str, ...], StateCheck]:
         if isinstance(check.value, dict):
             merged.setdefault(check.key, {}).update(check.value)
     return {key: StateCheck(key, value) for key, value in merged.items()}
-
-
-def _unchanged(parts: Sequence[Part]) -> list[StateCheck]:
-    """Checks that a task changes nothing but what it is to change."""
-    changed = {check.key[0] for part in parts for fact in part.facts for check in fact.state}
-    return [StateCheck((kind,), None) for kind in _CHANGED if kind not in changed]
 
 
 def _expected(whole: Expected, parts: Sequence[Part]) -> Expected:

@@ -2,17 +2,6 @@
 
 from __future__ import annotations
 
-_OUTCOMES = {
-    "success": "Success",
-    "failure": "Failure",
-    "truncated": "Truncated",
-    "blocked": "Blocked",
-    "environment_error": "Environment error",
-    "policy_error": "Policy error",
-    "judge_error": "Judge error",
-    "cancelled": "Cancelled",
-}
-
 _MEANINGS = {
     "success": "answered, and the judge accepted it",
     "failure": "answered, and the judge rejected it",
@@ -27,7 +16,7 @@ _MEANINGS = {
 
 def outcome_name(outcome: str) -> str:
     """``"environment_error"`` as ``"Environment error"``."""
-    return _OUTCOMES[outcome]
+    return outcome.replace("_", " ").capitalize()
 
 
 def outcome_meaning(outcome: str) -> str:

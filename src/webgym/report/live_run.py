@@ -109,7 +109,7 @@ def overview_html(reader: RunReader, figures: Figures, skipped: Sequence[Corrupt
         "summary": summary,
         "name": reader.path.resolve().name,
         "is_whole": is_whole(reader, summary["attempts"]),
-        "started": _moment(summary["started_at"]),
+        "started": None if (at := summary["started_at"]) is None else datetime.fromtimestamp(at, UTC),
         "planned": len(reader.tasks),
         "skipped": skipped,
         "rewarded": sum(summary["outcomes"][name] for name in ("success", "failure", "truncated")),
@@ -119,10 +119,6 @@ def overview_html(reader: RunReader, figures: Figures, skipped: Sequence[Corrupt
         "axis": LogAxis(list(timings.values())),
     }
     return Markup(ENVIRONMENT.get_template("overview.html.j2").render(context))  # noqa: S704 - autoescaped
-
-
-def _moment(unix: float | None) -> datetime | None:
-    return None if unix is None else datetime.fromtimestamp(unix, UTC)
 
 
 _OVERVIEW = "overview"

@@ -117,8 +117,9 @@ def sample_to_label(reader: RunReader, count: int, seed: int) -> list[str]:
     sizes = _shares(count, {difficulty: len(strata.get(difficulty, ())) for difficulty in _PER_DIFFICULTY})
     chosen: dict[int, list[_Ended]] = {}
     remaining, successes_needed = sum(sizes.values()), round(sum(sizes.values()) / 2)
+    ends = {it: [attempt.succeeded for attempt in strata.get(it, ())] for it in sizes}
     # Difficulties with few successes or failures first, so that the others can compensate.
-    for difficulty in sorted(sizes, key=lambda it: (_fewer(strata.get(it, ())), it)):
+    for difficulty in sorted(sizes, key=lambda it: (min(map(ends[it].count, (True, False))), it)):
         ended, size = strata.get(difficulty, []), sizes[difficulty]
         won = [attempt for attempt in ended if attempt.succeeded]
         lost = [attempt for attempt in ended if not attempt.succeeded]
@@ -128,7 +129,8 @@ def sample_to_label(reader: RunReader, count: int, seed: int) -> list[str]:
         remaining, successes_needed = remaining - size, successes_needed - successes
     used = {attempt.attempt_id for ended in chosen.values() for attempt in ended}
     spare = [[it for it in ended if it.attempt_id not in used] for _, ended in sorted(strata.items())]
-    ordered = [*_spread(list(chosen.values())), *_round_robin(spare)]
+    in_turn = (attempt for turn in zip_longest(*spare) for attempt in turn if attempt is not None)
+    ordered = [*_spread(list(chosen.values())), *in_turn]
     return [attempt.attempt_id for attempt in ordered[:count]]
 
 
@@ -167,20 +169,10 @@ def _shares(count: int, available: Mapping[int, int]) -> dict[int, int]:
     return sizes
 
 
-def _fewer(ended: Sequence[_Ended]) -> int:
-    """The number of successes or of failures, whichever is lower."""
-    won = sum(attempt.succeeded for attempt in ended)
-    return min(won, len(ended) - won)
-
-
 def _spread(lists: Sequence[Sequence[_Ended]]) -> list[_Ended]:
     """One list of all items, in which the items of each list are evenly distributed."""
     placed = [((index + 0.5) / len(ended), it) for ended in lists for index, it in enumerate(ended)]
     return [attempt for _, attempt in sorted(placed, key=lambda pair: (pair[0], pair[1].digest))]
-
-
-def _round_robin(lists: Sequence[Sequence[_Ended]]) -> list[_Ended]:
-    return [attempt for turn in zip_longest(*lists) for attempt in turn if attempt is not None]
 
 
 @dataclass(frozen=True)

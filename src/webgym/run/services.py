@@ -171,7 +171,9 @@ async def _sites(
             _check_digests(config, tasks, served)
             if are_recorded:
                 web = _web(config)
-                known = [task for task in tasks if task.truth and _are_ours(web, task.truth.hosts, served)]
+                specs = web.specs
+                ours = {host for host in served if host in specs and specs[host].digest == served[host]}
+                known = [task for task in tasks if task.truth and task.truth.hosts <= ours]
                 await asyncio.to_thread(_check_truths, web, known)
             yield ServedState(client), _rules_for_sites_elsewhere(config)
     elif config.server.url is not None:
@@ -227,11 +229,6 @@ def _web(config: RunConfig) -> OfflineWeb:
     """The offline web of the config's settings, as this version of WebGym makes it."""
     sites = config.sites
     return OfflineWeb(sites.seed, per_family=sites.per_family, collection=sites.collection)
-
-
-def _are_ours(web: OfflineWeb, hosts: Set[str], served: Mapping[str, str | None]) -> bool:
-    """Whether the websites that are served under these names are those of a web."""
-    return all(host in web.specs and web.specs[host].digest == served[host] for host in hosts)
 
 
 def _check_truths(web: OfflineWeb, tasks: Sequence[Task]) -> None:

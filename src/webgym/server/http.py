@@ -226,17 +226,14 @@ async def _http_error(_: Request, error: Exception) -> Response:
 def error_response(error: WebGymError, status: int | None = None) -> Response:
     """The HTTP response for a typed error."""
     if status is None:
-        status = 413 if isinstance(error, _TooLarge) else _status_of(type(error))
+        known = (_STATUS_OF[ancestor] for ancestor in type(error).__mro__ if ancestor in _STATUS_OF)
+        status = 413 if isinstance(error, _TooLarge) else next(known)
     # An error class that is private to a module is sent as its public base class.
     public = next(cls for cls in type(error).__mro__ if cls.__module__ == WebGymError.__module__)
     code = getattr(public, "code", WebGymError.code)
     body = ErrorReply(ErrorBody(code, error.message, error.hint))
     headers = _HEADERS_OF.get(status)
     return Response(msgspec.json.encode(body), status_code=status, media_type=JSON, headers=headers)
-
-
-def _status_of(cls: type[WebGymError]) -> int:
-    return next(_STATUS_OF[ancestor] for ancestor in cls.__mro__ if ancestor in _STATUS_OF)
 
 
 class Feed:

@@ -218,33 +218,15 @@ class Service:
 
     async def metadata(self, lease: Lease) -> PageMetadata:
         """The page's URL, title, status and scroll position."""
-        slot = lease.slot
-
-        async def work() -> PageMetadata:
-            async with self._serving(lease, "metadata"):
-                return _page_metadata(await slot.metadata())
-
-        return await self._run(lease, work)
+        return _page_metadata(await self._work(lease, "metadata", lease.slot.metadata))
 
     async def read(self, lease: Lease, request: ReadRequest) -> Document:
         """Read the whole document."""
-        slot = lease.slot
-
-        async def work() -> Document:
-            async with self._serving(lease, "metadata"):
-                return await slot.read(request)
-
-        return await self._run(lease, work)
+        return await self._work(lease, "metadata", lambda: lease.slot.read(request))
 
     async def storage(self, lease: Lease) -> StorageState:
         """What websites keep in the session's browser."""
-        slot = lease.slot
-
-        async def work() -> StorageState:
-            async with self._serving(lease, "metadata"):
-                return await slot.storage()
-
-        return await self._run(lease, work)
+        return await self._work(lease, "metadata", lease.slot.storage)
 
     async def probe(self, lease: Lease, request: NavigateRequest) -> Probed:
         """Ask for a page from outside the session. No browser runs for it."""
@@ -252,23 +234,23 @@ class Service:
 
     async def screenshot(self, lease: Lease) -> bytes:
         """A screenshot without marks."""
-        slot = lease.slot
-
-        async def work() -> bytes:
-            async with self._serving(lease, "screenshot"):
-                return await slot.screenshot()
-
-        return await self._run(lease, work)
+        return await self._work(lease, "screenshot", lease.slot.screenshot)
 
     async def _act(self, lease: Lease, action: AnyAction) -> PageMetadata:
-        slot = lease.slot
-
         async def work() -> PageMetadata:
-            async with self._serving(lease, _queue_of(action)):
-                await slot.act(action)
-                return _page_metadata(await slot.metadata())
+            await lease.slot.act(action)
+            return _page_metadata(await lease.slot.metadata())
 
-        return await self._run(lease, work)
+        return await self._work(lease, _queue_of(action), work)
+
+    async def _work(self, lease: Lease, queue: QueueName, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
+        """Carry out one call of a session with a run permit."""
+
+        async def permitted() -> T:
+            async with self._serving(lease, queue):
+                return await work()
+
+        return await self._run(lease, permitted)
 
     async def _run(self, lease: Lease, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
         """Run one call of a session. If its browser fails, the lease ends, and the slot gets a fresh

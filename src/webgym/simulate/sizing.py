@@ -209,9 +209,7 @@ def sizes_table(results: Sequence[Sized]) -> Table:
                 " / ".join(f"{ratio:.1f}" for ratio in ratios),
                 f"{size.cpu:.0%} / {size.gpu:.0%}",
                 size.bottleneck,
-                f"{size.buys['cpus']:.1f}",
-                f"{size.buys['gpus']:.1f}",
-                f"{size.buys['environments']:.1f}",
+                *(f"{size.buys[name]:.1f}" for name in RESOURCES[:3]),
                 f"{size.per_thousand:.2f}",
             )
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
@@ -126,7 +126,11 @@ def validate(tasks: Sequence[Task], *, split: bool = True) -> Report:
     by_id: dict[str, Task] = {}
     for task in tasks:
         by_id.setdefault(task.id, task)
-    offenders = [*_task_violations(tasks, sites), *_derivation_violations(tasks, sites, by_id)]
+    offenders = list(_task_violations(tasks, sites))
+    for task, site in zip(tasks, sites, strict=True):
+        parent = by_id.get(task.parent_id) if task.parent_id is not None else None
+        if parent is not None and (problem := _why_not_derived(task, parent)):
+            offenders.append(Violation("derived", task.id, site, problem))
     if split:
         offenders += _split_violations(tasks)
     order = {rule: position for position, rule in enumerate(RULES)}
@@ -200,15 +204,6 @@ def _split_violations(tasks: Sequence[Task]) -> Iterator[Violation]:
             yield Violation("leak", leak.task.id, site, f"it names the website of the test task {leak.of}")
         else:
             yield Violation("family", leak.task.id, site, f"the test task {leak.of} is of its family")
-
-
-def _derivation_violations(
-    tasks: Iterable[Task], sites: Iterable[str], by_id: Mapping[str, Task]
-) -> Iterator[Violation]:
-    for task, site in zip(tasks, sites, strict=True):
-        parent = by_id.get(task.parent_id) if task.parent_id is not None else None
-        if parent is not None and (problem := _why_not_derived(task, parent)):
-            yield Violation("derived", task.id, site, problem)
 
 
 def _why_not_derived(task: Task, parent: Task) -> str:

@@ -197,16 +197,12 @@ def begin(plan: RolloutPlan, folder: Path, *, new: bool = True) -> list[Measured
 
 def rollout_tables(measured: Sequence[Measured]) -> Iterator[Table]:
     """A table for every part that was run."""
-    results = by_cell(measured)
     parts: dict[str, list[CellResult]] = {}
-    for result in results:
+    for result in by_cell(measured):
         parts.setdefault(result.cell.part, []).append(result)
-    if "schedules" in parts:
-        yield _schedules(parts["schedules"])
-    if "capacity" in parts:
-        yield _capacity(parts["capacity"])
-    if "overload" in parts:
-        yield _overload(parts["overload"])
+    for part, table in (("schedules", _schedules), ("capacity", _capacity), ("overload", _overload)):
+        if part in parts:
+            yield table(parts[part])
     if "calibration" in parts:
         yield _calibration(parts["calibration"][0].rounds[0])
 

@@ -117,9 +117,10 @@ def page(design: Design, title: str, bar: Sequence[Tile], blocks: Sequence[Block
     tiles = "".join(
         _tile(theme, cell, tile) for cell, tile in placed(layout, list(bar), [tuple(b) for b in blocks])
     )
+    style = (theme.page, theme.bar, theme.tile, theme.ink, theme.shape, str(theme.frame), theme.font)
     return (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
-        f"<style>{_css(theme, layout)}</style></head><body><i id=bar></i>{tiles}</body></html>"
+        f"<style>{_style(style, layout.bar)}</style></head><body><i id=bar></i>{tiles}</body></html>"
     )
 
 
@@ -148,11 +149,6 @@ def _style(theme_key: tuple[str, ...], bar: str) -> str:
         f".k svg{{left:0;top:0}}"
         f".on{{box-shadow:inset 0 0 0 4px {ink}}}"
     )
-
-
-def _css(theme: Theme, layout: Layout) -> str:
-    key = (theme.page, theme.bar, theme.tile, theme.ink, theme.shape, str(theme.frame), theme.font)
-    return _style(key, layout.bar)
 
 
 def _tile(theme: Theme, cell: Cell, tile: Tile) -> str:

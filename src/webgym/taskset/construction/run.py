@@ -296,7 +296,9 @@ def write_build(build: Build, out: Path, today: date, stages: StageProgress) -> 
                     written.append(out / name)
                     write_tasks(written[-1], part)
                 advance(len(part))
-        for name, rows in _lists(build).items():
+        skipped = ({"source": name, **msgspec.structs.asdict(it)} for name, it in build.imported.skipped)
+        lists = {FAILED: build.failures, "skipped.jsonl": skipped, "dropped.jsonl": build.dropped}
+        for name, rows in lists.items():
             written.append(out / name)
             _write(written[-1], _rows(rows))
         with stages.stage("statistics", len(build.tasks)) as advance:
@@ -326,13 +328,6 @@ def write_failures(build: Build, out: Path) -> Path:
     except OSError as error:
         raise TaskFileError(f"cannot write to {out}: {error.strerror or error}") from error
     return out / FAILED
-
-
-def _lists(build: Build) -> dict[str, Iterable[msgspec.Struct | dict[str, Any]]]:
-    skipped = [
-        {"source": source, **msgspec.structs.asdict(record)} for source, record in build.imported.skipped
-    ]
-    return {FAILED: build.failures, "skipped.jsonl": skipped, "dropped.jsonl": build.dropped}
 
 
 def manifest(build: Build, today: date) -> dict[str, Any]:

@@ -297,6 +297,18 @@ async def test_an_attempt_that_is_made_again_is_another_visitor() -> None:
     assert len(set(visitors)) == 2
 
 
+def test_the_attempts_at_one_task_share_parts_if_the_run_says_so() -> None:
+    def group(config: AttemptConfig, name: str, sample: int) -> str:
+        context = EpisodeContext(store=Pages({}), config=config, site_state=None, seed=0)
+        return (
+            EpisodeDriver(context, Planned(task(name, 1), sample), AgentTraits("p", "marks")).options().shared
+        )
+
+    assert group(AttemptConfig(), "t", 0) == ""
+    sharing = AttemptConfig(share_parts=True)
+    assert group(sharing, "t", 0) == group(sharing, "t", 1) != group(sharing, "u", 0) != ""
+
+
 async def test_a_tasks_identity_and_log_in_go_before_its_runs(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

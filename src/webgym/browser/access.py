@@ -30,6 +30,8 @@ class Access:
         on_untrusted: Callable[[str, str], None],
     ) -> None:
         self.credentials = credentials
+        self.patterns: list[dict[str, Any]] = [DOCUMENTS]
+        """What is paused for others."""
         self._on_untrusted = on_untrusted
         self._session = session
         self._hosts = identity.ignore_tls_errors
@@ -47,9 +49,9 @@ class Access:
 
     @property
     def watching(self) -> tuple[str, dict[str, Any]]:
-        """The command that has the responses of documents paused, and the requests to the origins with
-        credentials, as Chromium asks only about requests that it pauses."""
-        patterns = [DOCUMENTS, *({"urlPattern": f"{origin}/*"} for origin in self.credentials)]
+        """The command that has the requests to the origins with credentials paused, too, as Chromium asks
+        only about requests that it pauses."""
+        patterns = [*self.patterns, *({"urlPattern": f"{origin}/*"} for origin in self.credentials)]
         return "Fetch.enable", {"patterns": patterns, "handleAuthRequests": bool(self.credentials)}
 
     def _on_paused(self, paused: RequestPaused) -> None:

@@ -281,6 +281,7 @@ class RequestPaused(CdpMessage, frozen=True):
     request_id: str
     request: Request
     frame_id: str = ""
+    resource_type: str = ""
     response_status_code: int = 0
     response_error_reason: str = ""
     response_headers: tuple[Header, ...] = ()

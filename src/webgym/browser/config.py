@@ -95,6 +95,8 @@ class PageOptions(msgspec.Struct, frozen=True, omit_defaults=True):
             A browser has one identity, so a slot starts another one for them, which takes a second.
         credentials: HTTP credentials, ``NAME:PASSWORD`` by origin.
         storage: what websites keep in the browser from before, such as that someone is signed in.
+        shared: the group whose sessions share parts of pages (:mod:`webgym.browser.shared_parts`); empty for
+            none.
     """
 
     mode: Mode = "coordinates"
@@ -110,6 +112,7 @@ class PageOptions(msgspec.Struct, frozen=True, omit_defaults=True):
     identity: dict[str, Any] = {}
     credentials: dict[str, str] = {}
     storage: StorageState = StorageState()
+    shared: str = ""
 
     def __post_init__(self) -> None:
         check_attachments(self.files)

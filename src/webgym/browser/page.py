@@ -42,8 +42,9 @@ from webgym.browser.dialogs import Dialogs
 from webgym.browser.egress.proxy import ProxyListener
 from webgym.browser.isolated_worlds import ADDRESS_CHARACTERS, DocumentGone, Worlds
 from webgym.browser.notices import Notices
-from webgym.browser.pdf import Pdfs
+from webgym.browser.pdf import DOCUMENTS, Pdfs
 from webgym.browser.pictures import Stillness
+from webgym.browser.shared_parts import PATTERNS, PartSharing
 from webgym.browser.timers import Timers
 from webgym.browser.traffic import AUTO_ATTACH, Traffic, Workers
 from webgym.core.errors import BrowserTimeout, EgressRefused, NavigationFailed, RouteFailed
@@ -257,6 +258,10 @@ class Page:
         self.who = told
         credentials = opener.access.credentials if opener else credentials_of(told.identity)
         self.access: Access = Access(session, told.identity, credentials, self._on_untrusted)
+        self.sharing: PartSharing = PartSharing(
+            session, listener.parts, opener.sharing.group if opener else ""
+        )
+        self._share()
         self.workers = Workers(session, self.traffic, config, told)
         self.stillness = Stillness(session)
         session.on("Page.frameStartedNavigating", NavigationStarted, self._on_leaving)
@@ -331,13 +336,19 @@ class Page:
         if has_own_size:
             commands.append(self._metrics)
             await self._fit_window()
-        if options.credentials:
+        if options.credentials or options.shared != self.sharing.group:
             self.access.credentials = credentials_of(self.who.identity) | options.credentials
+            self.sharing.group = options.shared
+            self._share()
             commands.append(self.access.watching)
         if options.cookies:
             cookies = [msgspec.to_builtins(cookie) for cookie in options.cookies]
             commands.append(("Network.setCookies", {"cookies": cookies}))
         await self._do_all(commands)
+
+    def _share(self) -> None:
+        self.sharing.origins = tuple(self.access.credentials)
+        self.access.patterns = [DOCUMENTS, *(PATTERNS if self.sharing.group else ())]
 
     async def begin_again(self, options: PageOptions) -> None:
         """Start another episode in this tab: without cookies, history, notices and what was learned."""

@@ -83,7 +83,7 @@ class Pdfs:
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
     def _on_paused(self, paused: RequestPaused) -> None:
-        if not paused.is_response:
+        if not paused.is_response or paused.resource_type != "Document":
             return
         kind = _header(paused, "content-type").partition(";")[0].strip().lower()
         if kind == "application/pdf" and paused.response_status_code == HTTPStatus.OK:

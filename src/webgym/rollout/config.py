@@ -61,6 +61,10 @@ class AttemptConfig(Settings):
     """Who is signed in where: a website's host, or a task's id, and the file with the log-in, of ``webgym
     login`` or of Playwright's storage state. A task's id goes before its website."""
 
+    share_parts: bool = False
+    """Attempts at one task load scripts, style sheets, pictures and fonts once that a website calls public
+    (``Cache-Control``), in each process of the server. Every such request is paused for it."""
+
     record_cuts: bool = False
     """Record the lines of each page that are never fully visible, for checks of websites."""
 

@@ -243,6 +243,7 @@ class EpisodeDriver:
             identity=own | self.planned.task.identity,
             credentials=context.config.access.credentials,
             storage=context.config.access.storage_of(self.planned.task),
+            shared=f"{context.seed} {self.planned.task.id}" if context.config.share_parts else "",
         )
 
     async def reach_site_state(self) -> None:

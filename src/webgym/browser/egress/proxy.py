@@ -41,6 +41,7 @@ from webgym.browser.egress.socks import (
     reply,
 )
 from webgym.browser.egress.splice import BrowserEnd, Connections, ServerEnd
+from webgym.browser.shared_parts import SharedParts
 from webgym.core.background import BackgroundTasks
 from webgym.core.errors import BrowserLaunchFailed, EgressRefused
 from webgym.core.observation import Probed
@@ -89,6 +90,7 @@ class Egress:
         self._blocked = blocked_names(self.config.block_lists)
         self._dialer = Dialer(self.config, machine or Machine())
         self._connections = Connections(self.config)
+        self.parts = SharedParts()
         self._main: ProxyListener | None = None
         self._listeners: set[ProxyListener] = set()
         self._failures: OrderedDict[tuple[str, int], NotConnected] = OrderedDict()
@@ -223,6 +225,7 @@ class ProxyListener:
         self._joined: WeakSet[BrowserEnd] = WeakSet()
         self._server: asyncio.Server | None = None
         self.budget = Budget(egress.config)
+        self.parts = egress.parts
 
     async def _open(self) -> None:
         loop = asyncio.get_running_loop()

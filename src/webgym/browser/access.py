@@ -8,7 +8,6 @@ from urllib.parse import urlsplit
 
 from webgym.browser.cdp import Session
 from webgym.browser.cdp_messages import AuthRequired, CertificateError, RequestPaused
-from webgym.browser.pdf import DOCUMENTS
 from webgym.core.identity import Identity
 
 
@@ -30,8 +29,6 @@ class Access:
         on_untrusted: Callable[[str, str], None],
     ) -> None:
         self.credentials = credentials
-        self.patterns: list[dict[str, Any]] = [DOCUMENTS]
-        """What is paused for others."""
         self._on_untrusted = on_untrusted
         self._session = session
         self._hosts = identity.ignore_tls_errors
@@ -43,21 +40,21 @@ class Access:
 
     @property
     def commands(self) -> list[tuple[str, dict[str, Any]]]:
-        """The commands that make the tab ask."""
+        """The commands that make the tab ask about certificates."""
         checking = [("Security.enable", {}), ("Security.setOverrideCertificateErrors", {"override": True})]
-        return [*(checking if self._hosts else ()), self.watching]
+        return checking if self._hosts else []
 
     @property
-    def watching(self) -> tuple[str, dict[str, Any]]:
-        """The command that has the requests to the origins with credentials paused, too, as Chromium asks
-        only about requests that it pauses."""
-        patterns = [*self.patterns, *({"urlPattern": f"{origin}/*"} for origin in self.credentials)]
-        return "Fetch.enable", {"patterns": patterns, "handleAuthRequests": bool(self.credentials)}
+    def patterns(self) -> list[dict[str, Any]]:
+        """The requests that have to be paused, as Chromium asks for credentials only of those."""
+        return [{"urlPattern": f"{origin}/*"} for origin in self.credentials]
+
+    def signs_in(self, url: str) -> bool:
+        """Whether the origin of this URL has credentials."""
+        return any(url.startswith(f"{origin}/") for origin in self.credentials)
 
     def _on_paused(self, paused: RequestPaused) -> None:
-        if paused.is_response:
-            return
-        if any(paused.request.url.startswith(f"{origin}/") for origin in self.credentials):
+        if not paused.is_response and self.signs_in(paused.request.url):
             self._session.send("Fetch.continueRequest", {"requestId": paused.request_id})
 
     def _on_asked(self, asked: AuthRequired) -> None:

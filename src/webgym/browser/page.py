@@ -44,7 +44,7 @@ from webgym.browser.isolated_worlds import ADDRESS_CHARACTERS, DocumentGone, Wor
 from webgym.browser.notices import Notices
 from webgym.browser.pdf import DOCUMENTS, Pdfs
 from webgym.browser.pictures import Stillness
-from webgym.browser.shared_parts import PATTERNS, PartSharing
+from webgym.browser.shared_parts import PartSharing
 from webgym.browser.timers import Timers
 from webgym.browser.traffic import AUTO_ATTACH, Traffic, Workers
 from webgym.core.errors import BrowserTimeout, EgressRefused, NavigationFailed, RouteFailed
@@ -258,10 +258,8 @@ class Page:
         self.who = told
         credentials = opener.access.credentials if opener else credentials_of(told.identity)
         self.access: Access = Access(session, told.identity, credentials, self._on_untrusted)
-        self.sharing: PartSharing = PartSharing(
-            session, listener.parts, opener.sharing.group if opener else ""
-        )
-        self._share()
+        group = opener.sharing.group if opener else ""
+        self.sharing: PartSharing = PartSharing(session, listener.parts, self.access, group)
         self.workers = Workers(session, self.traffic, config, told)
         self.stillness = Stillness(session)
         session.on("Page.frameStartedNavigating", NavigationStarted, self._on_leaving)
@@ -304,8 +302,15 @@ class Page:
             ("Page.addScriptToEvaluateOnNewDocument", self.worlds.script_in_page),
             *self.who.commands,
             *self.access.commands,
+            self._pausing,
             ("Runtime.runIfWaitingForDebugger", {}),
         ]
+
+    @property
+    def _pausing(self) -> tuple[str, dict[str, Any]]:
+        """The command that has requests and responses paused for those who handle them."""
+        patterns = [DOCUMENTS, *self.access.patterns, *self.sharing.patterns]
+        return "Fetch.enable", {"patterns": patterns, "handleAuthRequests": bool(self.access.credentials)}
 
     @property
     def _metrics(self) -> tuple[str, dict[str, Any]]:
@@ -336,19 +341,14 @@ class Page:
         if has_own_size:
             commands.append(self._metrics)
             await self._fit_window()
-        if options.credentials or options.shared != self.sharing.group:
-            self.access.credentials = credentials_of(self.who.identity) | options.credentials
-            self.sharing.group = options.shared
-            self._share()
-            commands.append(self.access.watching)
+        credentials = credentials_of(self.who.identity) | options.credentials
+        if (credentials, options.shared) != (self.access.credentials, self.sharing.group):
+            self.access.credentials, self.sharing.group = credentials, options.shared
+            commands.append(self._pausing)
         if options.cookies:
             cookies = [msgspec.to_builtins(cookie) for cookie in options.cookies]
             commands.append(("Network.setCookies", {"cookies": cookies}))
         await self._do_all(commands)
-
-    def _share(self) -> None:
-        self.sharing.origins = tuple(self.access.credentials)
-        self.access.patterns = [DOCUMENTS, *(PATTERNS if self.sharing.group else ())]
 
     async def begin_again(self, options: PageOptions) -> None:
         """Start another episode in this tab: without cookies, history, notices and what was learned."""
@@ -467,7 +467,7 @@ class Page:
         if self._release is not None:
             self._release()
             self._release = None
-            self.session.send(*self.access.watching)
+            self.session.send(*self._pausing)
         self.returned = self.expected = None
         self._reported_unopened = self.ineffective_if_same = self.ineffective_if_unscrolled = ""
         self.acted = time.monotonic()

@@ -28,7 +28,7 @@ RENDER_SECONDS = 12.0
 """Longest time of the program that draws its pages, which itself stops earlier (``MOST_SECONDS``). Less than
 ``browser.navigate_seconds``."""
 
-_COMMAND_SECONDS = 3600.0
+COMMAND_SECONDS = 3600.0
 """Deadline of a command: the browser may be stopped for as long as a model thinks."""
 
 _PROGRAM = Path(__file__).with_name("pdf_page.py")
@@ -107,14 +107,14 @@ class Pdfs:
                 "responseHeaders": [{"name": name, "value": value} for name, value in _HEADERS.items()],
                 "body": base64.b64encode(page).decode(),
             }
-            await self._session.do("Fetch.fulfillRequest", answer, seconds=_COMMAND_SECONDS)
+            await self._session.do("Fetch.fulfillRequest", answer, seconds=COMMAND_SECONDS)
 
     async def _read(self, paused: RequestPaused) -> bytes:
         """The body of a response."""
         length = _header(paused, "content-length")
         if length.isdecimal() and int(length) > PDF_BYTES:
             raise _too_large()
-        session, seconds = self._session, _COMMAND_SECONDS
+        session, seconds = self._session, COMMAND_SECONDS
         number = {"requestId": paused.request_id}
         taken = await session.call("Fetch.takeResponseBodyAsStream", number, reply=_Stream, seconds=seconds)
         source = {"handle": taken.stream, "size": _CHUNK_BYTES}

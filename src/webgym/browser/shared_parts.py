@@ -15,25 +15,17 @@ from collections import OrderedDict
 from http import HTTPStatus
 from typing import Any, Final, NamedTuple
 
+from webgym.browser.access import Access
 from webgym.browser.cdp import Session
 from webgym.browser.cdp_messages import CdpMessage, RequestPaused
+from webgym.browser.pdf import COMMAND_SECONDS
 from webgym.core.background import BackgroundTasks
 from webgym.core.errors import BrowserError
 
 SHARED_CHARACTERS: Final = 96 * 2**20
 """Most characters of parts in base64 that a process keeps: 72 MiB. The ones used longest ago go first."""
 
-_COMMAND_SECONDS = 3600.0
-"""Deadline of a command: the browser may be stopped for as long as a model thinks."""
-
 _KINDS: Final = ("Script", "Stylesheet", "Image", "Font")
-PATTERNS: Final[list[dict[str, Any]]] = [
-    {"urlPattern": "*", "resourceType": kind, "requestStage": stage}
-    for kind in _KINDS
-    for stage in ("Request", "Response")
-]
-"""What has to be paused."""
-
 _MAX_AGE = re.compile(r"(?:^|[,\s])max-age=\"?(\d+)")
 _PUBLIC = re.compile(r"(?:^|[,\s])public\b")
 _NOT_KEPT = re.compile(r"(?:^|[,\s])(?:no-store|no-cache)\b")
@@ -84,27 +76,30 @@ class PartSharing:
     Args:
         session: the tab's session.
         parts: of the process.
+        access: knows the origins with credentials, of which nothing is shared.
         group: the name of the group; empty if nothing is shared.
-
-    Attributes:
-        group: as given.
-        origins: origins with credentials, of which nothing is shared.
     """
 
-    def __init__(self, session: Session, parts: SharedParts, group: str) -> None:
+    def __init__(self, session: Session, parts: SharedParts, access: Access, group: str) -> None:
         self._session = session
         self._parts = parts
         self._tasks = BackgroundTasks()
+        self._access = access
         self.group = group
-        self.origins: tuple[str, ...] = ()
         session.on("Fetch.requestPaused", RequestPaused, self._on_paused)
+
+    @property
+    def patterns(self) -> list[dict[str, Any]]:
+        """What has to be paused."""
+        stages = ("Request", "Response") if self.group else ()
+        return [{"resourceType": kind, "requestStage": stage} for kind in _KINDS for stage in stages]
 
     def _on_paused(self, paused: RequestPaused) -> None:
         url, number = paused.request.url, {"requestId": paused.request_id}
         if paused.resource_type not in _KINDS:
             return
-        if any(url.startswith(f"{origin}/") for origin in self.origins):
-            if paused.is_response:  # else it is answered where credentials are
+        if self._access.signs_in(url):
+            if paused.is_response:  # else it is answered there
                 self._session.send("Fetch.continueRequest", number)
         elif paused.is_response and (seconds := _seconds_fresh(paused)):
             self._tasks.start(self._keep(paused, time.monotonic() + seconds))
@@ -123,7 +118,7 @@ class PartSharing:
         ]
         with contextlib.suppress(BrowserError):  # the tab is gone, or went elsewhere
             found = await self._session.call(
-                "Fetch.getResponseBody", number, reply=_Body, seconds=_COMMAND_SECONDS
+                "Fetch.getResponseBody", number, reply=_Body, seconds=COMMAND_SECONDS
             )
             if found.base64_encoded:
                 self._parts.put(self.group, paused.request.url, _Part(until, headers, found.body))

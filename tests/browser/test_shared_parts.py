@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import gzip
 
 import pytest
@@ -74,13 +73,12 @@ async def test_an_origin_with_credentials_shares_nothing(site: Site, open_tab: O
 
 async def test_the_parts_used_longest_ago_make_room(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shared_parts, "SHARED_CHARACTERS", 20)
-    parts, body = SharedParts(), base64.b64encode(b"123456").decode()
-    fresh = _Part(float("inf"), [], body)
+    parts, fresh = SharedParts(), _Part(float("inf"), [], "12345678")
     parts.put("g", "one", fresh)
     parts.put("g", "two", fresh)
     assert parts.get("g", "one") is fresh
     parts.put("g", "three", fresh)
     parts.put("g", "three", fresh)
     assert [name for name in ("one", "two", "three") if parts.get("g", name)] == ["one", "three"]
-    parts.put("g", "over", _Part(0.0, [], body))
+    parts.put("g", "over", _Part(0.0, [], "12345678"))
     assert parts.get("g", "over") is None, "it is not fresh any more"

@@ -125,7 +125,8 @@ async def test_a_status_and_what_comes_with_it(site: Site, tab: Tab, name: str) 
         assert tab.last.observation.status == status
         assert tab.last.observation.url == url
         assert tab.text == (["Says so"] if body else [""])
-        assert tab.notices == []
+        notices = [(kind, "asks for a user name and a password" in text) for kind, text in tab.notices]
+        assert notices == ([("browser", True)] if status == 401 else [])
 
 
 @pytest.mark.parametrize("status", [204, 205])

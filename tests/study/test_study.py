@@ -65,6 +65,11 @@ def test_a_row_differs_from_the_reference_in_what_it_is_named_for() -> None:
     sampling = {json.dumps(row["evaluation"]["sampling"]) for row in rows.values()}
     assert sampling == {'{"top_p": 0.99, "extra_body": {"top_k": 2}}'}, "the paper's, in every row"
     assert all(row["sampler"]["split"] == "train" for row in rows.values())
+    groups, few = rows["groups"], rows["groups of 60 tasks"]
+    assert paths(rows["rescued groups"], few) == ["learn.replay.rescue"]
+    assert paths(rows["soft rewards"], groups) == ["learn.objective.options.soft"]
+    assert set(paths(few, groups)) == {"sampler.shards"}
+    assert set(paths(rows["warm start"], groups)) == {"loop.iterations", "loop.evaluate_every"}
     attempts = {name: row["loop"]["tasks"] * row["rollout"]["samples"] for name, row in rows.items()}
     assert set(attempts.values()) == {160}, "rows are compared at the same number of attempts"
 
@@ -271,6 +276,50 @@ async def test_a_training_that_was_killed_after_its_last_evaluation_is_brought_t
     (elsewhere / "study.json").write_text("[{")
     with pytest.raises(RunFolderError, match="holds no results"):
         await carry_out(short, first, ["reference"], 1, elsewhere, print)
+
+
+async def test_a_warm_start_is_of_anothers_successes_which_count_as_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[tuple[Path, list[Path]]] = []
+
+    def warmed(config: TrainConfig, runs: list[Path], _: object, started: Path, __: object) -> TrainConfig:
+        calls.append((started, runs))
+        return config.model_copy(update={"learn": config.learn.model_copy(update={"model": str(started)})})
+
+    class Trained:
+        def __init__(self, path: Path) -> None:
+            self.path = path
+
+        async def run(self) -> None:
+            await asyncio.to_thread(build_training, self.path, iterations=1, count=6)
+
+    @asynccontextmanager
+    async def opened(held: TrainConfig, path: Path, **_: Any) -> AsyncIterator[Trained]:
+        assert held.learn.model == str(path.with_name("seed-1-start"))
+        yield Trained(path)
+
+    monkeypatch.setattr(study, "open_training", opened)
+    monkeypatch.setattr(study, "warm_start", warmed)
+    monkeypatch.setattr(study, "all_tasks", lambda _: tasks(6))
+    loop = {**STUDY.base["loop"], "iterations": 1, "tasks": 2}
+    rows = STUDY.rows | {"warm start": STUDY.rows["warm start"].model_copy(update={"settings": {}})}
+    short = STUDY.model_copy(update={"base": STUDY.base | {"loop": loop}, "rows": rows})
+    (first := tmp_path / "weights").mkdir()
+    with pytest.raises(UsageError, match=r"warm-start starts from attempts in .*reference"):
+        await carry_out(short, first, ["warm start"], 1, tmp_path, print)
+    source = TrainingFolder(tmp_path / "trainings/reference/seed-1")
+    await asyncio.to_thread(build_training, source.path, iterations=1, count=6)
+    begun = result_of(source, "reference", 1)
+    write(short, [begun], tmp_path)
+    (result,) = await carry_out(short, first, ["warm start"], 1, tmp_path, print)
+    assert calls == [(tmp_path / "trainings/warm-start/seed-1-start", [source.run(1)])]
+    own = result_of(TrainingFolder(tmp_path / "trainings/warm-start/seed-1"), "warm start", 1)
+    before = begun.trajectories[1]
+    assert result.trajectories == [0, before, before + own.trajectories[1]]
+    assert result.success == [begun.success[0], *own.success]
+    assert all(len(counts) == 3 for counts in result.kinds.values())
+    assert result.kinds.keys() == own.kinds.keys()
 
 
 def test_the_pages_commands_train_the_rows_that_are_asked_for(

@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Any
+import hashlib
+from typing import Any, Final
 
 import torch
 from torch.nn.functional import scaled_dot_product_attention
-from transformers.models.qwen3_vl.modeling_qwen3_vl import Qwen3VLVisionAttention, apply_rotary_pos_emb_vision
+from transformers.models.qwen3_vl.modeling_qwen3_vl import (
+    BaseModelOutputWithDeepstackFeatures,
+    Qwen3VLVisionAttention,
+    Qwen3VLVisionModel,
+    apply_rotary_pos_emb_vision,
+)
 from transformers.utils.logging import disable_progress_bar
 
 disable_progress_bar()  # weights are loaded and saved while other output is shown
+
+_REMEMBERED: Final = 2048
+"""Number of pictures whose features are kept."""
+
+_SMALL: Final = 256
+"""Most patches of such a picture: the features of one take 0.3 MB at the width of the tiny policy."""
 
 
 class _PatchConvolution(torch.nn.Conv3d):
@@ -37,16 +49,63 @@ class _BatchedVisionAttention(Qwen3VLVisionAttention):
         return self.proj(attended.transpose(1, 2).flatten(0, 1).flatten(1))
 
 
+class _RememberingVision(Qwen3VLVisionModel):
+    """A tower that computes a small picture once per version of its weights: most steps on a small website
+    show a page that was seen before."""
+
+    def forward(self, hidden_states: Any, grid_thw: Any, **others: Any) -> Any:
+        weights = list(self.parameters())
+        is_trained = torch.is_grad_enabled() and any(weight.requires_grad for weight in weights)
+        # Sharded weights are gathered by all processes together, so that none may skip the computation.
+        is_plain = all(
+            type(weight.data) is torch.Tensor and weight.device.type == "cpu" for weight in weights
+        )
+        sizes = grid_thw.prod(-1).tolist()
+        if is_trained or not is_plain or max(sizes) > _SMALL:
+            return super().forward(hidden_states, grid_thw, **others)
+
+        # Which pictures are known: by their patches, their grid and the version of the weights.
+        version = (sum(weight._version for weight in weights), torch.is_inference_mode_enabled())
+        known = self.__dict__.setdefault("_known", {})
+        if self.__dict__.get("_known_of") != version:
+            known.clear()
+            self.__dict__["_known_of"] = version
+        parts = hidden_states.split(sizes)
+        keys = [
+            (hashlib.sha256(part.float().contiguous().numpy()).digest(), *grid)
+            for part, grid in zip(parts, grid_thw.tolist(), strict=True)
+        ]
+        new = {key: number for number, key in enumerate(keys) if key not in known}
+
+        # The others are computed in one batch.
+        if new:
+            numbers = list(new.values())
+            found = super().forward(torch.cat([parts[number] for number in numbers]), grid_thw[numbers])
+            merged = [sizes[number] // self.spatial_merge_unit for number in numbers]
+            columns = [
+                found.last_hidden_state.split([sizes[number] for number in numbers]),
+                *(each.split(merged) for each in (found.pooler_output, *found.deepstack_features)),
+            ]
+            known.update(zip(new, zip(*columns, strict=True), strict=True))
+        last, pooled, *deep = (torch.cat(column) for column in zip(*map(known.get, keys), strict=True))
+        for key in list(known)[: max(0, len(known) - _REMEMBERED)]:
+            del known[key]
+        return BaseModelOutputWithDeepstackFeatures(last, pooler_output=pooled, deepstack_features=deep)
+
+
 def speed_up_vision(model: Any) -> Any:
     """Make a vision tower compute the same values faster; weights and their names do not change.
 
     Patches are embedded by a matrix product: Qwen-VL splits the picture first and convolves every patch on
-    its own, and torch's convolution over many tiny volumes is several times slower, especially backward. And
-    Qwen3-VL's attention is called once for all pictures if they have equal size.
+    its own, and torch's convolution over many tiny volumes is several times slower, especially backward.
+    Qwen3-VL's attention is called once for all pictures if they have equal size. And its tower remembers
+    small pictures, on a CPU, unless it is trained.
     """
     for module in model.modules():
         if type(module) is torch.nn.Conv3d and module.kernel_size == module.stride and module.groups == 1:
             module.__class__ = _PatchConvolution
         if type(module) is Qwen3VLVisionAttention:
             module.__class__ = _BatchedVisionAttention
+        if type(module) is Qwen3VLVisionModel:
+            module.__class__ = _RememberingVision
     return model

@@ -32,12 +32,13 @@ from pydantic import Field
 from webgym.core.errors import RunFolderError, UsageError
 from webgym.core.plotting import CATEGORIES, PAGE, new_figure, save, styled
 from webgym.core.settings import Settings, load_settings, merged
+from webgym.run.choice import all_tasks
 from webgym.store.files import CONFIG, TORN, write_whole
 from webgym.store.runs import RunReader
 from webgym.train.figures import judged
 from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig
-from webgym.train.start import open_training, read_config
+from webgym.train.start import open_training, read_config, warm_start
 
 RESULTS: Final = "study.json"
 SETTINGS: Final = Path(__file__).parent / "study.yaml"
@@ -56,6 +57,10 @@ class Row(Settings):
 
     settings: dict[str, Any] = Field(default_factory=dict)
     """Settings that override the base."""
+
+    start: str | None = None
+    """A row above; the successes among the attempts of its first iteration are cloned first (warm start),
+    and those attempts count as trajectories of this row, too."""
 
 
 class Finding(Settings):
@@ -194,17 +199,18 @@ async def carry_out(
 
     Raises:
         RunFolderError: ``study.json`` cannot be read, or a training in it was started with other settings.
+        UsageError: what a row starts from is not in ``out``.
     """
     results = {(result.row, result.seed): result for result in read_results(out)}
     # Rows with the same agent reuse the evaluation of the initial weights.
     evaluated: dict[str, TrainingFolder] = {}
-    first = await asyncio.to_thread(_hash_of, weights)
+    weights_hash = await asyncio.to_thread(_hash_of, weights)
     trainings = [(row, seed) for seed in range(1, seeds + 1) for row in rows]
     for number, (row, seed) in enumerate(trainings, start=1):
         config = study.training(row, seed, weights)
-        folder = TrainingFolder(out / "trainings" / re.sub(r"\W+", "-", row) / f"seed-{seed}")
+        folder, start = _folder(out, row, seed), study.rows[row].start
         tell(f"training {number} of {len(trainings)}: {row}, seed {seed}")
-        settings, reusable = _settings(config, first), evaluated.get(_evaluation_of(config))
+        settings = _settings(config, weights_hash if start is None else f"{weights_hash} {start}")
         result_so_far = results.setdefault((row, seed), Result(row, seed, [], [], settings))
         if result_so_far.settings not in ("", settings):
             raise RunFolderError(
@@ -216,6 +222,9 @@ async def carry_out(
             core_hours = None
             if folder.stage(config.loop.iterations) is not None:
                 resume = (folder.path / CONFIG).exists()
+                if start is not None and not resume:
+                    config = await asyncio.to_thread(_warmed, config, _folder(out, start, seed), folder, tell)
+                reusable = evaluated.get(_evaluation_of(config))
                 training_config, started = read_config(folder.path) if resume else config, time.process_time()
                 async with open_training(training_config, folder.path, resume=resume, tell=tell) as training:
                     if reusable is not None and not folder.evaluation(0).exists():
@@ -223,6 +232,8 @@ async def carry_out(
                     await training.run()
                 core_hours = None if resume else (time.process_time() - started) / 3600
             found = result_of(folder, row, seed)
+            if start is not None:
+                found = _since(results[start, seed], _folder(out, start, seed), found)
             results[row, seed] = msgspec.structs.replace(found, settings=settings, core_hours=core_hours)
             write(study, list(results.values()), out)
         if None in results[row, seed].success:
@@ -230,9 +241,37 @@ async def carry_out(
                 f"{row}, seed {seed} is in no table or figure, as no attempt of an evaluation was judged; "
                 f"to repeat it, take it out of {out / RESULTS} and its folder out of trainings/"
             )
-        if folder.is_evaluated(0):
+        if start is None and folder.is_evaluated(0):
             evaluated.setdefault(_evaluation_of(config), folder)
     return [results[result] for result in trainings]
+
+
+def _folder(out: Path, row: str, seed: int) -> TrainingFolder:
+    return TrainingFolder(out / "trainings" / re.sub(r"\W+", "-", row) / f"seed-{seed}")
+
+
+def _warmed(
+    config: TrainConfig, first: TrainingFolder, folder: TrainingFolder, tell: Callable[[str], None]
+) -> TrainConfig:
+    """A training that starts from clones of the successes in the first iteration of another one."""
+    if not first.is_evaluated(0) or not first.run(1).exists():
+        raise UsageError(
+            f"{folder.path.parent.name} starts from attempts in {first.path}, which is not there",
+            hint=f"train {first.path.parent.name} in the same folder before, with the same seeds",
+        )
+    started = folder.path.with_name(f"{folder.path.name}-start")
+    return warm_start(config, [first.run(1)], all_tasks(config.rollout), started, tell)
+
+
+def _since(first: Result, folder: TrainingFolder, result: Result) -> Result:
+    """A result of a warm start, from the initial weights and the first attempt on."""
+    before = judged(folder.write_metrics()[0]["collect"])
+    return msgspec.structs.replace(
+        result,
+        trajectories=[0, *(before + number for number in result.trajectories)],
+        success=[first.success[0], *result.success],
+        kinds={kind: [first.kinds[kind][0], *counts] for kind, counts in result.kinds.items()},
+    )
 
 
 def _evaluation_of(config: TrainConfig) -> str:

@@ -56,6 +56,7 @@
   webgym.result = (wanted) => {
     const isSame = wanted && early && early.moment && webgym.isEqual(early.moment, moment()) && !webgym.isMoving();
     const contents = isSame ? [webgym.observe(wanted, {})] : [];
+    state.plansAtRest = webgym.plans();
     return { changes: state.changes, contents, effect: webgym.effect(), missed: state.hasMissed };
   };
 

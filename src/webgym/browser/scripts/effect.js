@@ -45,9 +45,9 @@
   const hasSelection = () => !getSelection(document).isCollapsed;
   const plans = () => Object.entries(webgym.plans());
 
-  // The largest part of the page around an element that is not too large to be looked at.
+  // The largest part of the page around an element that is not too large to be looked at; null if it is itself.
   const around = (element) => {
-    let part = element;
+    let part = null;
     for (let node = element; node && node !== documentElement(document); node = parentOf(node)) {
       if (querySelectorAll(node, '*').length > AROUND) break;
       part = node;
@@ -83,6 +83,7 @@
       part, outline: part && outline(part), fieldValues: webgym.fieldValues(),
     };
     isActing = true;
+    state.plansAtRest = null;
     return true;
   };
 
@@ -94,7 +95,7 @@
     trace = null;
     isActing = state.hasMissed = false;
     state.isAlone = true;
-    planned = plans();
+    planned = Object.entries(state.plansAtRest || webgym.plans());
   };
 
   // "some" effect of the action so far, "none", or "unseen": only a picture could tell.

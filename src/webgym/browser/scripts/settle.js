@@ -14,6 +14,12 @@
   // how many the page has asked for, without a touch on its functions.
 
   const nothing = () => {};
+  const known = new Map(); // counted once until the page has its turn again
+  const remember = (kind, count) => {
+    if (!known.size) queueMicrotask(() => known.clear());
+    known.set(kind, count);
+    return count;
+  };
   const counter = (ask, cancel) => {
     const ours = new WeakMap(); // document -> handles that we took: a frame's next document counts anew, in the same window
     const take = (view, ...wanted) => {
@@ -27,7 +33,8 @@
       view[cancel](handle);
       return handle - ours.get(view.document);
     };
-    return { take, asked: () => views().reduce((sum, view) => sum + askedIn(view), 0) };
+    const count = () => views().reduce((sum, view) => sum + askedIn(view), 0);
+    return { take, asked: () => known.get(ask) ?? remember(ask, count()) };
   };
   const timers = counter('setTimeout', 'clearTimeout');
   const frames = counter('requestAnimationFrame', 'cancelAnimationFrame');
@@ -41,13 +48,8 @@
     isStill &&= now === counted;
     return (counted = now);
   };
-  // How many of each the page has asked for: counted once until the page has its turn again.
-  let planned = null;
-  const countPlans = () => {
-    queueMicrotask(() => (planned = null));
-    return { timers: timers.asked(), frames: isStill ? counted : countFrames(), idles: idles.asked() };
-  };
-  webgym.plans = () => (planned ??= countPlans());
+  // How many of each the page has asked for.
+  webgym.plans = () => ({ timers: timers.asked(), frames: isStill ? counted : countFrames(), idles: idles.asked() });
 
   // The first input event of an action comes before the page's own listeners.
   const A_FRAME = 50; // ms: the time of a frame, from which animations count, is that before its events

@@ -46,6 +46,12 @@ SETTINGS: Final = Path(__file__).parent / "study.yaml"
 LEAST_FREEDOM: Final = 2
 """Degrees of freedom from which on a spread says something."""
 
+SPREAD: Final = 0.018
+"""Standard deviation that is expected of a training's result, apart from what row and seed explain."""
+
+CORE_HOURS: Final = 0.12
+"""Processor time that is expected of a training, hours."""
+
 _CONFIDENT, _POWER = 0.975, 0.8
 
 
@@ -76,16 +82,6 @@ class Finding(Settings):
     """Subdomains whose test tasks count; all by default."""
 
 
-class Expected(Settings):
-    """What is assumed of trainings before any is finished."""
-
-    spread: float = Field(default=0.018, gt=0)
-    """Standard deviation of a training's result, apart from what row and seed explain."""
-
-    core_hours: float = Field(default=0.1, gt=0)
-    """Processor time of a training, hours."""
-
-
 class StudyConfig(Settings):
     """Settings of the study."""
 
@@ -97,9 +93,6 @@ class StudyConfig(Settings):
 
     findings: dict[str, Finding] = Field(default_factory=dict)
     """The paper's findings, and controls."""
-
-    expected: Expected = Expected()
-    """For the plan."""
 
     def training(self, row: str, seed: int, weights: Path) -> TrainConfig:
         """The settings of a training with these initial weights.
@@ -347,24 +340,23 @@ def _by_kind(run: RunReader) -> Mapping[str, tuple[int, int]]:
     return found
 
 
-def plan(study: StudyConfig, rows: Sequence[str], seeds: int, results: Sequence[Result]) -> Iterator[str]:
+def plan(rows: Sequence[str], seeds: int, results: Sequence[Result]) -> Iterator[str]:
     """What a study costs and can show, before it is carried out.
 
     Args:
-        study: its settings.
         rows: names of the rows to run.
         seeds: number of trainings per row.
         results: of trainings that are finished; the more there are, the less is assumed.
     """
     hours = [result.core_hours for result in results if result.core_hours is not None]
-    trainings, each = len(rows) * seeds, mean(hours) if hours else study.expected.core_hours
+    trainings, each = len(rows) * seeds, mean(hours) if hours else CORE_HOURS
     yield (
         f"{len(rows)} rows x {seeds} seeds: {trainings} trainings, about {trainings * each:.1f} core hours "
         f"({each:.2f} each, {'measured' if hours else 'expected'})"
     )
     fit = _fit(results, ())
     is_measured = fit is not None and fit.freedom >= LEAST_FREEDOM
-    spread = fit.spread if fit is not None and is_measured else study.expected.spread
+    spread = fit.spread if fit is not None and is_measured else SPREAD
     least = detectable(spread, len(rows), seeds)
     if least == math.inf:
         yield "too few rows and seeds to tell differences from chance"

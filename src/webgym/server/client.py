@@ -17,7 +17,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Coroutine, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
 import aiohttp
@@ -30,6 +30,7 @@ from webgym.core.calls import CallQueue, call_queues
 from webgym.core.errors import LeaseLost, ProtocolError, ServerUnreachable, WebGymError
 from webgym.core.observation import Probed
 from webgym.core.storage import StorageState
+from webgym.server import operations
 from webgym.server.config import ClientLimits
 from webgym.server.listening import connections
 from webgym.server.messages import (
@@ -38,7 +39,6 @@ from webgym.server.messages import (
     INSTANCE_HEADER,
     SECRET_HEADER,
     UNHEALTHY_STATUS,
-    Closed,
     ExecuteRequest,
     Health,
     NavigateRequest,
@@ -48,34 +48,13 @@ from webgym.server.messages import (
     ServerInfo,
     SessionGrant,
     SessionOptions,
-    StepReply,
     StepRequest,
     View,
     error_of,
 )
-from webgym.server.operations import (
-    ALLOCATE,
-    EXECUTE,
-    HEALTH,
-    HEARTBEAT,
-    INFO,
-    METADATA,
-    MSGPACK,
-    NAVIGATE,
-    PRESSURE,
-    PROBE,
-    READ,
-    RELEASE,
-    SCREENSHOT,
-    STEP,
-    STORAGE,
-    Operation,
-    QueueName,
-)
+from webgym.server.operations import MSGPACK, Operation, QueueName, Reply
 
 log = logging.getLogger(__name__)
-
-T = TypeVar("T")
 
 _NAME_BYTES = 8
 _SLOW_SECONDS = 30.0
@@ -96,7 +75,7 @@ class _Call:
     """A call: what is sent, its queue, its deadline without the time in the server's queues in seconds; and
     where and when it was sent."""
 
-    operation: Operation
+    operation: Operation[Any]
     body: msgspec.Struct | None
     grant: SessionGrant | None
     queue: QueueName | None
@@ -221,7 +200,7 @@ class BrowserClient:
         options = options or SessionOptions()
         wait = options.wait_at_most(self.limits.wait_seconds)
         options = msgspec.structs.replace(options, wait_seconds=wait)  # so that the server answers in time
-        grant = await self.call(ALLOCATE, SessionGrant, options, seconds=wait + self.limits.reply_seconds)
+        grant = await self.call(operations.ALLOCATE, options, seconds=wait + self.limits.reply_seconds)
         try:
             route = await self._router.find(grant)
         except asyncio.CancelledError:
@@ -243,24 +222,24 @@ class BrowserClient:
             grant: the lease, as the server granted it.
         """
         with contextlib.suppress(WebGymError):  # the lease expires by itself
-            await self.call(RELEASE, Closed, grant=grant, seconds=RELEASE_SECONDS)
+            await self.call(operations.RELEASE, grant=grant, seconds=RELEASE_SECONDS)
 
     async def info(self) -> ServerInfo:
         """Information about the server."""
-        return await self.call(INFO, ServerInfo)
+        return await self.call(operations.INFO)
 
     async def health(self) -> Health:
         """Whether the server can open sessions. Needs no token."""
-        call = _Call(HEALTH, None, None, None, self.limits.reply_seconds)
+        call = _Call(operations.HEALTH, None, None, None, self.limits.reply_seconds)
         response = await self._send(call, SessionRoute(self.base_url, False))
         if response.status == UNHEALTHY_STATUS:
             with contextlib.suppress(ProtocolError):  # then it is handled like any other error
-                return self._decode(HEALTH, Health, response)
-        return self._answer(HEALTH, Health, response)
+                return self._decode(operations.HEALTH, response)
+        return self._answer(operations.HEALTH, response)
 
     async def pressure(self) -> Pressure:
         """Its load per operation type."""
-        return await self.call(PRESSURE, Pressure)
+        return await self.call(operations.PRESSURE)
 
     def forget(self, session: Session) -> None:
         """Forget a session that is over.
@@ -274,20 +253,18 @@ class BrowserClient:
 
     async def call(
         self,
-        operation: Operation,
-        reply: type[T],
+        operation: Operation[Reply],
         body: msgspec.Struct | None = None,
         *,
         grant: SessionGrant | None = None,
         route: SessionRoute | None = None,
         queue: QueueName | None = None,
         seconds: float | None = None,
-    ) -> T:
+    ) -> Reply:
         """Make one call, in the queue of its type.
 
         Args:
             operation: an operation of :mod:`webgym.server.operations`.
-            reply: type of the reply; ``bytes`` for a body that is not a struct.
             body: the request's body, if the operation has one.
             grant: the session, for operations on a session.
             route: where to send it; by default the client's base URL. If a direct route fails, the base URL
@@ -297,7 +274,7 @@ class BrowserClient:
         """
         call = _Call(operation, body, grant, queue or operation.queue, seconds or self.limits.reply_seconds)
         response = await self._send(call, route or SessionRoute(self.base_url, False))
-        return self._answer(operation, reply, response)
+        return self._answer(operation, response)
 
     async def _send(self, call: _Call, route: SessionRoute) -> _Response:
         """Send a call on its route, and on the other route if that fails."""
@@ -310,7 +287,7 @@ class BrowserClient:
             route.base_url, route.is_direct = self.base_url, False
             again = not failed.was_sent or call.operation.is_repeatable
             # The server's answer about the session is more specific than the failure of the route.
-            fallback = call if again else replace(call, operation=HEARTBEAT, body=None)
+            fallback = call if again else replace(call, operation=operations.HEARTBEAT, body=None)
             try:
                 response = await self._send_to(self.base_url, fallback)
             except _CallFailed as other:
@@ -319,18 +296,18 @@ class BrowserClient:
                 return response
             raise failed.error from None
 
-    def _answer(self, operation: Operation, reply: type[T], response: _Response) -> T:
+    def _answer(self, operation: Operation[Reply], response: _Response) -> Reply:
         if not response.is_success:
             raise error_of(response.content, response.status, response.host)
-        return self._decode(operation, reply, response)
+        return self._decode(operation, response)
 
-    def _decode(self, operation: Operation, reply: type[T], response: _Response) -> T:
+    def _decode(self, operation: Operation[Reply], response: _Response) -> Reply:
         try:
-            if reply is bytes:
+            if operation.reply is bytes:
                 return response.content  # type: ignore[return-value]
             if response.content_type.startswith(MSGPACK):
-                return msgspec.msgpack.decode(response.content, type=reply)
-            return msgspec.json.decode(response.content, type=reply)
+                return msgspec.msgpack.decode(response.content, type=operation.reply)
+            return msgspec.json.decode(response.content, type=operation.reply)
         except (msgspec.MsgspecError, ValueError) as error:
             raise ProtocolError(
                 f"{operation.name}: the answer cannot be parsed: {error}",
@@ -354,7 +331,7 @@ class BrowserClient:
                 call.server, call.sent = base_url, time.monotonic()
                 self._unanswered.add(call)
                 exchange = self._exchange(operation.method, base_url + path, content, headers)
-                if grant is None or operation in (HEARTBEAT, RELEASE):
+                if grant is None or operation in (operations.HEARTBEAT, operations.RELEASE):
                     async with asyncio.timeout(call.seconds):
                         return await exchange
                 return await self._answer_in_time(exchange, call, grant)
@@ -382,8 +359,7 @@ class BrowserClient:
         self, exchange: Coroutine[Any, Any, _Response], call: _Call, grant: SessionGrant
     ) -> _Response:
         """The answer to a session's call. Time in the server's queues does not count, but only the server
-        knows
-        it: it is queried by a heartbeat at the deadline. If that fails, its error is the answer.
+        knows it: it is queried by a heartbeat at the deadline. If that fails, its error is the answer.
 
         Raises:
             TimeoutError: the call took longer than the limit, without waiting in queues.
@@ -391,14 +367,14 @@ class BrowserClient:
         answer, started, remaining = asyncio.create_task(exchange), time.monotonic(), call.seconds
         try:
             while not (await asyncio.wait({answer}, timeout=remaining))[0]:
-                renewal = _Call(HEARTBEAT, None, grant, None, call.seconds)
+                renewal = _Call(operations.HEARTBEAT, None, grant, None, call.seconds)
                 try:
                     heartbeat = await self._send_to(call.server, renewal)
                 except _CallFailed as failed:
                     raise TimeoutError from failed
                 if not heartbeat.is_success:
                     return heartbeat
-                queued = self._decode(HEARTBEAT, Renewed, heartbeat).queued_seconds
+                queued = self._decode(operations.HEARTBEAT, heartbeat).queued_seconds
                 remaining = call.seconds + queued - (time.monotonic() - started)
                 if remaining <= 0 and not answer.done():
                     raise TimeoutError
@@ -453,7 +429,7 @@ class Session:
         if action is None:
             queue = "screenshot"
         request = StepRequest(action, tuple(self._pictures))
-        reply = await self._call(STEP, StepReply, request, queue)
+        reply = await self._call(operations.STEP, request, queue)
         calls, observation = self._client.calls, reply.observation
         calls[queue].waited_elsewhere(observation.seconds("queued"))
         calls[queue].included(calls["metadata"], 0.0, observation.seconds("metadata"))
@@ -472,35 +448,35 @@ class Session:
 
     async def navigate(self, url: str) -> PageMetadata:
         """Open a URL, without an observation."""
-        return await self._call(NAVIGATE, PageMetadata, NavigateRequest(url))
+        return await self._call(operations.NAVIGATE, NavigateRequest(url))
 
     async def execute(self, action: AnyAction) -> PageMetadata:
         """Carry out an action, without an observation."""
-        return await self._call(EXECUTE, PageMetadata, ExecuteRequest(action))
+        return await self._call(operations.EXECUTE, ExecuteRequest(action))
 
     async def metadata(self) -> PageMetadata:
         """The page's URL, title, status and scroll position."""
-        return await self._call(METADATA, PageMetadata)
+        return await self._call(operations.METADATA)
 
     async def read(self, request: ReadRequest) -> Document:
         """Read the whole document, not only the part in the viewport."""
-        return await self._call(READ, Document, request)
+        return await self._call(operations.READ, request)
 
     async def storage(self) -> StorageState:
         """What websites keep in the session's browser: whoever has it is signed in as the session is."""
-        return await self._call(STORAGE, StorageState)
+        return await self._call(operations.STORAGE)
 
     async def probe(self, url: str) -> Probed:
         """Ask for a page from outside the session, to see whether its website is there."""
-        return await self._call(PROBE, Probed, NavigateRequest(url))
+        return await self._call(operations.PROBE, NavigateRequest(url))
 
     async def screenshot(self) -> bytes:
         """A screenshot without marks and without waiting, PNG (or JPEG)."""
-        return await self._call(SCREENSHOT, bytes)
+        return await self._call(operations.SCREENSHOT)
 
     async def heartbeat(self) -> Renewed:
         """Renew the lease. This also happens in the background."""
-        return await self._call(HEARTBEAT, Renewed)
+        return await self._call(operations.HEARTBEAT)
 
     async def abandon(self) -> None:
         """Stop renewing the session without releasing its browser, as a client that dies would.
@@ -520,7 +496,7 @@ class Session:
         await self.abandon()
         try:
             seconds = RELEASE_SECONDS
-            await self._client.call(RELEASE, Closed, grant=self.grant, route=self._route, seconds=seconds)
+            await self._client.call(operations.RELEASE, grant=self.grant, route=self._route, seconds=seconds)
         except LeaseLost:
             return
         except WebGymError as error:  # also one that the server raised, such as an internal error
@@ -528,17 +504,14 @@ class Session:
 
     async def _call(
         self,
-        operation: Operation,
-        reply: type[T],
+        operation: Operation[Reply],
         body: msgspec.Struct | None = None,
         queue: QueueName | None = None,
-    ) -> T:
+    ) -> Reply:
         if self._is_closed:
             raise LeaseLost("the session was closed here", hint="open a new one")
         self._used.set()
-        return await self._client.call(
-            operation, reply, body, grant=self.grant, route=self._route, queue=queue
-        )
+        return await self._client.call(operation, body, grant=self.grant, route=self._route, queue=queue)
 
     async def _keep_alive(self) -> None:
         """Renew the lease when there was no call for a while, for example because the model is thinking."""
@@ -552,7 +525,7 @@ class Session:
             except TimeoutError:
                 pass
             try:
-                await self._client.call(HEARTBEAT, Renewed, grant=self.grant, route=self._route)
+                await self._client.call(operations.HEARTBEAT, grant=self.grant, route=self._route)
             except LeaseLost:
                 return  # the next call raises it
             except WebGymError as error:
@@ -603,7 +576,9 @@ class SessionRouter:
         """Whether this worker, and not some other server, answers there. No token is sent."""
         try:
             async with asyncio.timeout(DIRECT_SECONDS):
-                request = self._http.request(HEALTH.method, endpoint + HEALTH.path, allow_redirects=False)
+                request = self._http.request(
+                    operations.HEALTH.method, endpoint + operations.HEALTH.path, allow_redirects=False
+                )
                 async with request as response:
                     return response.headers.get(INSTANCE_HEADER) == instance
         except (aiohttp.ClientError, OSError, ValueError):

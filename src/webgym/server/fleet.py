@@ -12,7 +12,7 @@ import math
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Collection, Iterable, Mapping
 from contextlib import asynccontextmanager
-from typing import Protocol
+from typing import Any, Protocol
 
 import aiohttp
 import msgspec
@@ -203,7 +203,7 @@ class Worker:
 
     @asynccontextmanager
     async def call(
-        self, operation: Operation, headers: Iterable[Header], body: bytes = b"", *, session: str = ""
+        self, operation: Operation[Any], headers: Iterable[Header], body: bytes = b"", *, session: str = ""
     ) -> AsyncIterator[aiohttp.ClientResponse]:
         """Make a call; the answer's head has arrived when the block begins, and its body may follow.
 
@@ -229,7 +229,9 @@ class Worker:
         finally:
             self._calls.discard(until_lost)
 
-    async def read(self, operation: Operation, headers: Iterable[Header] = (), *, session: str = "") -> bytes:
+    async def read(
+        self, operation: Operation[Any], headers: Iterable[Header] = (), *, session: str = ""
+    ) -> bytes:
         """The body of the answer to a call with the gateway's own token.
 
         Raises:

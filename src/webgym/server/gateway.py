@@ -95,7 +95,7 @@ class Gateway:
 
     # --- sessions -------------------------------------------------------------------------------------
 
-    async def serve(self, front: HttpFrontend, operation: Operation, request: Request) -> Any:
+    async def serve(self, front: HttpFrontend, operation: Operation[Any], request: Request) -> Any:
         """Carry out an operation."""
         if operation is ALLOCATE:
             return await self.allocate(request, front)
@@ -171,7 +171,7 @@ class Gateway:
         """Wait for background tasks."""
         await asyncio.gather(*self._endings, return_exceptions=True)
 
-    async def relay(self, operation: Operation, request: Request, front: HttpFrontend) -> Response:
+    async def relay(self, operation: Operation[Any], request: Request, front: HttpFrontend) -> Response:
         """Forward a session's call to the worker that holds it."""
         session = request.path_params["id"]
         worker = self._find(session)
@@ -267,7 +267,7 @@ class Gateway:
         load = msgspec.convert(total(loads), type=SlotLoad) if loads else SlotLoad(0, 0, 0, 0, 0)
         return msgspec.structs.replace(load, waiting=load.waiting + len(self.queue))
 
-    async def _query_all(self, operation: Operation) -> dict[str, bytes]:
+    async def _query_all(self, operation: Operation[Any]) -> dict[str, bytes]:
         """Every worker's answer, by its name; workers that do not answer are left out."""
 
         async def query(worker: Worker) -> bytes | None:

@@ -85,7 +85,7 @@ class HttpFrontend:
         self.instance = instance
         self._metrics = metrics
 
-    def application(self, work: Callable[[Operation, Request], Awaitable[Any]]) -> Starlette:
+    def application(self, work: Callable[[Operation[Any], Request], Awaitable[Any]]) -> Starlette:
         """The application with the routes of all operations, which ``work`` carries out. Any other path is an
         error, never redirected."""
         routes = [
@@ -99,7 +99,7 @@ class HttpFrontend:
         return app
 
     def endpoint(
-        self, operation: Operation, work: Callable[[Request], Awaitable[Any]]
+        self, operation: Operation[Any], work: Callable[[Request], Awaitable[Any]]
     ) -> Callable[[Request], Awaitable[Response]]:
         """The request handler of one operation: ``work`` with authentication, metrics and error handling."""
         seconds = self._metrics.seconds.labels(operation.name)
@@ -127,7 +127,7 @@ class HttpFrontend:
 
         return serve
 
-    def admit(self, operation: Operation, request: Request) -> None:
+    def admit(self, operation: Operation[Any], request: Request) -> None:
         """Authenticate a caller, and set ``request.state.caller`` to the name of its token.
 
         Raises:
@@ -152,7 +152,7 @@ class HttpFrontend:
                 raise _TooLarge(f"the request is larger than {self._body_bytes} bytes")
         return bytes(body)
 
-    def _response(self, operation: Operation, result: Any) -> Response:
+    def _response(self, operation: Operation[Any], result: Any) -> Response:
         if isinstance(result, Response):
             return result
         if isinstance(result, bytes):

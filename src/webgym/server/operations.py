@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, TypeAlias
+from typing import Any, Generic, Literal, TypeAlias, TypeVar
 
 import msgspec
 
@@ -29,6 +29,7 @@ from webgym.server.messages import (
     Watched,
 )
 
+Reply = TypeVar("Reply")
 QueueName: TypeAlias = Literal["navigate", "execute", "screenshot", "metadata", "allocate", "release"]
 QUEUES: tuple[QueueName, ...] = ("navigate", "execute", "screenshot", "metadata", "allocate", "release")
 
@@ -39,14 +40,15 @@ TEXT = "text/plain; version=0.0.4"
 LINES = "application/x-ndjson"
 
 
-class Operation(msgspec.Struct, frozen=True):
+class Operation(msgspec.Struct, Generic[Reply], frozen=True):
     """One operation of a server.
 
     Attributes:
         name: its name, also of the service's method that implements it.
         method, path: HTTP method and path.
         summary: one line for the OpenAPI document.
-        request, reply: types of the bodies; ``None`` for an empty body or one that is not a struct.
+        reply: type of the reply's body; ``bytes`` for one that is not a struct.
+        request: type of the request's body; ``None`` for an empty one.
         queue: the queue in which it waits for a run permit; ``None`` if it needs none. A step waits twice: in
             the queue of its action, then in that of screenshots.
         media: media type of the reply.
@@ -58,8 +60,8 @@ class Operation(msgspec.Struct, frozen=True):
     method: Literal["GET", "POST", "DELETE"]
     path: str
     summary: str
+    reply: type[Reply]
     request: type[msgspec.Struct] | None = None
-    reply: type[msgspec.Struct] | None = None
     queue: QueueName | None = None
     media: str = JSON
     is_open: bool = False
@@ -85,7 +87,8 @@ EXECUTE = Operation("execute", "POST", "/v1/sessions/{id}/execute",
     "Carry out an action and wait until the page is quiet",
     request=ExecuteRequest, reply=PageMetadata, queue="execute")
 SCREENSHOT = Operation("screenshot", "POST", "/v1/sessions/{id}/screenshot",
-    "A screenshot without marks and without waiting", queue="screenshot", media=PNG, is_repeatable=True)
+    "A screenshot without marks and without waiting",
+    reply=bytes, queue="screenshot", media=PNG, is_repeatable=True)
 METADATA = Operation("metadata", "POST", "/v1/sessions/{id}/metadata",
     "URL, title, status and scroll position", reply=PageMetadata, queue="metadata", is_repeatable=True)
 STORAGE = Operation("storage", "POST", "/v1/sessions/{id}/storage",
@@ -104,12 +107,13 @@ RELEASE = Operation("release", "DELETE", "/v1/sessions/{id}",
 HEALTH = Operation("health", "GET", "/healthz", "Whether sessions can be opened", reply=Health, is_open=True)
 INFO = Operation("info", "GET", "/v1/info", "Information about this server", reply=ServerInfo)
 PRESSURE = Operation("pressure", "GET", "/pressure", "Load per operation type, and the slots", reply=Pressure)
-METRICS = Operation("metrics", "GET", "/metrics", "The same and more, for Prometheus", media=TEXT)
+METRICS = Operation("metrics", "GET", "/metrics",
+    "The same and more, for Prometheus", reply=bytes, media=TEXT)
 WATCH = Operation("watch", "GET", "/v1/watch",
     "The slots and the living sessions, a line of JSON whenever they change", reply=Watched, media=LINES)
-OPENAPI = Operation("openapi", "GET", "/openapi.json", "This document")
+OPENAPI = Operation("openapi", "GET", "/openapi.json", "This document", reply=bytes)
 
-OPERATIONS: tuple[Operation, ...] = (
+OPERATIONS: tuple[Operation[Any], ...] = (
     ALLOCATE, STEP, NAVIGATE, EXECUTE, SCREENSHOT, METADATA, READ, STORAGE, PROBE, HEARTBEAT, RELEASE, HEALTH,
     INFO, PRESSURE, METRICS, WATCH, OPENAPI,
 )
@@ -120,7 +124,7 @@ def openapi(version: str) -> dict[str, Any]:
     """The OpenAPI 3.1 document of all operations."""
     shapes: set[type[msgspec.Struct]] = {ErrorReply}
     for operation in OPERATIONS:
-        shapes.update(shape for shape in (operation.request, operation.reply) if shape is not None)
+        shapes.update(shape for shape in (operation.request, operation.reply) if shape not in (None, bytes))
     ordered = sorted(shapes, key=lambda shape: shape.__name__)
     _, components = msgspec.json.schema_components(ordered, ref_template="#/components/schemas/{name}")
     paths: dict[str, dict[str, Any]] = {}
@@ -141,8 +145,8 @@ def _ref(shape: type[msgspec.Struct]) -> dict[str, str]:
     return {"$ref": f"#/components/schemas/{shape.__name__}"}
 
 
-def _describe(operation: Operation) -> dict[str, Any]:
-    body = _ref(operation.reply) if operation.reply else {}
+def _describe(operation: Operation[Any]) -> dict[str, Any]:
+    body = {} if operation.reply is bytes else _ref(operation.reply)
     description: dict[str, Any] = {
         "operationId": operation.name,
         "summary": operation.summary,

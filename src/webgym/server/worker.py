@@ -391,7 +391,7 @@ class _Calls:
         self._quota = Quota(service.config.sessions_per_client)
         service.on_end = self._quota.ended
 
-    async def serve(self, operation: Operation, request: Request) -> Any:
+    async def serve(self, operation: Operation[Any], request: Request) -> Any:
         """Carry out an operation."""
         arguments: list[Any] = []
         if operation.has_lease:

@@ -43,6 +43,7 @@ from webgym.browser.questions import ask_own, differences, headed_answers
 from webgym.browser.sandbox import remedy
 from webgym.core.errors import BrowserError, BrowserNotFound, BrowserTimeout, ConfigError, WebGymError
 from webgym.core.text import plain
+from webgym.server.admission import allowed_cores
 
 Status: TypeAlias = Literal["ok", "note", "missing"]
 
@@ -286,17 +287,8 @@ def check_cores() -> Check:
     """The number of cores that this process may use."""
     usable, total = len(os.sched_getaffinity(0)), os.cpu_count() or 1
     found = f"{usable}" if usable == total else f"{usable} of {total}"
-    quota = _cgroup_cores()
+    quota = allowed_cores(Path("/sys/fs/cgroup"))
     return Check("Cores", "ok", found if quota is None else f"{found}, limited to {quota:g} by the container")
-
-
-def _cgroup_cores() -> float | None:
-    """The container's CPU quota in cores; ``None`` if there is none."""
-    try:
-        quota, period = Path("/sys/fs/cgroup/cpu.max").read_text().split()
-    except (OSError, ValueError):
-        return None
-    return None if quota == "max" else int(quota) / int(period)
 
 
 def check_memory() -> Check:

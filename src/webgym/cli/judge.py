@@ -37,11 +37,10 @@ from webgym.rollout.rejudge import RejudgeConfig, compare_judges, judge_run
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from webgym.core.verdict import Cost
     from webgym.judge.agreement import Agreement, Case
     from webgym.judge.labels import AnnotatorAgreement, BrokenLabel, HumanLabel
     from webgym.judge.webjudge import Labelled
-    from webgym.llm.prices import Prices, Usage
+    from webgym.llm.prices import Prices
     from webgym.rollout.rejudge import Judging
 
 Unsure: TypeAlias = Literal["failure", "left_out"]
@@ -177,6 +176,7 @@ async def _judge(
 
     from webgym.cli._run import print_notes_on
     from webgym.core.tables import put
+    from webgym.core.verdict import Cost
     from webgym.judge.factory import open_judge
     from webgym.llm.cache import ReplyCache
     from webgym.llm.health import report_problems, watch_clients
@@ -202,16 +202,10 @@ async def _judge(
         if choice.name in MODEL_JUDGES:
             console.print("all calls to judge models for this run:", style="dim", highlight=False)
             put(ledger.table(), console)
-        state.paid = _spent_since(before, ledger.totals.all)
+        names = ("calls", "prompt_tokens", "completion_tokens", "dollars")
+        paid = {name: getattr(ledger.totals.all, name) - getattr(before, name) for name in names}
+        state.paid = Cost(**paid)
         return state
-
-
-def _spent_since(before: Usage, now: Usage) -> Cost:
-    """The cost of all calls between two states of a ledger, whether or not they led to a verdict."""
-    from webgym.core.verdict import Cost
-
-    names = ("calls", "prompt_tokens", "completion_tokens", "dollars")
-    return Cost(**{name: getattr(now, name) - getattr(before, name) for name in names})
 
 
 # --- agreement with people ---------------------------------------------------------------------------

@@ -117,18 +117,9 @@ def presets() -> dict[str, Path]:
     return {name: path for path, known in ours.items() for name in (known.name, str(known))}
 
 
-def _weights_named(model: str) -> str:
-    return str(Path(__file__).parents[1] / "study" / "weights") if model == "tiny" else model
-
-
-ModelName: TypeAlias = Annotated[str, AfterValidator(_weights_named)]
+_TINY = str(Path(__file__).parents[1] / "study" / "weights")
+ModelName: TypeAlias = Annotated[str, AfterValidator(lambda model: _TINY if model == "tiny" else model)]
 """A model's folder, its id on the hub, or ``tiny``, whose weights are part of the package."""
-
-
-def _found(path: Path) -> Path:
-    """The file at a path or, if there is none, the one that comes with WebGym under this name or path."""
-    name = str(path.with_suffix("") if path.suffix == ".yaml" else path).removeprefix("configs/")
-    return path if path.exists() else presets().get(name, path)
 
 
 def read_yaml(path: Path, hint: str) -> dict[str, Any]:
@@ -142,7 +133,9 @@ def read_yaml(path: Path, hint: str) -> dict[str, Any]:
         ConfigError: it cannot be read, is not a YAML mapping, or is not confirmed
             (:mod:`webgym.core.consent`).
     """
-    path = _found(path)
+    if not path.exists():
+        name = str(path.with_suffix("") if path.suffix == ".yaml" else path).removeprefix("configs/")
+        path = presets().get(name, path)
     if path.is_char_device():  # which may never end
         raise ConfigError(f"{path} is a device", hint="give a file")
     try:

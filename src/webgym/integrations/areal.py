@@ -23,7 +23,7 @@ from areal.api.workflow_api import RolloutWorkflow
 from areal.infra import workflow_context
 from areal.utils.data import concat_padded_tensors
 
-from webgym import EnvironmentPool, Renderer, Sampled, TokenRequest, TokenRollout, TokenRow, roll_out
+from webgym import EnvironmentPool, Renderer, Sampled, TokenRequest, TokenRow, roll_out
 
 
 class WebGymWorkflow(RolloutWorkflow):
@@ -103,12 +103,8 @@ class WebGymWorkflow(RolloutWorkflow):
             )
         for reason, count in rollout.dropped.items():
             self.dropped[reason] = self.dropped.get(reason, 0) + count
-        return self._tensors(rollout, versions) if rollout.rows else None
-
-    def _tensors(self, rollout: TokenRollout, versions: dict[int, list[int]]) -> dict[str, Any]:
         rows = [self._row(row, versions[row.step], rollout.reward) for row in rollout.rows]
-        padded: dict[str, Any] = concat_padded_tensors(rows)
-        return padded
+        return concat_padded_tensors(rows) if rows else None
 
     def _row(self, row: TokenRow, versions: list[int], reward: float | None) -> dict[str, Any]:
         assert reward is not None, "an episode without a reward has no rows"

@@ -183,7 +183,8 @@ class WebGymEnv(vf.Env[WebGymEnvConfig]):
         async with self._pool.environment() as env, agents.player.interaction(task) as interaction:
 
             async def ask(info: dict[str, Any]) -> Reply:
-                segment = await interaction.turn(_messages(info))
+                messages = [_message(message, info["images"]) for message in info["messages"]]
+                segment = await interaction.turn(messages)
                 if segment.terminated:
                     error = interaction.trace.last_error
                     why = error.message if error else interaction.trace.stop_condition
@@ -205,10 +206,6 @@ def _finish_reason(text: str, call: Any) -> str:
     no word for one that neither the model nor its token limit ended."""
     is_void = not text and call.usage is not None and call.usage.completion_tokens == 0
     return "abort" if is_void else call.finish_reason or "unknown"
-
-
-def _messages(info: dict[str, Any]) -> vf.Messages:
-    return [_message(message, info["images"]) for message in info["messages"]]
 
 
 def _message(message: Any, images: dict[str, bytes]) -> vf.Message:

@@ -89,7 +89,7 @@ class WebGymAgentLoop(AgentLoopBase):
                 )
             )
             reply = replies[-1]
-            has_ended = self._has_ended(reply.token_ids)
+            has_ended = bool(reply.token_ids) and reply.token_ids[-1] in self._renderer.end_ids
             version = reply.extra_fields.get("max_global_steps")
             return Sampled(
                 reply.token_ids,
@@ -118,9 +118,6 @@ class WebGymAgentLoop(AgentLoopBase):
             dropped.update(rollout.dropped)
             log.warning("%s: steps without an output: %s", rollout.task_id, dict(rollout.dropped))
         return self._outputs(rollout, replies)
-
-    def _has_ended(self, ids: Sequence[int]) -> bool:
-        return bool(ids) and ids[-1] in self._renderer.end_ids
 
     def _outputs(self, rollout: TokenRollout, replies: Sequence[TokenOutput]) -> list[AgentLoopOutput]:
         reward_info = {  # verl requires the same keys of all outputs

@@ -211,7 +211,8 @@ def blocking_host(website: str, episode: Episode, blocked: Judgement) -> str:
 def _site_observations(task: Task, episode: Episode, suspect_last: bool) -> Iterator[_SiteObservation]:
     """The observations of the task's website or of the one that its start page redirected to, in order."""
     observations = episode.observations
-    requested = [task.website, *(_opened(step) for step in episode.steps)]
+    actions = (step.action for step in episode.steps)
+    requested = [task.website, *(action.url if isinstance(action, Navigate) else "" for action in actions)]
     sites: list[str] = []
     for observation, url in zip(observations, requested, strict=False):
         site = site_or_text(observation.url)
@@ -240,11 +241,6 @@ def _site_observations(task: Task, episode: Episode, suspect_last: bool) -> Iter
             is_front=any(_address(url)[1:] == ("/", "") for url in urls),
             addresses=frozenset(_address(url) for url in urls),
         )
-
-
-def _opened(step: Step) -> str:
-    """The URL that the agent opened with this step; empty if it did something else."""
-    return step.action.url if isinstance(step.action, Navigate) else ""
 
 
 def _address(url: str) -> _Address:

@@ -119,7 +119,8 @@ class ReplyCache:
         self.totals, self._last_call = Totals(), 0
         try:
             self._count(await self.read(self._select_calls))
-            for purpose, model, count in await self.read(_select_hits):
+            hits = "select purpose, model, count from hits"
+            for purpose, model, count in await self.read(lambda reading: reading.execute(hits).fetchall()):
                 self.totals.hit(purpose, model, count)
         except BaseException:
             await self._close()
@@ -330,10 +331,6 @@ def _add_hits(connection: sqlite3.Connection, hits: Mapping[tuple[str, str], int
         "insert into hits values (?, ?, ?) on conflict do update set count = count + excluded.count",
         [(purpose, model, count) for (purpose, model), count in hits.items()],
     )
-
-
-def _select_hits(connection: sqlite3.Connection) -> list[tuple[str, str, int]]:
-    return connection.execute("select purpose, model, count from hits").fetchall()
 
 
 # --- opening --------------------------------------------------------------------------------------------

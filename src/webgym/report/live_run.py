@@ -154,7 +154,9 @@ class LiveRun:
 
     def overview(self) -> str:
         """The figures of all trajectories, as HTML; cached in the index while the run does not change."""
-        cached, stamp = self.index.cached(_OVERVIEW, _CachedFigures), self._stamp()
+        inputs = [len(self.index), self.index.version, self.reader.summary, self.reader.config]
+        stamp = hashlib.sha256(repr(inputs).encode()).hexdigest()  # of all that the figures depend on
+        cached = self.index.cached(_OVERVIEW, _CachedFigures)
         if cached is None or cached.stamp != stamp:
             cached = _CachedFigures(stamp, self._stored() or self._counted())
             self.index.cache(_OVERVIEW, cached)
@@ -176,11 +178,6 @@ class LiveRun:
         for digest in self.index.digests(self._overview.count):
             self._overview.add(digest)
         return self._overview.figures()
-
-    def _stamp(self) -> str:
-        """A digest of everything that the figures depend on."""
-        inputs = [len(self.index), self.index.version, self.reader.summary, self.reader.config]
-        return hashlib.sha256(repr(inputs).encode()).hexdigest()
 
     def entry(self, attempt_id: str) -> Entry:
         """The position of a trajectory's record. An unknown one is searched for in new records.

@@ -146,7 +146,8 @@ def export(
         if kind == "parquet":
             exporter.write_parquet(folder / "steps.parquet")
         elif kind == "jsonl":
-            write_lines(folder / "steps.jsonl", map(_line, exporter.rows()))
+            encoded = (msgspec.json.encode(row) + b"\n" for row in exporter.rows())
+            write_lines(folder / "steps.jsonl", encoded)
         else:
             write_lines(folder / "sharegpt.json", _array(exporter.conversations()))
             write_lines(folder / "dataset_info.json", [json.dumps(_SHAREGPT, indent=2).encode()])
@@ -352,10 +353,6 @@ def _flat(message: Message) -> str:
 
 def _name(ref: ImageRef) -> str:
     return f"{ref.screenshot}-{ref.width}x{ref.height}.png"
-
-
-def _line(row: Mapping[str, Any]) -> bytes:
-    return msgspec.json.encode(row) + b"\n"
 
 
 def _array(items: Iterator[Any]) -> Iterator[bytes]:

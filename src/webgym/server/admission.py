@@ -294,7 +294,7 @@ class Processors:
         now, ticks, used = time.monotonic(), _ticks(self.affinity), _group_seconds(self._group)
         all_ticks = ticks[1] - self._ticks[1]
         shares = [(ticks[0] - self._ticks[0]) / all_ticks if all_ticks else 0.0]
-        quota = _quota(self._group)
+        quota = allowed_cores(self._group)
         if quota is not None and now > self._measured_at:
             shares.append((used - self._used) / (quota * (now - self._measured_at)))
         self._measured_at, self._ticks, self._used = now, ticks, used
@@ -324,11 +324,12 @@ def _own_group() -> Path | None:
     return group if group and (group / "cpu.max").exists() else None
 
 
-def _quota(group: Path | None) -> float | None:
-    """Number of processors that the group may use; ``None`` if it is not limited."""
-    if group is None:
+def allowed_cores(group: Path | None) -> float | None:
+    """Number of processors that a control group may use; ``None`` if it is not limited."""
+    try:
+        allowed, period = (group / "cpu.max").read_text().split() if group else ("max", "")
+    except (OSError, ValueError):
         return None
-    allowed, period = (group / "cpu.max").read_text().split()
     return None if allowed == "max" else int(allowed) / int(period)
 
 

@@ -6,7 +6,7 @@ The simulated resources are processors with queues, and GPUs with continuous bat
 from __future__ import annotations
 
 from collections import defaultdict, deque
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from heapq import heappop, heappush
 from typing import Any, TypeAlias
 
@@ -108,7 +108,7 @@ class _Run:
                 self.steady.append(self._current_result())
         return number
 
-    def _begin(self, number: int) -> Iterator[simpy.Event]:
+    def _begin(self, number: int) -> Process:
         """Wait for sufficiently recent weights and a new browser."""
         needed = number // self.workload.trajectories - 1 - self.system.staleness
         if needed >= 0:
@@ -182,7 +182,7 @@ class _Run:
         while True:
             if system.refills or not playing:
                 joining = self._group(system.sessions - len(playing))
-                yield env.all_of([env.process(_as_process(self._begin(number))) for number in joining])
+                yield env.all_of([env.process(self._begin(number)) for number in joining])
                 for number in joining:
                     needs = demand(self.workload, self.costs, number, int(self.lengths[number]))
                     playing.append((number, needs, 0))
@@ -235,10 +235,6 @@ class _Run:
         while not last.triggered:
             samples.append((self.env.now, self.cpus.busy / self.system.cpus, float(self.gpus.requests)))
             yield self.env.timeout(every)
-
-
-def _as_process(events: Iterator[simpy.Event]) -> Process:
-    yield from events
 
 
 def simulate(

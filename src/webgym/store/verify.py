@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Protocol
 
@@ -159,7 +160,7 @@ class _Verification:
                 verdict_file, lambda line: "" if is_whole_verdict(line) else "the checksum does not match"
             )
         if (metrics := self._run / METRICS).exists():
-            self._lines(metrics, _metric)
+            self._lines(metrics, partial(_problem, _metrics))
         if self._sets_aside and self.problems:
             sync_folder(self._run)
 
@@ -172,7 +173,7 @@ class _Verification:
             except StoreCorrupt as error:
                 moved = name == SUMMARY and self._move(self._run / name)
                 self._note(name, 0, error.message, moved=moved)
-        self._lines(self._run / TASKS, _task, stays=True)
+        self._lines(self._run / TASKS, partial(_problem, _tasks), stays=True)
         self._tasks = reader.tasks
 
     def _pictures(self) -> None:
@@ -272,14 +273,6 @@ def _picture(file: Path) -> str:
 
 _tasks = msgspec.json.Decoder(Task)
 _metrics = msgspec.json.Decoder(dict[str, Any])
-
-
-def _task(line: bytes) -> str:
-    return _problem(_tasks, line)
-
-
-def _metric(line: bytes) -> str:
-    return _problem(_metrics, line)
 
 
 def _problem(decoder: msgspec.json.Decoder[Any], line: bytes) -> str:

@@ -209,7 +209,9 @@ def _add_rows(
     batch: pa.RecordBatch, path: Path, first: int, collector: TaskCollector, make: Callable[[Any, str], Task]
 ) -> None:
     """Add the tasks of a batch row by row, whatever types its columns have."""
-    for number, row in enumerate(_rows(batch), first):
+    types = {field.name: field.type for field in batch.schema}
+    for number, values in enumerate(batch.to_pylist(maps_as_pydicts="lossy"), first):
+        row = {name: _plain(value, types[name]) for name, value in values.items()}
         try:
             task = make(row, f"{path.name.partition('.')[0]}/{number}")
         except ValueError as error:
@@ -217,12 +219,6 @@ def _add_rows(
             collector.skip(path, number, error, known)
         else:
             collector.add(path, number, task)
-
-
-def _rows(batch: pa.RecordBatch) -> Iterable[dict[str, Any]]:
-    types = {field.name: field.type for field in batch.schema}
-    for row in batch.to_pylist(maps_as_pydicts="lossy"):
-        yield {name: _plain(value, types[name]) for name, value in row.items()}
 
 
 def _plain(value: Any, kind: pa.DataType) -> Any:

@@ -81,7 +81,8 @@ class Collector:
         if stored is None:
             body = {name: value for name, value in request.body.items() if name != "stream"}
             row = [request.key, purpose, model, msgspec.json.encode(body)]
-            await self._cache.write(lambda connection: _record(connection, row))
+            noting = "insert or ignore into noted (key, purpose, model, body) values (?, ?, ?, ?)"
+            await self._cache.write(lambda connection: connection.execute(noting, row))
             self.noted += 1
             raise NotCached(f"the reply of {model} is not in the cache yet; the request was recorded")
         self._cache.hit(purpose, model)
@@ -89,10 +90,6 @@ class Collector:
             return read_completion(stored.body, model=model, seconds=stored.seconds, cached=True)
         except NoCompletion as error:
             raise LLMBadReply(f"the cached reply is {error}") from error
-
-
-def _record(connection: sqlite3.Connection, row: Sequence[Any]) -> None:
-    connection.execute("insert or ignore into noted (key, purpose, model, body) values (?, ?, ?, ?)", row)
 
 
 # --- writing --------------------------------------------------------------------------------------------

@@ -19,7 +19,6 @@ from webgym.agent.config import AgentConfig
 from webgym.browser.config import BrowserConfig
 from webgym.core.action import Mode
 from webgym.core.errors import JudgeError, RunFolderError
-from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, Outcome
 from webgym.core.task import Task
 from webgym.core.text import fold, says
@@ -164,19 +163,14 @@ def cut_off(tasks: Mapping[str, Task], trajectories: Iterable[Trajectory]) -> It
         yield from sorted(lines)
 
 
-def _address(observation: Observation) -> tuple[str | None, str]:
-    """Hostname, and path with query, of a page."""
-    address = urlsplit(observation.url)
-    return address.hostname, f"{address.path}?{address.query}" if address.query else address.path
-
-
 def _cuts(truth: Truth, evidence: Evidence, episode: Episode) -> Iterator[tuple[str, str, str]]:
     """Path, text and visible part of every line that truncates a text which is visible nowhere on the
     page."""
     pages: dict[str, tuple[list[str], set[tuple[str, str]]]] = {}
     for observation in episode.observations:
-        host, path = _address(observation)
-        if host == (evidence.host or truth.host) and re.match(evidence.path, path):
+        address = urlsplit(observation.url)
+        path = f"{address.path}?{address.query}" if address.query else address.path
+        if address.hostname == (evidence.host or truth.host) and re.match(evidence.path, path):
             visible, cuts = pages.setdefault(path, ([], set()))
             visible.append(fold(observation.text or ""))
             cuts.update(observation.cuts)

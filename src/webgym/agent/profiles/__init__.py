@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import msgspec
 
@@ -35,12 +35,10 @@ def all_profiles(folder: Path = FOLDER) -> dict[str, Profile]:
         for name, family in msgspec.toml.decode(path.read_bytes()).items():
             if name in found:
                 raise ValueError(f"there are two profiles {name!r}")
-            found[name] = msgspec.convert(family | {"name": name}, Profile, dec_hook=_sampling)
+            found[name] = msgspec.convert(
+                family | {"name": name}, Profile, dec_hook=lambda _, value: Sampling.model_validate(value)
+            )
     return found
-
-
-def _sampling(_type: type, value: Any) -> Sampling:
-    return Sampling.model_validate(value)
 
 
 def profile_of(model: str) -> Profile | None:

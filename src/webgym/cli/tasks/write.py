@@ -209,7 +209,9 @@ def sample(
         message = f"{passed_over.total():,} tasks on {len(passed_over):,} blocked websites were not drawn"
         print(message, file=sys.stderr)
     _write(drawn, out)
-    _save(sampler, state)
+    if state is not None:
+        with whole_file(state) as file:
+            file.write(json.dumps(sampler.state()).encode() + b"\n")
 
 
 def _write(drawn: list[Task], out: Path | None) -> None:
@@ -253,12 +255,6 @@ def _restore(sampler: Sampler, state: Path | None) -> None:
             f"{state} is not a sampler's state: {error}", hint="remove it to start over"
         ) from error
     sampler.restore(decoded if isinstance(decoded, dict) else {})
-
-
-def _save(sampler: Sampler, state: Path | None) -> None:
-    if state is not None:
-        with whole_file(state) as file:
-            file.write(json.dumps(sampler.state()).encode() + b"\n")
 
 
 def _results(runs: list[Path]) -> dict[str, tuple[int, int]]:

@@ -256,17 +256,13 @@ def design(seed: int, split: Split) -> Design:
         icons=_shuffled(_without(list(signs.icons), left_out[1]), seed, "icons"),
         words=_shuffled(signs.words, seed, "words"),
     )
+    palette, *others = _chosen(data.theme, theme)
     return Design(
-        theme=_theme(_chosen(data.theme, theme), shades),
+        theme=Theme(*(*palette, *others, shades)),
         layout=Layout(*_chosen(data.layout, layout)),
         stock=stock,
         key=(theme, layout, left_out),
     )
-
-
-def _theme(chosen: list[Any], colors: dict[str, str]) -> Theme:
-    (page, bar, tile, ink), shape, frame, drawing, font, controls = chosen
-    return Theme(page, bar, tile, ink, shape, frame, drawing, font, controls, colors)
 
 
 def _chosen(choices: Mapping[str, Sequence[Any]], indices: Choice) -> list[Any]:

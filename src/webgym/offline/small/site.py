@@ -59,7 +59,7 @@ def compose(rng: random.Random, parts: Sequence[Part], mix: Mix) -> list[Assignm
             chosen = _draw(rng, parts, level)
             tasks = _with_derived(chosen)
             asks = [frozenset(part.ask for part in task) for task in tasks]
-            added = Counter(map(_level, tasks))
+            added = Counter(level_of(sum(len(part.facts) for part in task)) for task in tasks)
             fits = all(counts[other] + count <= mix.of(other) for other, count in added.items())
             if not chosen or not fits or used & set(asks):
                 continue
@@ -110,10 +110,6 @@ def _with_derived(chosen: tuple[Part, ...]) -> list[tuple[Part, ...]]:
     groups = tuple(FactGroup(index, "-", ("-",) * len(part.facts)) for index, part in enumerate(chosen))
     subsets = (rubric.groups for rubric in Rubric(groups).decompositions())
     return [chosen, *(tuple(chosen[group.id] for group in subset) for subset in subsets)]
-
-
-def _level(parts: Sequence[Part]) -> Level:
-    return level_of(sum(len(part.facts) for part in parts))
 
 
 class SmallWebsite(Website):

@@ -58,16 +58,13 @@ class Trail(SmallWebsite):
         self.match = rng.choice(("thing", "color", "icon"))
         self.has_lost_page = rng.random() < 0.5
         lengths = [1, *rng.sample(LENGTHS[1:6], 3), rng.choice(LENGTHS[6:])]
-        self.trails = {
-            word: (*(self._stop(word, index) for index in range(length)), self._end(word))
-            for word, length in zip(stock.words, lengths, strict=False)
-        }
+        self.trails = {}
+        for word, length in zip(stock.words, lengths, strict=False):
+            end = Stop(self._number(word, -1), None, (), None)
+            self.trails[word] = (*(self._stop(word, index) for index in range(length)), end)
 
     def _number(self, word: str, index: int) -> int:
         return stream(self.seed, "number", word, index).randint(0, int(numbers()[-1]))
-
-    def _end(self, word: str) -> Stop:
-        return Stop(self._number(word, -1), None, (), None)
 
     def _stop(self, word: str, index: int) -> Stop:
         rng, stock = stream(self.seed, "stop", word, index), self.design.stock

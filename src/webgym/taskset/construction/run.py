@@ -110,7 +110,9 @@ async def run_build(config: BuildConfig, paths: BuildPaths, stages: StageProgres
     """
     today = _write_config(config, paths.out)
     async with _clients(config, paths.cache) as (clients, ledger):
-        pipeline = Pipeline(config, clients, stages, today=today, workers=_workers(config))
+        most = max((chat.concurrency for chat in _chats(config).values()), default=0)
+        workers = max(_FEWEST_WORKERS, _WORKERS_PER_CALL * most)
+        pipeline = Pipeline(config, clients, stages, today=today, workers=workers)
         build = await _run(pipeline, paths.out)
     return FinishedBuild(build, ledger, write_build(build, paths.out, today, stages))
 
@@ -223,11 +225,6 @@ def _chats(config: BuildConfig) -> dict[Purpose, ChatConfig]:
     asked = (purpose for purpose in PURPOSES if purpose != "critic" or config.writing.critic)
     chats = ((purpose, config.chat(purpose)) for purpose in asked)
     return {purpose: chat for purpose, chat in chats if chat is not None}
-
-
-def _workers(config: BuildConfig) -> int:
-    most = max((chat.concurrency for chat in _chats(config).values()), default=0)
-    return max(_FEWEST_WORKERS, _WORKERS_PER_CALL * most)
 
 
 def _write_config(config: BuildConfig, out: Path) -> date:

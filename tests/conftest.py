@@ -197,6 +197,12 @@ class Calls:
         code, out, err = self.apart(*arguments, **environment)
         return code, out + err
 
+    def printed(self, *arguments: object, code: int = 0, **environment: str) -> str:
+        """What a command prints that ends with this exit code."""
+        found, said = self.run(*arguments, **environment)
+        assert found == code, said
+        return said
+
     def apart(self, *arguments: object, **environment: str) -> tuple[int, str, str]:
         """A command to its end: (exit code, standard output, standard error)."""
         with self._patch.context() as patch:

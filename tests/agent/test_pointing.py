@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pytest
@@ -26,6 +26,7 @@ from webgym.agent.agent import Agent
 from webgym.agent.computer_use import from_arguments
 from webgym.agent.config import AgentConfig
 from webgym.agent.formats import render_reply
+from webgym.agent.image_sizing import Size
 from webgym.agent.openai_policy import OpenAIPolicy
 from webgym.agent.profiles import all_profiles, choose_profile
 from webgym.browser.aim import point_of
@@ -39,6 +40,9 @@ from webgym.server.messages import SessionOptions
 from webgym.server.worker import running_server
 
 TARGET = 8
+
+Shares: TypeAlias = tuple[float, ...]
+HitAll: TypeAlias = Callable[..., Awaitable[None]]
 
 PAGE = """<!doctype html><title>0 0</title><style>
 body {{ margin: 0; background: #fff; overflow: hidden }}
@@ -100,7 +104,7 @@ async def client() -> AsyncIterator[BrowserClient]:
         yield client
 
 
-def places(viewport: tuple[int, int], shares: tuple[float, ...]) -> list[tuple[int, int]]:
+def places(viewport: Size, shares: Shares) -> list[tuple[int, int]]:
     """All over the viewport: its corners, its edges, and between, at odd places."""
     across, down = ([round(share * (side - TARGET)) for share in shares] for side in viewport)
     return [(left, top) for left in across for top in down]
@@ -116,31 +120,26 @@ async def shoot(session: Session, agent: Agent, url: str, count: int) -> str:
     return view.observation.title
 
 
-async def hit_all(
-    client: BrowserClient,
-    site: Site,
-    endpoint: Sharp,
-    viewport: tuple[int, int],
-    model: str,
-    max_side: int | None,
-    shares: tuple[float, ...],
-    scale: float = 1.0,
-) -> None:
-    targets = places(viewport, shares)
-    where: Any = [list(place) for place in targets]
-    page = HTMLResponse(PAGE.format(side=TARGET, places=where))
+@pytest.fixture
+def hit_all(client: BrowserClient, site: Site, endpoint: Sharp) -> HitAll:
+    async def hit(viewport: Size, model: str, side: int | None, shares: Shares, scale: float = 1.0) -> None:
+        targets = places(viewport, shares)
+        where: Any = [list(place) for place in targets]
+        page = HTMLResponse(PAGE.format(side=TARGET, places=where))
 
-    async def answer(_: Request) -> Response:
-        return page
+        async def answer(_: Request) -> Response:
+            return page
 
-    url = site.on("/targets", answer)
-    chat = ChatConfig(base_url=endpoint.url("sharp"), model=model)
-    config = AgentConfig(rounds=0, image_max_side=max_side, mode="coordinates")
-    session = await client.open(SessionOptions(viewport=viewport, capture_scale=scale))
-    async with Agent(OpenAIPolicy(chat), config) as agent:
-        assert await shoot(session, agent, url, len(targets)) == f"{len(targets)} 0"
-        assert endpoint.sizes == {agent.profile.picture_size(scaled(viewport, scale), max_side)}
-    await session.close()
+        url = site.on("/targets", answer)
+        chat = ChatConfig(base_url=endpoint.url("sharp"), model=model)
+        config = AgentConfig(rounds=0, image_max_side=side, mode="coordinates")
+        session = await client.open(SessionOptions(viewport=viewport, capture_scale=scale))
+        async with Agent(OpenAIPolicy(chat), config) as agent:
+            assert await shoot(session, agent, url, len(targets)) == f"{len(targets)} 0"
+            assert endpoint.sizes == {agent.profile.picture_size(scaled(viewport, scale), side)}
+        await session.close()
+
+    return hit
 
 
 VIEWPORTS = [(1280, 768), (768, 1280)]
@@ -157,35 +156,22 @@ FAMILIES = [("qwen3-vl", None), ("qwen3-vl", 640), ("qwen2.5-vl", None), ("qwen2
     ],
 )
 async def test_corners_and_middle_are_hit(
-    client: BrowserClient,
-    site: Site,
-    endpoint: Sharp,
-    viewport: tuple[int, int],
-    model: str,
-    max_side: int | None,
-    scale: float,
+    hit_all: HitAll, viewport: Size, model: str, max_side: int | None, scale: float
 ) -> None:
-    await hit_all(client, site, endpoint, viewport, model, max_side, (0, 0.493, 1), scale)
+    await hit_all(viewport, model, max_side, (0, 0.493, 1), scale)
 
 
 @pytest.mark.browser
 @pytest.mark.slow
 @pytest.mark.parametrize("viewport", VIEWPORTS)
 @pytest.mark.parametrize(("model", "max_side"), FAMILIES)
-async def test_every_target_is_hit(
-    client: BrowserClient,
-    site: Site,
-    endpoint: Sharp,
-    viewport: tuple[int, int],
-    model: str,
-    max_side: int | None,
-) -> None:
-    await hit_all(client, site, endpoint, viewport, model, max_side, (0, 0.001, 0.334, 0.507, 1))
+async def test_every_target_is_hit(hit_all: HitAll, viewport: Size, model: str, max_side: int | None) -> None:
+    await hit_all(viewport, model, max_side, (0, 0.001, 0.334, 0.507, 1))
 
 
 @pytest.mark.parametrize("viewport", VIEWPORTS)
 @pytest.mark.parametrize(("model", "max_side"), FAMILIES)
-def test_whole_numbers_reach_every_place(viewport: tuple[int, int], model: str, max_side: int | None) -> None:
+def test_whole_numbers_reach_every_place(viewport: Size, model: str, max_side: int | None) -> None:
     """Wherever a target stands, to the pixel, there are whole numbers that hit it near its middle."""
     profile = choose_profile(None, model)
     sent = profile.picture_size(viewport, max_side)

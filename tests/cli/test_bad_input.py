@@ -109,19 +109,17 @@ def test_what_is_wrong_is_found_before_websites_browsers_or_torch_start(
     monkeypatch.setattr(OfflineWeb, "__init__", lambda *_, **__: pytest.fail("websites are made"))
     monkeypatch.chdir(tmp_path)
     Path("file").touch()
-    code, said = calls.run(*words.split())
-    assert (code, expected in one_line(said)) == (2, True), said
+    said = calls.printed(*words.split(), code=2)
+    assert expected in one_line(said)
     assert not Path("run").exists()
     assert "resume with" not in said
 
 
 def test_settings_that_are_nested_without_end_are_one_line(tmp_path: Path, calls: Calls) -> None:
     (tmp_path / "deep.yaml").write_text("a: " + "[" * 5_000)
-    code, said = calls.run("rollout", "--config", tmp_path / "deep.yaml", "--out", tmp_path / "run")
-    assert (code, one_line(said).endswith("deep.yaml is nested too deeply (settings have a few levels)")) == (
-        2,
-        True,
-    )
+    given = ("--config", tmp_path / "deep.yaml", "--out", tmp_path / "run")
+    line = one_line(calls.printed("rollout", *given, code=2))
+    assert line.endswith("deep.yaml is nested too deeply (settings have a few levels)")
 
 
 @pytest.mark.parametrize("name", ["summary.json", "trajectories/00001.jsonl", "verdicts/one.jsonl"])
@@ -137,9 +135,7 @@ def test_a_pipe_in_a_run_or_a_training_is_not_waited_for(tmp_path: Path, calls: 
         file.parent.mkdir(exist_ok=True, parents=True)
         os.mkfifo(file)
     for words in (("report", run), ("verify", run), ("report", training), ("train", "--resume", training)):
-        code, said = calls.run(*words)
-        assert code == 2
-        assert "is a pipe, a device or a socket (delete it)" in one_line(said)
+        assert "is a pipe, a device or a socket (delete it)" in one_line(calls.printed(*words, code=2))
 
 
 @pytest.mark.parametrize(
@@ -162,17 +158,13 @@ def test_options_that_make_no_run(
     tmp_path: Path, calls: Calls, few_websites: tuple[object, ...], options: tuple[str, ...], expected: str
 ) -> None:
     given = [str(tmp_path / each) if each in ("x", "y", "none.yaml", "nowhere") else each for each in options]
-    code, said = calls.run("rollout", *few_websites, *given)
-    assert code == 2
-    assert expected in one_line(said)
+    assert expected in one_line(calls.printed("rollout", *few_websites, *given, code=2))
 
 
 @pytest.mark.parametrize("verb", ["serve", "check"])
 @pytest.mark.parametrize("factor", ["inf", "nan", "101"])
 def test_a_latency_that_websites_do_not_take(calls: Calls, verb: str, factor: str) -> None:
-    code, said = calls.run("sites", verb, "--latency", factor)
-    assert code == 2
-    assert "'--latency'" in one_line(said)
+    assert "'--latency'" in one_line(calls.printed("sites", verb, "--latency", factor, code=2))
 
 
 @pytest.mark.parametrize(
@@ -186,9 +178,7 @@ def test_a_latency_that_websites_do_not_take(calls: Calls, verb: str, factor: st
     ],
 )
 def test_a_benchmark_that_would_never_end(calls: Calls, call: str) -> None:
-    code, said = calls.run("bench", *call.split(), "inf")
-    assert code == 2
-    assert f"'{call.split()[1]}'" in one_line(said)
+    assert f"'{call.split()[1]}'" in one_line(calls.printed("bench", *call.split(), "inf", code=2))
 
 
 SHARED = "/nowhere/claims"
@@ -226,10 +216,9 @@ def test_options_that_a_resumed_run_would_ignore_are_refused(
 
     asyncio.run(make())
     monkeypatch.setattr("webgym.run.collect.resume", resumed)
-    code, said = calls.run(command, "--resume", tmp_path / "run", *options)
+    code = 2 if unused else 1
     expected = f"--resume keeps the run's settings, and excludes {unused} (" if unused else "it was resumed"
-    assert expected in one_line(said)
-    assert code == (2 if unused else 1)
+    assert expected in one_line(calls.printed(command, "--resume", tmp_path / "run", *options, code=code))
 
 
 @pytest.mark.parametrize(
@@ -237,9 +226,8 @@ def test_options_that_a_resumed_run_would_ignore_are_refused(
 )
 def test_settings_that_make_no_run(tmp_path: Path, calls: Calls, text: str) -> None:
     (tmp_path / "run.yaml").write_text(text)
-    code, said = calls.run("rollout", "--config", tmp_path / "run.yaml", "--out", tmp_path / "run")
-    assert code == 2
-    assert "run.yaml" in one_line(said)
+    given = ("--config", tmp_path / "run.yaml", "--out", tmp_path / "run")
+    assert "run.yaml" in one_line(calls.printed("rollout", *given, code=2))
 
 
 @pytest.mark.browser
@@ -249,10 +237,9 @@ def test_a_broken_line_is_named_and_the_rest_runs(tmp_path: Path, calls: Calls) 
     file.write_bytes(file.read_bytes() + b'{"id": "half", "instr\n')
     held = {"sites": SITES, "tasks": {"split": "all"}, "collector": {"sessions": 2}}
     settings.write_text(yaml.safe_dump(held))
-    code, said = calls.run(
+    said = calls.printed(
         "rollout", "--config", settings, "--tasks", file, "--out", tmp_path / "run", "--no-report"
     )
-    assert code == 0, said
     assert "tasks.jsonl:3: " in said
     summary = RunReader(tmp_path / "run").summary
     assert summary is not None
@@ -276,8 +263,7 @@ def test_a_judge_that_cannot_judge_the_tasks_is_refused_before_anything_starts(
     write_tasks(tmp_path / "tasks.jsonl", mixed)
     options = ("--tasks", tmp_path / "tasks.jsonl", "--out", tmp_path / "run")
     for verb in ("rollout", "eval"):
-        code, said = calls.run(verb, *options, WEBGYM_BROWSER=str(tmp_path / "no-browser"))
-        assert code == 2
+        said = calls.printed(verb, *options, WEBGYM_BROWSER=str(tmp_path / "no-browser"), code=2)
         line = one_line(said)
         assert f"cannot judge 1 of 3 tasks: {mixed[1].id} has no hidden truth" in line
         assert "--judge-base-url" in line
@@ -288,8 +274,7 @@ def test_an_unreachable_server(tmp_path: Path, calls: Calls) -> None:
     file = without_truth(tmp_path / "tasks.jsonl")
     with beside(serve()) as judge:
         options = ("--tasks", file, "--out", tmp_path / "run", "--server", "http://127.0.0.1:9")
-        code, said = calls.run("rollout", *options, *judged_by(judge), WEBGYM_TOKEN="x" * 20)
-    assert code == 1
+        said = calls.printed("rollout", *options, *judged_by(judge), WEBGYM_TOKEN="x" * 20, code=1)
     assert "127.0.0.1:9" in one_line(said)
 
 
@@ -298,8 +283,7 @@ def test_a_wrong_token(tmp_path: Path, calls: Calls) -> None:
     file = without_truth(tmp_path / "tasks.jsonl")
     with beside(running_server(ServerConfig(slots=1))) as server, beside(serve()) as judge:
         options = ("--tasks", file, "--out", tmp_path / "run", "--server", server.url, *judged_by(judge))
-        code, said = calls.run("rollout", *options, WEBGYM_TOKEN="x" * 20)
-    assert code == 1
+        said = calls.printed("rollout", *options, WEBGYM_TOKEN="x" * 20, code=1)
     assert "token" in one_line(said)
 
 
@@ -326,9 +310,8 @@ def test_a_token_of_the_environment_that_is_not_ascii(
     tmp_path: Path, calls: Calls, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("WEBGYM_TOKEN", "\u00e9" * 20)
-    code, said = calls.run("serve", "--browser", tmp_path / "none")
-    assert code == 2
-    assert "WEBGYM_TOKEN is not a token" in one_line(said)
+    line = one_line(calls.printed("serve", "--browser", tmp_path / "none", code=2))
+    assert "WEBGYM_TOKEN is not a token" in line
 
 
 def test_a_taken_port_of_the_authors_api(tmp_path: Path, calls: Calls) -> None:
@@ -336,16 +319,14 @@ def test_a_taken_port_of_the_authors_api(tmp_path: Path, calls: Calls) -> None:
     with closing(listen(ServerConfig())) as taken:
         port = taken.getsockname()[1]
         compat = ("--compat", "--compat-port", port)
-        code, said = calls.run("serve", "--port", 0, *compat, "--browser", tmp_path / "none")
-    assert code == 2
+        said = calls.printed("serve", "--port", 0, *compat, "--browser", tmp_path / "none", code=2)
     assert f":{port} cannot be listened on" in one_line(said)
     assert "choose another --compat-port" in said
 
 
 def test_a_missing_browser(tmp_path: Path, calls: Calls, few_websites: tuple[object, ...]) -> None:
     options = ("rollout", *few_websites, "--limit", 1, "--out", tmp_path / "run")
-    code, said = calls.run(*options, WEBGYM_BROWSER=str(tmp_path / "no-browser"))
-    assert code == 1
+    said = calls.printed(*options, WEBGYM_BROWSER=str(tmp_path / "no-browser"), code=1)
     assert "no-browser" in one_line(said)
 
 
@@ -434,6 +415,6 @@ async def endpoint_stops_the_run(
 
 
 def test_a_demo_of_weights_that_are_not_there(tmp_path: Path, calls: Calls) -> None:
-    code, said = calls.run("demo", "--out", tmp_path / "run", "--weights", "w")
-    assert (code, "cannot load the model w" in one_line(said)) == (2, True)
+    said = calls.printed("demo", "--out", tmp_path / "run", "--weights", "w", code=2)
+    assert "cannot load the model w" in one_line(said)
     assert not (tmp_path / "run").exists()

@@ -15,6 +15,8 @@ from starlette.responses import HTMLResponse, JSONResponse, Response, StreamingR
 from starlette.routing import Route
 from tests.serving import serving
 
+from webgym.llm.config import ChatConfig, Retry
+
 Answer = Callable[[Request], Coroutine[Any, Any, Response]]
 
 HTML = "<!doctype html><html><body><h1>It works!</h1></body></html>"
@@ -28,6 +30,12 @@ def fixed(content: Any, status: int = 200, media: str = "application/json") -> A
         return Response(body, status, media_type=media)
 
     return answer
+
+
+def config(base_url: str, **changes: Any) -> ChatConfig:
+    """Of a client that asks once."""
+    settings: dict[str, Any] = {"base_url": base_url, "model": "tiny", "retry": Retry(tries=1)}
+    return ChatConfig(**(settings | changes))
 
 
 class Endpoint:

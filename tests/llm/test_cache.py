@@ -13,25 +13,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.llm.endpoint import Endpoint
+from tests.llm.endpoint import Endpoint, config
 
 from webgym.core.errors import CacheError, LLMBadReply
 from webgym.llm.cache import ReplyCache
 from webgym.llm.client import ChatClient
-from webgym.llm.config import ChatConfig, Retry, Sampling
+from webgym.llm.config import Sampling
 from webgym.llm.request import Request
 
 MESSAGES = [{"role": "user", "content": "Hello?"}]
-
-
-def config(base_url: str, **changes: Any) -> ChatConfig:
-    settings: dict[str, Any] = {"base_url": base_url, "model": "tiny", "retry": Retry(tries=1)}
-    return ChatConfig(**(settings | changes))
-
-
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "replies.sqlite"
 
 
 async def test_what_was_paid_for_is_not_asked_again(endpoint: Endpoint, path: Path) -> None:

@@ -2,15 +2,14 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
-from typing import Any
 
 import pytest
-from tests.llm.endpoint import Endpoint
+from tests.llm.endpoint import Endpoint, config
 
 from webgym.core.errors import BudgetSpent, ConfigError, LLMBadReply
 from webgym.llm.cache import ReplyCache
 from webgym.llm.client import ChatClient
-from webgym.llm.config import ChatConfig, Retry, Sampling
+from webgym.llm.config import Retry, Sampling
 from webgym.llm.ledger import Budget, Ledger
 from webgym.llm.prices import Price, Prices
 
@@ -19,16 +18,6 @@ TINY = Prices({"tiny": Price(prompt=1_000, completion=10_000)})  # 12 + 3 tokens
 
 def ask(number: int) -> list[dict[str, str]]:
     return [{"role": "user", "content": str(number)}]
-
-
-def config(base_url: str, **changes: Any) -> ChatConfig:
-    settings: dict[str, Any] = {"base_url": base_url, "model": "tiny", "retry": Retry(tries=1)}
-    return ChatConfig(**(settings | changes))
-
-
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "replies.sqlite"
 
 
 async def test_calls_tokens_and_dollars_per_purpose_across_runs(endpoint: Endpoint, path: Path) -> None:

@@ -6,15 +6,21 @@ import asyncio
 import functools
 import hashlib
 import io
+import os
 import random
+import signal
+import sys
+from asyncio.subprocess import PIPE, Process
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
+import httpx
 import pytest_asyncio
 from PIL import Image, ImageDraw, ImageFont
 from playwright.async_api import Browser, async_playwright, expect
+from starlette.applications import Starlette
 
 from webgym.browser.find import find_browser
 from webgym.core.action import Action, Answer, GoBack, LeftClick, Navigate, Scroll, Target, Type, Wait
@@ -29,6 +35,7 @@ from webgym.store.runs import RunReader, RunWriter
 
 expect.set_options(timeout=30_000)  # a busy machine is no reason to fail
 
+HOST = "http://127.0.0.1:1234"
 VIEW = (1280, 768)
 HOSTILE = '</script><script>window.pwned=1</script><img src=x onerror="window.pwned=1"><!--<b>&amp;\'\u2028'
 Box: TypeAlias = tuple[float, float, float, float]
@@ -382,3 +389,28 @@ async def browser() -> AsyncIterator[Browser]:
         started = await playwright.chromium.launch(executable_path=str(found.path), args=["--no-sandbox"])
         yield started
         await started.close()
+
+
+def asking(app: Starlette) -> httpx.AsyncClient:
+    """A client of an application, without a server in between."""
+    return httpx.AsyncClient(transport=httpx.ASGITransport(app=app), base_url=HOST)
+
+
+async def view_command(run: Path) -> tuple[Process, str]:
+    """`webgym view` of a run in a process of its own, and its address."""
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-c", "from webgym.cli import main; main()", "view", str(run), "--no-open"),
+        stdout=PIPE,
+        stderr=PIPE,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+    assert process.stdout is not None
+    return process, (await process.stdout.readline()).decode().strip()
+
+
+async def ends_on_interrupt(process: Process) -> None:
+    process.send_signal(signal.SIGINT)
+    async with asyncio.timeout(60):
+        _, said = await process.communicate()
+    assert b"Traceback" not in said
+    assert process.returncode == 0

@@ -20,7 +20,7 @@ import msgspec
 import pytest
 from playwright.async_api import Browser, expect
 from tests.judge.scenes import TASK
-from tests.report.conftest import build_run
+from tests.report.conftest import HOST, asking, build_run
 from tests.report.test_pages import CONTRAST, opened, viewed
 
 from webgym.core.errors import UsageError
@@ -35,8 +35,6 @@ from webgym.store.records import Entry
 from webgym.store.runs import RunReader
 from webgym.store.verdicts import Judged, VerdictLog
 
-HOST = "http://127.0.0.1:1234"
-
 
 @pytest.fixture(scope="module")
 def large_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -45,8 +43,7 @@ def large_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 async def client(run: Path) -> AsyncIterator[httpx.AsyncClient]:
-    transport = httpx.ASGITransport(app=view_app(run))
-    async with httpx.AsyncClient(transport=transport, base_url=HOST) as client:
+    async with asking(view_app(run)) as client:
         yield client
 
 
@@ -362,8 +359,7 @@ async def test_the_page_is_readable_and_hostile_text_is_inert(
 
 async def test_attempts_of_a_file_elsewhere(run: Path, tmp_path: Path) -> None:
     config = ViewConfig(labels=tmp_path / "mine.json", label_count=4, label_seed=3)
-    transport = httpx.ASGITransport(app=view_app(run, config))
-    async with httpx.AsyncClient(transport=transport, base_url=HOST) as client:
+    async with asking(view_app(run, config)) as client:
         queue = await queue_of(client)
         assert queue == sample_to_label(RunReader(run), 4, 3)
         headers = {"Origin": HOST, "X-WebGym-Token": await token_of(client)}

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import re
 import shutil
-import signal
-import sys
 from collections.abc import AsyncIterator
 from pathlib import Path
 
 import httpx
 import pytest
+from tests.report.conftest import asking, ends_on_interrupt, view_command
 
 from webgym.core.errors import ConfigError, RunFolderError
 from webgym.report.config import ViewConfig
@@ -22,8 +20,7 @@ from webgym.store.runs import RunReader
 
 @pytest.fixture
 async def client(run_folder: Path) -> AsyncIterator[httpx.AsyncClient]:
-    transport = httpx.ASGITransport(app=view_app(run_folder))
-    async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:1234") as client:
+    async with asking(view_app(run_folder)) as client:
         yield client
 
 
@@ -86,8 +83,7 @@ async def test_hidden_truth_is_not_served(client: httpx.AsyncClient) -> None:
 
 async def test_a_record_that_changed_is_an_error_not_a_page(run_folder: Path, tmp_path: Path) -> None:
     run = shutil.copytree(run_folder, tmp_path / "run")
-    transport = httpx.ASGITransport(app=view_app(run))
-    async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
+    async with asking(view_app(run)) as client:
         row = (await client.get("/api/rows")).json()["rows"][0]
         shard = run / "trajectories/00000.jsonl"
         shard.write_bytes(shard.read_bytes().replace(b"Memory", b"memory", 1))
@@ -110,18 +106,8 @@ async def test_a_port_that_is_taken(run_folder: Path) -> None:
 
 
 async def test_the_command_prints_the_address_and_ends_on_interrupt(run_folder: Path) -> None:
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-c", "from webgym.cli import main; main()", "view", str(run_folder), "--no-open"),
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-        env={**os.environ, "PYTHONUNBUFFERED": "1"},
-    )
-    assert process.stdout is not None
-    address = (await process.stdout.readline()).decode().strip()
+    process, address = await view_command(run_folder)
     async with httpx.AsyncClient(timeout=60) as client:
         reply = await client.get(address)
     assert "2026-03-demo" in reply.text
-    process.send_signal(signal.SIGINT)
-    _, said = await process.communicate()
-    assert b"Traceback" not in said
-    assert process.returncode == 0
+    await ends_on_interrupt(process)

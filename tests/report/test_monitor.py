@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
-import os
-import signal
-import sys
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -16,6 +12,7 @@ from typing import Any
 import httpx
 import pytest
 from playwright.async_api import Browser, Page, expect
+from tests.report.conftest import ends_on_interrupt, view_command
 from tests.report.test_pages import CONTRAST, opened, viewed
 
 from webgym.core.outcome import Outcome
@@ -131,14 +128,7 @@ async def test_the_history_is_of_whole_lines(run: Path) -> None:
 
 
 async def test_an_open_stream_does_not_keep_the_command_from_ending(run: Path) -> None:
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-c", "from webgym.cli import main; main()", "view", str(run), "--no-open"),
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-        env={**os.environ, "PYTHONUNBUFFERED": "1"},
-    )
-    assert process.stdout is not None
-    address = (await process.stdout.readline()).decode().strip()
+    process, address = await view_command(run)
     async with (
         httpx.AsyncClient(timeout=60) as client,
         client.stream("GET", f"{address}api/monitor") as stream,
@@ -146,8 +136,4 @@ async def test_an_open_stream_does_not_keep_the_command_from_ending(run: Path) -
         assert stream.headers["content-type"].startswith("text/event-stream")
         parts = stream.aiter_text()
         assert (await anext(parts)).startswith("event: history")
-        process.send_signal(signal.SIGINT)
-        async with asyncio.timeout(60):
-            _, said = await process.communicate()
-    assert process.returncode == 0
-    assert b"Traceback" not in said
+        await ends_on_interrupt(process)

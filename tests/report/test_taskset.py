@@ -14,7 +14,7 @@ import pytest
 from msgspec.structs import replace
 from PIL import Image
 from playwright.async_api import Browser, expect
-from tests.report.conftest import HOSTILE
+from tests.report.conftest import HOSTILE, asking
 from tests.report.test_pages import CONTRAST, opened
 
 from webgym.cli.tasks._files import has_tasks
@@ -86,8 +86,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 async def client(folder: Path) -> AsyncIterator[httpx.AsyncClient]:
-    transport = httpx.ASGITransport(app=tasks_app(folder))
-    async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:1234") as client:
+    async with asking(tasks_app(folder)) as client:
         yield client
 
 

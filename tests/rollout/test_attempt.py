@@ -116,26 +116,31 @@ class Says(BasePolicy):
         return Reply(self._replies.pop(0), "says")
 
 
+def context_of(
+    policy: Says, client: Any, store: Any, budget: int, site_state: Any = None
+) -> AttemptContext[Any]:
+    return AttemptContext(
+        client=client,
+        agent=Agent(policy, AgentConfig(image_max_side=None)),
+        store=store,
+        config=AttemptConfig(budget_easy=budget),
+        progress=Progress(total=1),
+        site_state=site_state,
+        seed=0,
+    )
+
+
 async def made(
     policy: Says,
     budget: int = 3,
     failures: Mapping[int, str | Fault] | None = None,
     pages: Pages | None = None,
 ) -> tuple[Episode, Pages, Progress]:
-    pages, progress = pages or Pages(failures), Progress(total=1)
-    agent = Agent(policy, AgentConfig(image_max_side=None))
-    context = AttemptContext(
-        client=pages,
-        agent=agent,
-        store=pages,
-        config=AttemptConfig(budget_easy=budget),
-        progress=progress,
-        site_state=None,
-        seed=0,
-    )
+    pages = pages or Pages(failures)
+    context = context_of(policy, pages, pages, budget)
     attempt = Attempt(context, Planned(task("t", 1), 0))
     await attempt.run(pages)
-    return attempt.episode(), pages, progress
+    return attempt.episode(), pages, context.progress
 
 
 async def test_an_attempt_without_one_valid_reply_spends_its_budget() -> None:
@@ -341,16 +346,7 @@ async def test_a_tasks_identity_and_log_in_go_before_its_runs(
 
 async def test_who_is_stopped_before_judges_have_the_state_to_look_at_is_not_theirs() -> None:
     pages, site_state = Pages({}), SiteState()
-    agent = Agent(Says(ACTS), AgentConfig(image_max_side=None))
-    context = AttemptContext(
-        client=pages,
-        agent=agent,
-        store=pages,
-        config=AttemptConfig(budget_easy=1),
-        progress=Progress(total=1),
-        site_state=site_state,
-        seed=0,
-    )
+    context = context_of(Says(ACTS), pages, pages, 1, site_state)
     facts = (FactTruth(1, 0, state=(StateCheck(("cart",), 1),)),)
     known = msgspec.structs.replace(task("t", 1), truth=Truth("a.test", facts, AnswerTruth(), ()))
     attempt = Attempt(context, Planned(known, 0))

@@ -82,7 +82,7 @@ async def test_without_an_exact_test_that_agrees_no_run_is_better(
         "all tasks differ alike, and resampling shows no spread"
     )
     assert row.is_decided == ("better" in conclusion)
-    assert f"overall: {conclusion}" in calls.run("compare", one, other)[1]
+    assert f"overall: {conclusion}" in calls.printed("compare", one, other)
 
 
 async def test_differences_that_are_equal_but_for_rounding_show_no_spread(tmp_path: Path) -> None:
@@ -146,10 +146,8 @@ async def test_levels_that_differ_in_opposite_directions_decide_nothing(tmp_path
 async def test_the_command(tmp_path: Path, calls: Calls) -> None:
     one = await run(tmp_path / "one", "s" * 40 + "f" * 40)
     other = await run(tmp_path / "other", "s" * 60 + "f" * 20)
-    code, said = calls.run("compare", one, other)
-    assert code == 0
-    assert "other is better" in said
-    code, said = calls.run("compare", one, other, "--json")
+    assert "other is better" in calls.printed("compare", one, other)
+    said = calls.printed("compare", one, other, "--json")
     assert json.loads(said)["rows"]["easy"]["better"] == 20
     oracles = json.loads(said)["notes"]
     assert [note.partition(" is an oracle")[0] for note in oracles] == [
@@ -158,12 +156,10 @@ async def test_the_command(tmp_path: Path, calls: Calls) -> None:
     tutorial = (Path(__file__).parents[2] / "docs" / "tutorial.md").read_text()
     before = await run(tmp_path / "before", "s" * 12 + "f" * 48)
     after = await run(tmp_path / "after", "f" * 3 + "s" * 20 + "f" * 37)
-    code, said = calls.run("compare", before, after)
+    said = calls.printed("compare", before, after)
     [verdict] = [line for line in said.splitlines() if line.startswith("overall:")]
     assert verdict in tutorial, "11 tasks better, 3 worse, as in the tutorial"
-    code, said = calls.run("compare", one, other, "--markdown")
+    said = calls.printed("compare", one, other, "--markdown")
     assert "| overall | 80 | 50.0 | 75.0 | +25.0 |" in said
     assert "other: the scripted policy is an oracle" in said
-    code, said = calls.run("compare", one, tmp_path)
-    assert code == 2
-    assert "is not a run" in said
+    assert "is not a run" in calls.printed("compare", one, tmp_path, code=2)

@@ -240,8 +240,7 @@ def test_an_evaluation_from_end_to_end(tmp_path: Path, calls: Calls) -> None:
     settings = tmp_path / "settings.yaml"
     settings.write_text("sites: {per_family: 2, latency: 0}\ncollector: {sessions: 2}\n")
     options = ("--policy", "scripted", "--config", settings, "--limit", 3, "--no-report")
-    code, said = calls.run("eval", *options, "--out", tmp_path / "run", "--budget", "12,20,40")
-    assert code == 0, said
+    said = calls.printed("eval", *options, "--out", tmp_path / "run", "--budget", "12,20,40")
     assert "95 % intervals: Wilson's" in said
     assert "at most 12 / 20 / 40 steps" in said
     reader = RunReader(tmp_path / "run")
@@ -252,8 +251,7 @@ def test_an_evaluation_from_end_to_end(tmp_path: Path, calls: Calls) -> None:
     assert reader.config["collector"]["straggler_share"] == 1.0
     assert reader.config["attempt"]["longest_seconds"] == 3600.0
 
-    code, again = calls.run("eval", "--resume", tmp_path / "run", "--no-report", "--json")
-    assert code == 0, again
+    again = calls.printed("eval", "--resume", tmp_path / "run", "--no-report", "--json")
     told = json.loads(again[again.index("{\n") : again.rindex("}") + 1])
     assert told["rows"]["overall"]["tasks"] == 3
     assert told["rows"]["overall"]["missing"] == 0
@@ -323,8 +321,7 @@ def test_what_a_run_does_not_record_is_not_made_up(run: Path) -> None:
 
 
 def test_conditions_stand_beside_the_score(run: Path, calls: Calls) -> None:
-    code, said = calls.run("eval", "--of", run, "--of", run, "--markdown")
-    assert code == 0, said
+    said = calls.printed("eval", "--of", run, "--of", run, "--markdown")
     rows = [line.strip("| ").split(" | ") for line in said.partition("**Conditions**")[2].splitlines()[2:]]
     told = {row[0]: row[1:] for row in rows}
     assert told["browser"] == ["not recorded"] * 2
@@ -349,20 +346,16 @@ def test_several_samples_per_task_fit_a_terminal_and_are_explained(run: Path) ->
 
 
 def test_tables_of_runs(run: Path, calls: Calls) -> None:
-    code, said = calls.run("eval", "--of", run, "--markdown")
-    assert code == 0
+    said = calls.printed("eval", "--of", run, "--markdown")
     overall = next(line for line in said.splitlines() if line.startswith("| overall"))
     assert overall.startswith("| overall | 12 | 7 | 57.1 | 25.0, 84.2 | 33.3 | 13.8, 60.9 | "), overall
     assert "1 sample is missing" in said
     assert f"unjudged 1 attempt has no verdict; judge with: webgym eval --resume {run}\n" in said
     assert "**Success of scripted (oracle) by difficulty" in said
-    code, said = calls.run("eval", "--of", run, "--of", run, "--latex")
-    assert code == 0
+    said = calls.printed("eval", "--of", run, "--of", run, "--latex")
     assert said.count("& scripted (oracle) &") == 4
     assert said.count("57.1 [25.0, 84.2]") == 2
     assert said.count("33.3 [13.8, 60.9]") == 2
     assert r"environment\_error" in said
     for options in (("--of", run, "--out", "x"), ("--split", "dev"), ("--budget", "30,50")):
-        code, said = calls.run("eval", *options)
-        assert code == 2
-        assert said.startswith("webgym: ")
+        assert calls.printed("eval", *options, code=2).startswith("webgym: ")

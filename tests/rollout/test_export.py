@@ -193,16 +193,13 @@ async def test_a_training_task_on_the_website_of_a_test_task_is_not_for_training
 
 
 def test_the_command_says_what_it_left_out(run: Path, tmp_path: Path, calls: Calls) -> None:
-    code, said = calls.run("export", run, "--out", tmp_path / "out", "--format", "jsonl")
-    assert code == 0
+    said = calls.printed("export", run, "--out", tmp_path / "out", "--format", "jsonl")
     assert "0 steps of 0 attempts" in said
     assert "attempts at tasks of another split" in said
     assert "oracle" not in said
-    code, said = calls.run("export", run, "--out", tmp_path / "all", "--format", "jsonl", "--split", "all")
-    assert "the scripted policy is an oracle" in said
-    code, said = calls.run("export", run, "--out", tmp_path / "out")
-    assert code == 2
-    assert "is not empty" in said
+    every = ("--out", tmp_path / "all", "--format", "jsonl", "--split", "all")
+    assert "the scripted policy is an oracle" in calls.printed("export", run, *every)
+    assert "is not empty" in calls.printed("export", run, "--out", tmp_path / "out", code=2)
 
 
 def test_a_damaged_record_is_told_with_what_helps_before_anything_is_written(
@@ -211,8 +208,7 @@ def test_a_damaged_record_is_told_with_what_helps_before_anything_is_written(
     shutil.copytree(run, tmp_path / "run")
     with next((tmp_path / "run/trajectories").iterdir()).open("ab") as records:
         records.write(b"noise\n")
-    code, said = calls.run("export", tmp_path / "run", "--out", tmp_path / "out")
-    assert code == 1
+    said = calls.printed("export", tmp_path / "run", "--out", tmp_path / "out", code=1)
     assert "webgym verify --set-aside" in said
     assert not (tmp_path / "out").exists()
 
@@ -236,8 +232,7 @@ def test_an_export_that_was_killed_can_be_made_again(
     ended = subprocess.run([sys.executable, "-c", export_slowly, run, killed, kind], check=False)
     assert ended.returncode == -signal.SIGKILL
     assert [path.name for path in killed.iterdir()] == [".unfinished.tmp"]
-    code, said = calls.run("export", run, "--out", killed, "--format", kind, "--split", "all")
-    assert code == 0, said
+    calls.printed("export", run, "--out", killed, "--format", kind, "--split", "all")
     export(run, tmp_path / "whole", kind, split="all")
     names = [
         sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
@@ -277,7 +272,7 @@ def test_a_damaged_picture_is_named_and_not_exported(
     broken = shutil.copytree(run, tmp_path / "run")
     for picture in broken.glob("screenshots/*/*.png"):
         picture.write_bytes(picture.read_bytes()[:-20])
-    code, said = calls.run("export", broken, "--out", tmp_path / "out", "--split", "test", "--format", kind)
-    assert code == 1
+    options = ("--out", tmp_path / "out", "--split", "test", "--format", kind)
+    said = calls.printed("export", broken, *options, code=1)
     assert re.search(r"webgym: \S+/run/screenshots/\w\w/\w{64}\.png is damaged \(webgym verify RUN", said)
     assert not list((tmp_path / "out").glob("steps.*"))

@@ -15,13 +15,11 @@ from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.types import Receive, Scope, Send
 from tests.browser.test_tab import free_port
 from tests.browser.test_web import certified, raw, says
-from tests.rollout.test_attempt import ACTS, Pages, Says, answers
+from tests.rollout.test_attempt import ACTS, Pages, Says, answers, context_of
 from tests.rollout.test_attempt import made as attempted
 from tests.rollout.test_summary import task
 from tests.serving import serving
 
-from webgym.agent.agent import Agent
-from webgym.agent.config import AgentConfig
 from webgym.browser.config import BrowserConfig
 from webgym.core.action import BrowserAction, Navigate
 from webgym.core.errors import JudgeError
@@ -29,11 +27,9 @@ from webgym.core.outcome import Outcome, outcome_of
 from webgym.core.trajectory import Episode, Trajectory
 from webgym.core.verdict import Verdict
 from webgym.judge.blocking import find_block
-from webgym.rollout.attempt import Attempt, AttemptContext
-from webgym.rollout.config import AttemptConfig
+from webgym.rollout.attempt import Attempt
 from webgym.rollout.driver import NoStore
 from webgym.rollout.plan import Planned
-from webgym.rollout.progress import Progress
 from webgym.rollout.site_health import HealthConfig, SiteHealth
 from webgym.server.client import BrowserClient
 from webgym.server.config import ServerConfig
@@ -176,15 +172,7 @@ async def found(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Found
         browser = BrowserConfig(navigate_seconds=5, settle_seconds=2).allowing(*rules)
         server = await stack.enter_async_context(running_server(ServerConfig(slots=3, browser=browser)))
         client = await stack.enter_async_context(BrowserClient(server.url, token=server.token))
-        context = AttemptContext(
-            client=client,
-            agent=Agent(Says(*[answers("$9.00")] * len(FORMS)), AgentConfig(image_max_side=None)),
-            store=NoStore(),
-            config=AttemptConfig(budget_easy=3),
-            progress=Progress(total=1),
-            site_state=None,
-            seed=0,
-        )
+        context = context_of(Says(*[answers("$9.00")] * len(FORMS)), client, NoStore(), 3)
         episodes, slots = dict[str, Episode](), asyncio.Semaphore(3)
         health = SiteHealth(HealthConfig(file=tmp_path_factory.mktemp("health") / "sites.jsonl"))
 

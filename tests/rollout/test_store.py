@@ -16,12 +16,12 @@ import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.rollout.test_summary import task
 
 from webgym.core.action import Action, Answer, LeftClick, Navigate, Scroll, Target, Type, Wait
 from webgym.core.errors import RunFolderError, StoreCorrupt, StoreError, StoreFull, StoreLocked
 from webgym.core.observation import Element, Notice, Observation
 from webgym.core.outcome import Ending, Outcome
-from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.trajectory import Episode, Failure, ImageRef, Message, Reply, Step, TextPart, Trajectory
 from webgym.core.verdict import FactJudgement, Judgement, Verdict
 from webgym.results.evaluation import evaluate
@@ -30,15 +30,7 @@ from webgym.store.records import decode, seal
 from webgym.store.runs import RunReader, RunWriter
 
 WRITES = Path(__file__).with_name("writes_until_killed.py")
-TASK = Task(
-    id="t/1",
-    instruction="Find it",
-    website="http://a.test/",
-    domain="Shopping",
-    subdomain="Books",
-    rubric=Rubric((FactGroup(1, "all", ("the price",)),)),
-    source="offline",
-)
+TASK = task("t/1", 1)
 PICTURES = [f"picture {number}".encode() * 100 for number in range(4)]
 NAMES = [hashlib.sha256(picture).hexdigest() for picture in PICTURES]
 

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from tests.judge.scenes import PICTURES, TASK, episode, pictures
 from tests.llm.endpoint import serve
+from tests.report.conftest import asking
 
 from webgym.core.errors import JudgeError, StoreError
 from webgym.core.outcome import Outcome
@@ -282,8 +283,7 @@ async def test_only_an_attempt_without_a_verdict_may_be_recorded_again(tmp_path:
 @pytest.fixture
 async def client(tmp_path: Path) -> AsyncIterator[httpx.AsyncClient]:
     await judged(tmp_path / "run", Doubtful(1), CollectorConfig(judge_again=0), 1)
-    transport = httpx.ASGITransport(app=view_app(tmp_path / "run"))
-    async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:1234") as client:
+    async with asking(view_app(tmp_path / "run")) as client:
         yield client
 
 

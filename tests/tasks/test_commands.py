@@ -44,16 +44,14 @@ def whole(tmp_path: Path) -> Path:
 
 def test_split_then_validate(calls: Calls, tmp_path: Path, whole: Path) -> None:
     out, left = tmp_path / "set", tmp_path / "left.jsonl"
-    code, output = calls.run("tasks", "split", whole, "--out", out, "--test", 12, "--left-out", left)
-    assert code == 0, output
+    output = calls.printed("tasks", "split", whole, "--out", out, "--test", 12, "--left-out", left)
     train, test = (read_tasks(out / f"{name}.jsonl").tasks for name in ("train", "test"))
     assert len(test) == 12
     gone = [json.loads(line) for line in left.read_text().splitlines()]
     assert len(train) + 12 + len(gone) == 200
     assert f"{len(gone)} left out: test website" in output
     assert "188" not in output or len(train) == 188
-    code, output = calls.run("tasks", "validate", out)
-    assert code == 0, output
+    output = calls.printed("tasks", "validate", out)
     assert "ok  no training task is on a test website" in output
     code, again = calls.run("tasks", "validate", out / "train.jsonl", out / "test.jsonl")
     assert (code, again) == (0, output)
@@ -69,8 +67,7 @@ def test_validate_names_offenders_in_any_files(calls: Calls, tmp_path: Path) -> 
     )
     report = tmp_path / "report.json"
     files = (tmp_path / "test.jsonl", tmp_path / "train.parquet")
-    code, output = calls.run("tasks", "validate", *files, "--json", report)
-    assert code == 1
+    output = calls.printed("tasks", "validate", *files, "--json", report, code=1)
     assert "BAD no training task is on a test website: 1 exceptions" in output
     assert "leak: a/1 (leaky.example): the test task t/1 is on it" in output
     assert "id: t/2 (fine.example): a second task with this id" in output
@@ -89,9 +86,7 @@ def test_our_own_set_is_valid(calls: Calls, tmp_path: Path, collection: str) -> 
     code, _, shown = calls.apart("tasks", "offline", "--out", path, *few, FORCE_COLOR="1")
     assert code == 0
     assert "websites" in shown  # as in a terminal, while they are made
-    code, output = calls.run("tasks", "validate", path)
-    assert code == 0, output
-    assert " 0 for testing" not in output
+    assert " 0 for testing" not in calls.printed("tasks", "validate", path)
 
 
 def test_validate_fails_over_a_broken_record_and_over_tasks_without_a_split(
@@ -99,26 +94,20 @@ def test_validate_fails_over_a_broken_record_and_over_tasks_without_a_split(
 ) -> None:
     path = tmp_path / "tasks.jsonl"
     path.write_bytes(msgspec.json.encode(task("a/1")) + b"\nnonsense\n")
-    code, output = calls.run("tasks", "validate", path, "--unsplit")
-    assert code == 2
+    output = calls.printed("tasks", "validate", path, "--unsplit", code=2)
     assert "every record can be read: 1 cannot" in output
     path.write_bytes(msgspec.json.encode(task("a/1")) + b"\n")
-    code, output = calls.run("tasks", "validate", path, "--unsplit")
-    assert code == 0
+    output = calls.printed("tasks", "validate", path, "--unsplit")
     assert "ok  no training task is on a test website" not in output
     assert "--  not checked, as the tasks are not split yet: no training task is on a test website" in output
-    code, output = calls.run("tasks", "validate", path)
-    assert code == 1
-    assert "it is for neither training nor testing" in output
+    assert "it is for neither training nor testing" in calls.printed("tasks", "validate", path, code=1)
 
 
 def test_split_says_how_many_websites_there_are(calls: Calls, tmp_path: Path, whole: Path) -> None:
-    code, output = calls.run("tasks", "split", whole, "--out", tmp_path / "set")
-    assert code == 2
+    output = calls.printed("tasks", "split", whole, "--out", tmp_path / "set", code=2)
     assert "1,167 test tasks need as many websites, and there are 5" in output
     assert not (tmp_path / "set").exists()
-    code, output = calls.run("tasks", "split", whole, whole, "--out", tmp_path / "set", "--test", 1)
-    assert code == 2
+    output = calls.printed("tasks", "split", whole, whole, "--out", tmp_path / "set", "--test", 1, code=2)
     assert "two tasks have the id" in output
 
 
@@ -127,28 +116,23 @@ def test_sample_goes_on_where_it_left_off(calls: Calls, tmp_path: Path, whole: P
     options = ("--count", 80, "--seed", 3, "--state", state)
     drawn = []
     for _ in range(2):
-        code, output = calls.run("tasks", "sample", whole, *options, "--out", out)
-        assert code == 0, output
+        calls.printed("tasks", "sample", whole, *options, "--out", out)
         drawn += [each.id for each in read_tasks(out).tasks]
     assert len(set(drawn)) == 160
-    code, output = calls.run("tasks", "sample", whole, "--count", 80, "--seed", 3)
-    assert output.split() == drawn[:80]
-    code, output = calls.run("tasks", "sample", whole, "--count", 80, "--seed", 4, "--state", state)
-    assert code == 2
-    assert "belongs to other tasks or settings" in output
+    assert calls.printed("tasks", "sample", whole, "--count", 80, "--seed", 3).split() == drawn[:80]
+    other = ("--count", 80, "--seed", 4, "--state", state)
+    assert "belongs to other tasks or settings" in calls.printed("tasks", "sample", whole, *other, code=2)
 
 
 def test_a_file_of_drawn_tasks_holds_each_once(calls: Calls, tmp_path: Path, whole: Path) -> None:
     out = tmp_path / "drawn.jsonl"
-    code, output = calls.run("tasks", "sample", whole, "--count", 450, "--out", out)
-    assert code == 0, output
+    output = calls.printed("tasks", "sample", whole, "--count", 450, "--out", out)
     assert "200 tasks written" in output
     assert "250 repeated draws are left out" in output
     held = read_tasks(out)
     assert len(held.tasks) == 200
     assert not held.broken
-    code, output = calls.run("tasks", "sample", whole, "--count", 450)
-    assert code == 0, output
+    output = calls.printed("tasks", "sample", whole, "--count", 450)
     assert "250 repeated draws are printed: all tasks had been drawn" in output
 
 
@@ -161,8 +145,8 @@ def test_a_read_only_file_system_is_one_line(
     monkeypatch.setattr(Path, "unlink", refuse)
     (tmp_path / "taken").touch()
     out = tmp_path / "taken" / "drawn.jsonl"
-    code, output = calls.run("tasks", "sample", whole, "--count", 3, "--out", out)
-    assert (code, f"webgym: cannot write {out}: " in output) == (2, True), output
+    output = calls.printed("tasks", "sample", whole, "--count", 3, "--out", out, code=2)
+    assert f"webgym: cannot write {out}: " in output
 
 
 def test_sample_draws_nothing_that_leaks_a_broken_test_task_of_another_file(
@@ -182,8 +166,7 @@ def test_sample_draws_nothing_that_leaks_a_broken_test_task_of_another_file(
 def test_sample_chooses(calls: Calls, tmp_path: Path, whole: Path) -> None:
     out = tmp_path / "drawn.jsonl"
     options = ("--ratio", "1:1:2", "--without", "Entertainment", "--block", "https://site3.example/x")
-    code, output = calls.run("tasks", "sample", whole, "--count", 8, *options, "--shard", "1/2", "--out", out)
-    assert code == 0, output
+    calls.printed("tasks", "sample", whole, "--count", 8, *options, "--shard", "1/2", "--out", out)
     drawn = read_tasks(out).tasks
     assert sorted(each.level for each in drawn) == ["easy"] * 2 + ["hard"] * 4 + ["medium"] * 2
     assert not [each for each in drawn if each.domain == "Entertainment" or "//www.site3." in each.website]
@@ -195,28 +178,23 @@ def test_sample_chooses(calls: Calls, tmp_path: Path, whole: Path) -> None:
         (("--block", "no website"), "does not name a website"),
         (("--split", "all", "--count", "1", "--domain", "News", "--without", "News"), "no task to draw"),
     ):
-        code, output = calls.run("tasks", "sample", whole, *wrong)
-        assert (code, said in output) == (2, True), output
+        assert said in calls.printed("tasks", "sample", whole, *wrong, code=2)
 
 
 def test_stats_in_every_form(calls: Calls, tmp_path: Path, whole: Path) -> None:
     figures = tmp_path / "figures"
-    code, output = calls.run("tasks", "stats", whole, "--figures", figures)
-    assert code == 0, output
-    assert "6 files written to" in output
+    assert "6 files written to" in calls.printed("tasks", "stats", whole, "--figures", figures)
     assert {path.name for path in figures.iterdir()} == {
         f"{name}.{suffix}" for name in ("websites", "difficulty", "domains") for suffix in ("png", "svg")
     }
-    code, output = calls.run("tasks", "stats", whole, "--figures", whole)
-    assert (code, f"webgym: cannot write to {whole}: " in output) == (2, True), output
-    code, output = calls.run("tasks", "stats", whole, "--form", "json")
-    assert json.loads(output)["tasks"] == 200
-    code, output = calls.run("tasks", "stats", whole, "--form", "markdown")
-    assert "| source | websites | tasks | derived | train | test |" in output
-    code, output = calls.run("tasks", "stats", whole, "--form", "csv")
-    assert output.startswith("Tasks by source\nsource,websites,tasks,derived,train,test\ninsta-v3,")
-    code, output = calls.run("tasks", "stats", whole, "--form", "pie")
-    assert code == 2
+    stats = ("tasks", "stats", whole)
+    assert f"webgym: cannot write to {whole}: " in calls.printed(*stats, "--figures", whole, code=2)
+    assert json.loads(calls.printed(*stats, "--form", "json"))["tasks"] == 200
+    head = "| source | websites | tasks | derived | train | test |"
+    assert head in calls.printed(*stats, "--form", "markdown")
+    begin = "Tasks by source\nsource,websites,tasks,derived,train,test\ninsta-v3,"
+    assert calls.printed(*stats, "--form", "csv").startswith(begin)
+    calls.printed(*stats, "--form", "pie", code=2)
 
 
 PICTURE = b"the store does not look inside"
@@ -257,14 +235,13 @@ def test_stats_take_lengths_from_runs(calls: Calls, tmp_path: Path, whole: Path)
             (hard, 40, Outcome.ENVIRONMENT_ERROR),  # carries no reward, so it says nothing
         ],
     )
-    code, output = calls.run("tasks", "stats", whole, "--run", run, "--form", "json")
-    assert code == 0, output
+    output = calls.printed("tasks", "stats", whole, "--run", run, "--form", "json")
     lengths = json.loads(output)["lengths"]
     assert {level: found["counts"] for level, found in lengths.items()} == {
         "easy": {"2": 1, "6": 1},
         "hard": {"8": 1},
     }
-    assert calls.run("tasks", "stats", whole, "--run", tmp_path)[0] == 2
+    calls.printed("tasks", "stats", whole, "--run", tmp_path, code=2)
 
 
 def test_sample_prefers_what_succeeded_half_the_time(calls: Calls, tmp_path: Path, whole: Path) -> None:
@@ -275,11 +252,10 @@ def test_sample_prefers_what_succeeded_half_the_time(calls: Calls, tmp_path: Pat
         for sample in range(4)
     ]
     run = run_of(tmp_path / "run", attempts)
-    code, output = calls.run("tasks", "sample", whole, "--count", 10, "--curriculum", run)
-    assert code == 0, output
+    output = calls.printed("tasks", "sample", whole, "--count", 10, "--curriculum", run)
     assert len(set(output.split()) & {task.id for task in tasks[100:]}) >= 7
-    code, output = calls.run("tasks", "sample", whole, "--curriculum", run, "--spread-websites")
-    assert (code, "exclude each other" in output) == (2, True)
+    options = ("--curriculum", run, "--spread-websites")
+    assert "exclude each other" in calls.printed("tasks", "sample", whole, *options, code=2)
 
 
 @pytest.mark.parametrize("command", ["sample", "validate", "check", "stats", "split", "show", "convert"])
@@ -295,8 +271,8 @@ def test_a_terminal_obeys_nothing_that_a_task_file_says(calls: Calls, tmp_path: 
     path.write_bytes(path.read_bytes() * 2)  # the second time round, their ids are taken
     more = {"split": ("--out", tmp_path / "out"), "convert": (tmp_path / "out.jsonl",)}.get(command, ())
     few = {"sample": ("--split", "unsplit"), "split": ("--test", 1)}.get(command, ())
-    code, output = calls.run("tasks", command, path, *more, *few)
-    assert code == (2 if command in ("validate", "check", "convert") else 0), output
+    code = 2 if command in ("validate", "check", "convert") else 0
+    output = calls.printed("tasks", command, path, *more, *few, code=code)
     assert "Error" not in output
     assert not any(character in output for character in "\x1b\x9b\u202e")
     assert "[/x][red]" in output

@@ -143,18 +143,18 @@ def test_a_source_one_of_its_splits_and_none(
     without = json.dumps(native.INSTA[0] | {"instruction": None}).encode()
     files = {"data/train-0.jsonl": native.as_lines(native.INSTA).encode(), "data/test-0.jsonl": without}
     hub.commit("data-for-agents/insta-150k-v3", files)
-    code, said = calls.run(
+    said = calls.printed(
         *documented(
             "webgym tasks sources --read deepshop=data/deepshop "
             "--read insta-v3=hub:data-for-agents/insta-150k-v3:train"
         ),
         "--read=insta-v3=hub:data-for-agents/insta-150k-v3",
         "--read=insta-v3=hub:nobody/nothing:train",
+        code=2,
     )
     assert "tasks      2 (the paper's 150)" in said
     assert said.count("records    2\n") == 3  # a file without a task is passed over
     assert "'instruction' is empty" in said
-    assert code == 2
     assert "hub:nobody/nothing:train and the hub" in said
     assert "Traceback" not in said
 
@@ -164,11 +164,9 @@ def test_a_set_is_pushed_with_a_card_and_read_again(
 ) -> None:
     published(tmp_path / "set")
     push = ("tasks", "push", tmp_path / "set", "--to", "hub:me/mine", "--licence", "cc-by-4.0")
-    code, said = calls.run(*push)
-    assert code == 2, said  # nobody is logged in
+    calls.printed(*push, code=2)  # nobody is logged in
     monkeypatch.setenv("HF_TOKEN", hub.token)
-    code, said = calls.run(*push)
-    assert code == 0, said
+    said = calls.printed(*push)
     assert f"pushed to hub:me/mine@{hub.branches['me/mine']['main']}" in said
     assert "me/mine" in hub.private
     card = hub.files("me/mine")["README.md"].decode()
@@ -183,8 +181,7 @@ def test_a_set_is_pushed_with_a_card_and_read_again(
     # Again, on a branch, and without splits: what the new set does not have is gone.
     bare = [replace(each, split=None) for each in read_tasks(tmp_path / "set").tasks]
     write_tasks(tmp_path / "bare.jsonl", bare)
-    code, said = calls.run("tasks", "push", tmp_path / "bare.jsonl", "--to", "me/mine@next", "--public")
-    assert code == 0, said
+    calls.printed("tasks", "push", tmp_path / "bare.jsonl", "--to", "me/mine@next", "--public")
     assert {*hub.files("me/mine", "next")} == {".gitattributes", "README.md", "tasks.jsonl"}
     assert "train.jsonl" in hub.files("me/mine")
     assert [each.split for each in read_tasks("hub:me/mine@next").tasks] == [None] * 3
@@ -195,21 +192,18 @@ def test_what_is_published_encrypted_is_not_pushed(
 ) -> None:
     monkeypatch.setenv("HF_TOKEN", hub.token)
     write_tasks(tmp_path / "tasks.jsonl", [task("a/1"), task("a/2", flags=(ENCRYPTED_SOURCE,))])
-    code, said = calls.run("tasks", "push", tmp_path / "tasks.jsonl", "--to", "hub:me/mine")
-    assert code == 2
+    said = calls.printed("tasks", "push", tmp_path / "tasks.jsonl", "--to", "hub:me/mine", code=2)
     assert "1 of 2 tasks are of a source that is published encrypted" in said
     assert not hub.commits
-    code, said = calls.run("tasks", "push", tmp_path / "tasks.jsonl", "--to", "hub:me/mine:test")
-    assert code == 2
-    assert "is no data set on the hub" in said
+    push = ("tasks", "push", tmp_path / "tasks.jsonl", "--to", "hub:me/mine:test")
+    assert "is no data set on the hub" in calls.printed(*push, code=2)
 
 
 def test_an_export_is_pushed(hub: Hub, tmp_path: Path, calls: Calls, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HF_TOKEN", hub.token)
     hub.commit(SET, published(tmp_path / "set"))
     export = ("export", f"hub:{SET}:test", "--split", "test", "--out", tmp_path / "out", "--push", "me/tests")
-    code, said = calls.run(*export)
-    assert code == 0, said
+    calls.printed(*export)
     assert {*hub.files("me/tests")} == {".gitattributes", "README.md", "tasks.parquet"}
     assert len(read_tasks("hub:me/tests").tasks) == 1
 

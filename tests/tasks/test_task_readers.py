@@ -56,20 +56,18 @@ def test_an_export_of_tasks_is_read_by_others(tmp_path: Path, calls: Calls) -> N
     write_tasks(tmp_path / "mine" / "tasks.parquet", tasks)
     for kind, source in (("jsonl", tmp_path / "mine"), ("parquet", tmp_path / "mine" / "tasks.parquet")):
         out = tmp_path / kind
-        code, said = calls.run("export", source, "--format", kind, "--out", out)
-        assert code == 0, said
+        said = calls.printed("export", source, "--format", kind, "--out", out)
         assert f"{len(rest)} tasks" in said
         assert f"left out: 1 tasks of another split, {len(tasks) - 1 - len(rest)} tasks that share" in said
         ids = duckdb.sql(f"select id from '{out}/tasks.{kind}'").fetchall()
         assert ids == [(task.id,) for task in rest]
     write_tasks(tmp_path / "train.parquet", tasks[1:])
-    code, said = calls.run("export", tmp_path / "train.parquet", "--split", "test", "--out", tmp_path / "no")
-    assert code == 2
+    nowhere = ("--out", tmp_path / "no")
+    said = calls.printed("export", tmp_path / "train.parquet", "--split", "test", *nowhere, code=2)
     assert f"has no task of the split 'test'; it holds {len(tasks) - 1} train (" in said
     assert said.count("\n") == 1
     assert not (tmp_path / "no").exists()
-    code, said = calls.run("export", tmp_path / "mine", "--format", "sharegpt", "--out", tmp_path / "no")
-    assert code == 2
+    said = calls.printed("export", tmp_path / "mine", "--format", "sharegpt", *nowhere, code=2)
     assert "tasks have no replies" in said
 
 
@@ -84,10 +82,8 @@ def test_tasks_that_come_with_webgym_are_exported_by_their_name(
         return held
 
     monkeypatch.setattr("webgym.run.choice.all_tasks", given)
-    code, said = calls.run("export", "offline-small-v2", "--split", "all", "--out", tmp_path / "out")
-    assert code == 0, said
+    calls.printed("export", "offline-small-v2", "--split", "all", "--out", tmp_path / "out")
     assert asked[0].sites.collection == "small"
     assert read_tasks(tmp_path / "out").tasks == held
-    code, said = calls.run("tasks", "show", "offline-small-v2")
-    assert code == 0, said
+    said = calls.printed("tasks", "show", "offline-small-v2")
     assert [line.partition("\t")[0] for line in said.splitlines()] == [task.id for task in held]

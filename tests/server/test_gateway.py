@@ -41,7 +41,6 @@ from webgym.server.messages import (
     EgressInfo,
     Pressure,
     SessionOptions,
-    StepReply,
     StepRequest,
     Watched,
 )
@@ -143,10 +142,10 @@ async def test_through_the_gateway_all_is_the_same(site: Site, relayed: BrowserC
     stale = session.grant
     forged = type(stale)(session.id, "wrong", stale.generation, "", 60)
     with pytest.raises(LeaseLost):
-        await relayed.call(STEP, StepReply, StepRequest(), grant=forged)
+        await relayed.call(STEP, StepRequest(), grant=forged)
     await session.close()
     with pytest.raises(LeaseLost):
-        await relayed.call(STEP, StepReply, StepRequest(), grant=stale)
+        await relayed.call(STEP, StepRequest(), grant=stale)
 
 
 async def test_one_line_first_come_first_served(gateway: RunningGateway, client: BrowserClient) -> None:

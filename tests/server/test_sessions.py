@@ -20,7 +20,7 @@ from webgym.core.task import Attachment
 from webgym.server.admission import AdmissionController
 from webgym.server.client import BrowserClient, Session
 from webgym.server.config import Admission, ServerConfig
-from webgym.server.messages import GENERATION_HEADER, SECRET_HEADER, SessionOptions, StepReply, StepRequest
+from webgym.server.messages import GENERATION_HEADER, SECRET_HEADER, SessionOptions, StepRequest
 from webgym.server.operations import STEP
 from webgym.server.worker import RunningServer, running_server
 
@@ -172,7 +172,7 @@ async def test_an_old_holder_cannot_touch_its_successor(site: Site, client: Brow
     ]
     for grant in forged:
         with pytest.raises(LeaseLost):
-            await client.call(STEP, StepReply, StepRequest(Navigate(site.url("/next"))), grant=grant)
+            await client.call(STEP, StepRequest(Navigate(site.url("/next"))), grant=grant)
     assert (await new.metadata()).url == site.url()
     await asyncio.gather(other.close(), new.close())
 

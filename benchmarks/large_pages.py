@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from webgym.bench.usage import CpuTimes
+from webgym.bench.stepping import CpuTimes
 from webgym.browser import isolated_worlds
 from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.egress.config import EgressConfig

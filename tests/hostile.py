@@ -7,17 +7,13 @@ button, which covers the page, is clicked.
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-import uvicorn
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, Response, StreamingResponse
 from starlette.types import Receive, Scope, Send
-
-from webgym.server.listening import QuietServer
+from tests.serving import serving
 
 _BUTTON = "<button style='position:fixed;inset:0;width:100%;height:100%'>Go</button>"
 _CLICKED = _BUTTON + "<script>document.querySelector('button').onclick = () => {{ {} }}</script>"
@@ -140,14 +136,5 @@ async def serving_hostile_pages() -> AsyncIterator[str]:
     Yields:
         Their base URL.
     """
-    with contextlib.closing(socket.create_server(("127.0.0.1", 0))) as listener:
-        config = uvicorn.Config(
-            hostile_site, lifespan="off", log_config=None, ws="none", timeout_graceful_shutdown=1
-        )
-        server = QuietServer(config)
-        task = asyncio.create_task(server.serve(sockets=[listener]))
-        try:
-            yield f"http://127.0.0.1:{listener.getsockname()[1]}"
-        finally:
-            server.should_exit = True
-            await task
+    async with serving(lambda port: f"http://127.0.0.1:{port}", lambda _: hostile_site) as url:
+        yield url

@@ -19,7 +19,7 @@ from typing import Final
 import msgspec
 from benchmarks.task_set.synthetic import Shape, make_lengths, make_tasks
 
-from webgym.bench.usage import MEGABYTE
+from webgym.bench.stepping import MEGABYTE
 from webgym.core.tables import Table
 from webgym.core.task import Task
 from webgym.tasks.formats import read_tasks, write_tasks

@@ -14,8 +14,7 @@ import pytest
 from tests.conftest import Calls, webgym
 from tests.documented import documented
 
-from webgym.bench.ceiling import APART, SERVER, SHARED, Ceiling
-from webgym.bench.server import ServerFigures
+from webgym.bench.server import APART, SERVER, SHARED, Ceiling, ServerFigures
 from webgym.bench.stepping import BenchPlan, StepTimes
 
 SMALL = (

@@ -11,6 +11,7 @@ import sys
 import types
 from collections.abc import Callable
 from pathlib import Path
+from typing import TypeAlias
 
 import pytest
 import typer
@@ -19,26 +20,25 @@ from tests.conftest import Calls
 from webgym import cli
 from webgym.core.errors import ConfigError, ServerUnreachable, StoreFull
 
+Tried: TypeAlias = Callable[..., tuple[int, str]]
+
 
 @pytest.fixture
-def verb(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
-    """Give the command line a verb ``try`` that runs a function."""
+def tried(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Tried:
+    """Runs a function as the verb ``try``: the exit code, and what stands on stderr."""
 
-    def install(command: Callable[..., None]) -> None:
+    def run(command: Callable[..., None], *arguments: str) -> tuple[int, str]:
         module = types.ModuleType("webgym.cli.try")
         module.command = command  # type: ignore[attr-defined]
         module.__spec__ = types.SimpleNamespace()  # type: ignore[assignment]
         monkeypatch.setitem(sys.modules, "webgym.cli.try", module)
         monkeypatch.setattr(cli, "VERBS", (cli.Verb("try", "A verb of the tests."),))
+        with pytest.raises(SystemExit) as ended:
+            cli.main(["try", *arguments])
+        assert isinstance(ended.value.code, int)
+        return ended.value.code, capsys.readouterr().err
 
-    return install
-
-
-def outcome(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
-    with pytest.raises(SystemExit) as ended:
-        cli.main(["try", *arguments])
-    assert isinstance(ended.value.code, int)
-    return ended.value.code, capsys.readouterr().err
+    return run
 
 
 @pytest.mark.parametrize(
@@ -59,33 +59,23 @@ def outcome(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, s
         (BaseExceptionGroup("stop", [ValueError("late"), KeyboardInterrupt()]), 130, "interrupted"),
     ],
 )
-def test_an_error_is_one_line(
-    verb: Callable[..., None],
-    capsys: pytest.CaptureFixture[str],
-    error: BaseException,
-    code: int,
-    line: str,
-) -> None:
+def test_an_error_is_one_line(tried: Tried, error: BaseException, code: int, line: str) -> None:
     def command() -> None:
         raise error
 
-    verb(command)
-    exit_code, said = outcome(capsys)
+    exit_code, said = tried(command)
     assert exit_code == code
     assert line in said
     assert said.count("\n") <= 1
     assert "Traceback" not in said
 
 
-def test_debug_adds_the_traceback_wherever_it_stands(
-    verb: Callable[..., None], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_debug_adds_the_traceback_wherever_it_stands(tried: Tried) -> None:
     def command(number: int = 0) -> None:
         raise ServerUnreachable("nothing answers")
 
-    verb(command)
     for arguments in (["--debug"], ["--number", "3", "--debug"]):
-        code, said = outcome(capsys, *arguments)
+        code, said = tried(command, *arguments)
         assert code == 1
         assert "Traceback" in said
         assert said.rstrip().endswith("webgym: nothing answers")
@@ -94,27 +84,23 @@ def test_debug_adds_the_traceback_wherever_it_stands(
 @pytest.mark.parametrize(
     "arguments", [["--numbr", "3"], ["--number", "three"], ["--number"], ["superfluous"]]
 )
-def test_wrong_arguments_are_one_line(
-    verb: Callable[..., None], capsys: pytest.CaptureFixture[str], arguments: list[str]
-) -> None:
+def test_wrong_arguments_are_one_line(tried: Tried, arguments: list[str]) -> None:
     def command(number: int = 0) -> None:
         raise AssertionError("must not run")
 
-    verb(command)
-    code, said = outcome(capsys, *arguments)
+    code, said = tried(command, *arguments)
     assert code == 2
     assert said.count("\n") == 1
     assert "(see `webgym try --help`)" in said
 
 
-def test_a_verb_sets_the_exit_code(verb: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_verb_sets_the_exit_code(tried: Tried) -> None:
     def command(fail: bool = False) -> None:
         if fail:
             raise typer.Exit(3)
 
-    verb(command)
-    assert outcome(capsys) == (0, "")
-    assert outcome(capsys, "--fail") == (3, "")
+    assert tried(command) == (0, "")
+    assert tried(command, "--fail") == (3, "")
 
 
 def test_ctrl_c_in_a_real_process(tmp_path: Path) -> None:
@@ -201,45 +187,32 @@ def test_a_file_of_settings_without_its_option_names_the_option(calls: Calls) ->
 
 
 def test_the_version(calls: Calls) -> None:
-    code, out, _ = calls.apart("--version")
-    assert code == 0
-    assert out.startswith("webgym 0.")
+    assert calls.printed("--version").startswith("webgym 0.")
 
 
-def test_asyncio_cancellation_is_no_success(
-    verb: Callable[..., None], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_asyncio_cancellation_is_no_success(tried: Tried) -> None:
     def command() -> None:
         raise asyncio.CancelledError
 
-    verb(command)
-    code, said = outcome(capsys)
+    code, said = tried(command)
     assert code == 1
     assert said.count("\n") == 1
 
 
-def test_a_terminal_without_a_character_shows_its_code(
-    verb: Callable[..., None], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_terminal_without_a_character_shows_its_code(tried: Tried, monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = io.BytesIO()
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(terminal, encoding="ascii"))
-    verb(lambda: print("0 \u2013 1"))
-    with pytest.raises(SystemExit) as ended:
-        cli.main(["try"])
-    assert ended.value.code == 0
+    assert tried(lambda: print("0 \u2013 1")) == (0, "")
     sys.stdout.flush()
     assert terminal.getvalue() == b"0 \\u2013 1\n"
 
 
-def test_ctrl_c_leaves_the_cursor_visible(
-    verb: Callable[..., None], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ctrl_c_leaves_the_cursor_visible(tried: Tried, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")  # as in a terminal
 
     def interrupted() -> None:
         raise KeyboardInterrupt
 
-    verb(interrupted)
-    code, err = outcome(capsys)
+    code, err = tried(interrupted)
     assert code == 130
     assert "\x1b[?25h" in err

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from datetime import date, timedelta
 from typing import Any
 
+from tests.judge.scenes import reads
+
 from webgym.judge.reference import Match, compare
 from webgym.judge.verdicts import Finding, Words, may_be_echoed, read_verdict
 from webgym.judge.webjudge import read_status
@@ -104,7 +106,7 @@ class Generator:
 
     @staticmethod
     def _read(text: str, words: Words, **more: Any) -> bool | None:
-        found = read_verdict(text, words, CODE, **more)
+        found = reads(read_verdict, text, words, CODE, **more)
         return found.passed if isinstance(found, Finding) else None
 
     def signed(self) -> Case:

@@ -14,24 +14,18 @@ from pathlib import Path
 
 import pytest
 from tests.integrations.engine import example
+from tests.rollout.running import small_run
 
 from webgym.agent.config import AgentConfig
-from webgym.offline.config import SitesConfig
 from webgym.results.export import export
 from webgym.run.collect import collect
-from webgym.run.config import RunConfig, ServerChoice, TaskChoice
 
 PYTHON = os.environ.get("WEBGYM_LLAMAFACTORY_PYTHON", "")
 
 
 @pytest.mark.skipif(not PYTHON, reason="WEBGYM_LLAMAFACTORY_PYTHON names no Python with llamafactory 0.9.5")
 def test_its_loader_reads_every_step(tmp_path: Path) -> None:
-    config = RunConfig(
-        server=ServerChoice(static=True),
-        sites=SitesConfig(collection="small", per_family=1),
-        tasks=TaskChoice(count=3),
-        agent=AgentConfig(profile="qwen3-vl"),
-    )
+    config = small_run(3, agent=AgentConfig(profile="qwen3-vl"))
     asyncio.run(collect(config, tmp_path / "run"))
     out = tmp_path / "out"
     export(tmp_path / "run", out, "sharegpt")
@@ -51,8 +45,7 @@ def test_its_loader_reads_every_step(tmp_path: Path) -> None:
 
 
 def test_the_example(tmp_path: Path) -> None:
-    sites = SitesConfig(collection="small", per_family=1)
-    config = RunConfig(server=ServerChoice(static=True), sites=sites, tasks=TaskChoice(count=2))
+    config = small_run(2)
     example("llamafactory_data").main(tmp_path, config)
     names = json.loads((tmp_path / "data" / "dataset_info.json").read_text())
     samples = json.loads((tmp_path / "data" / names["webgym"]["file_name"]).read_text())

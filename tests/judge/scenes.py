@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import msgspec
@@ -16,6 +16,7 @@ from webgym.core.observation import Observation
 from webgym.core.outcome import Ending
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.trajectory import Episode, Reply, Step
+from webgym.judge.verdicts import NoVerdict, lines_of
 
 SIZE = (320, 192)
 
@@ -51,6 +52,14 @@ def picture(text: str) -> str:
 
 async def pictures(name: str) -> bytes:
     return PICTURES[name]
+
+
+def reads(
+    read: Callable[..., Any], text: str, *given: Any, finish_reason: str = "", refusal: str = "", **more: Any
+) -> Any:
+    """What is read of a reply that ended so."""
+    lines = lines_of(text, finish_reason, refusal)
+    return lines if isinstance(lines, NoVerdict) else read(lines, *given, **more)
 
 
 def look(text: str, **more: Any) -> Observation:

@@ -55,6 +55,7 @@ CHALLENGE = Observation(
 )
 RIGHT = "$12.50"
 CART = {"cart": {"Blue Mug": 1}}
+OTHER_STATES: list[dict[str, Any]] = [{}, {"cart": {}}, {"cart": {"Blue Mug": 2}}, {"cart": "Blue Mug"}]
 
 
 def episode(*seen: Observation, answer: str | None = RIGHT, state: dict[str, Any] | None = CART) -> Episode:
@@ -118,31 +119,27 @@ async def test_a_right_answer_without_the_evidence_fails() -> None:
     assert not verdict.facts[0].judgement.passed
 
 
-async def test_an_empty_trajectory_fails() -> None:
-    assert (await judged(episode(answer=None, state={}))).reward == 0
-    assert (await judged(episode(state=CART))).reward == 0
+def product(**changes: Any) -> Observation:
+    return msgspec.structs.replace(PRODUCT, **changes)
 
 
-async def test_evidence_on_another_website_or_path_does_not_count() -> None:
-    elsewhere = msgspec.structs.replace(PRODUCT, url="http://other.webgym.test/p/1")
-    wrong_path = msgspec.structs.replace(PRODUCT, url=f"http://{HOST}/list")
-    assert (await judged(episode(elsewhere, wrong_path))).reward == 0
-
-
-async def test_what_stands_in_fields_proves_nothing() -> None:
-    typed = msgspec.structs.replace(PRODUCT, text="Blue Mug", fields=("Blue Mug", "$12.50 and 381 pieces"))
-    assert (await judged(episode(FRONT, typed))).reward == 0
-
-
-async def test_evidence_must_stand_in_one_screenshot() -> None:
-    name = msgspec.structs.replace(PRODUCT, text="Blue Mug")
-    price = msgspec.structs.replace(PRODUCT, text="Price $12.50")
-    assert (await judged(episode(name, price))).reward == 0
-
-
-@pytest.mark.parametrize("state", [{}, {"cart": {}}, {"cart": {"Blue Mug": 2}}, {"cart": "Blue Mug"}])
-async def test_a_server_that_holds_something_else_fails(state: dict[str, Any]) -> None:
-    assert (await judged(episode(FRONT, PRODUCT, state=state))).reward == 0
+@pytest.mark.parametrize(
+    "made",
+    [
+        episode(answer=None, state={}),
+        episode(state=CART),
+        # On another website or path, in fields, in several screenshots, on a page that is not there.
+        episode(product(url="http://other.webgym.test/p/1"), product(url=f"http://{HOST}/list")),
+        episode(FRONT, product(text="Blue Mug", fields=("Blue Mug", "$12.50 and 381 pieces"))),
+        episode(product(text="Blue Mug"), product(text="Price $12.50")),
+        episode(FRONT, product(status=404)),
+        # The server holds something else.
+        *(episode(FRONT, PRODUCT, state=state) for state in OTHER_STATES),
+        episode(FRONT, PRODUCT, answer=None),  # after the budget
+    ],
+)
+async def test_what_proves_nothing(made: Episode) -> None:
+    assert (await judged(made)).reward == 0
 
 
 @pytest.mark.parametrize(
@@ -154,10 +151,6 @@ async def test_what_must_be_empty_may_be_absent(others: dict[str, Any], reward: 
     alone = msgspec.structs.replace(done, state=(*done.state, StateCheck(("saved",), None)))
     task = msgspec.structs.replace(TASK, truth=msgspec.structs.replace(TASK.truth, facts=(shown, alone)))
     assert (await judged(episode(FRONT, PRODUCT, state=CART | others), task)).reward == reward
-
-
-async def test_what_happens_after_the_budget_is_no_success() -> None:
-    assert (await judged(episode(FRONT, PRODUCT, answer=None))).reward == 0
 
 
 def asked_twice(seen: Observation, **more: Any) -> Episode:
@@ -189,11 +182,6 @@ async def test_a_refusal_that_persists_is_blocking() -> None:
     seen = msgspec.structs.replace(FRONT, status=403, text="Forbidden")
     assert (await judged(asked_twice(seen, answer="nothing"))).blocked.passed
     assert not (await judged(episode(seen, answer="nothing"))).blocked.passed
-
-
-async def test_a_page_that_is_not_there_proves_nothing() -> None:
-    echo = msgspec.structs.replace(PRODUCT, status=404)
-    assert (await judged(episode(FRONT, echo))).reward == 0
 
 
 async def test_no_verdict_without_what_it_needs() -> None:

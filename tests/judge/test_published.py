@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 from tests.judge.judge_model import Asked, serve_judge
-from tests.judge.scenes import TASK, episode, look, pictures
+from tests.judge.scenes import TASK, episode, look, pictures, reads
 
 from webgym.core.errors import JudgeError
 from webgym.core.task import WHOLE_TASK, Task
@@ -182,7 +182,7 @@ async def test_a_panel_of_webjudges() -> None:
     ],
 )
 def test_verdicts_of_webvoyagers_judge(reply: str, passed: bool | None) -> None:
-    found = read_success(reply)
+    found = reads(read_success, reply)
     assert (None if isinstance(found, NoVerdict) else found.passed) is passed
 
 
@@ -195,8 +195,8 @@ def test_replies_that_the_model_did_not_end(ending: dict[str, str]) -> None:
         read_points: "1. a mug",
     }
     for read, reply in replies.items():
-        assert not isinstance(read(reply), NoVerdict)
-        assert isinstance(read(reply, **ending), NoVerdict)
+        assert not isinstance(reads(read, reply), NoVerdict)
+        assert isinstance(reads(read, reply, **ending), NoVerdict)
 
 
 @pytest.mark.skipif(not REAL.exists(), reason=f"{REAL} is not there")
@@ -206,7 +206,7 @@ def test_the_scores_of_the_real_replies() -> None:
     assert len(looks) == 8099
     unread = 0
     for each in looks:
-        found = read_score(each["Response"] or "")
+        found = reads(read_score, each["Response"] or "")
         unread += isinstance(found, NoVerdict)
         # The study's reader gave a 0 to what it could not read, of which this one reads some.
         assert each["Score"] == 0 or (not isinstance(found, NoVerdict) and found.digit == each["Score"])

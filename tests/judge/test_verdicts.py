@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.judge.scenes import reads
 
 from webgym.judge.verdicts import (
     Finding,
@@ -19,13 +22,13 @@ from webgym.judge.verdicts import (
 CODE = "0123456789ab"
 
 
-def criterion(text: str, **more: object) -> bool | None:
-    found = read_verdict(text, "criterion", CODE, **more)  # type: ignore[arg-type]
+def criterion(text: str, **more: Any) -> bool | None:
+    found = reads(read_verdict, text, "criterion", CODE, **more)
     return found.passed if isinstance(found, Finding) else None
 
 
-def question(text: str, **more: object) -> bool | None:
-    found = read_verdict(text, "question", CODE, **more)  # type: ignore[arg-type]
+def question(text: str, **more: Any) -> bool | None:
+    found = reads(read_verdict, text, "question", CODE, **more)
     return found.passed if isinstance(found, Finding) else None
 
 
@@ -149,8 +152,8 @@ def test_a_reply_that_the_model_did_not_end_holds_no_verdict(reason: str) -> Non
 def test_a_refusal_beside_a_verdict_is_a_refusal(ending: dict[str, str], who: str) -> None:
     signed = f"All there.\nVERDICT {CODE}: SUCCESS"
     for found in (
-        read_verdict(signed, "criterion", CODE, **ending),  # type: ignore[arg-type]
-        read_per_image(f"SCREENSHOT 1 {CODE}: YES", 1, CODE, **ending),  # type: ignore[arg-type]
+        reads(read_verdict, signed, "criterion", CODE, **ending),
+        reads(read_per_image, f"SCREENSHOT 1 {CODE}: YES", 1, CODE, **ending),
     ):
         assert isinstance(found, NoVerdict)
         assert found.is_refused
@@ -234,7 +237,7 @@ def test_questions_are_answered_with_yes_and_no() -> None:
 
 
 def test_the_reason_is_what_stands_before() -> None:
-    found = read_verdict("Step 2 shows it.\nSo it holds.\n\nVERDICT: SUCCESS", "criterion", CODE)
+    found = reads(read_verdict, "Step 2 shows it.\nSo it holds.\n\nVERDICT: SUCCESS", "criterion", CODE)
     assert found == Finding(True, "Step 2 shows it.\nSo it holds.")
 
 
@@ -243,8 +246,8 @@ def test_any_text_has_a_verdict_or_none(text: str) -> None:
     kinds: tuple[Words, ...] = ("criterion", "question")
     for words in kinds:
         for bare in (True, False):
-            assert isinstance(read_verdict(text, words, CODE, bare=bare), Finding | NoVerdict)
-    assert isinstance(read_per_image(text, 3, CODE), tuple | NoVerdict)
+            assert isinstance(reads(read_verdict, text, words, CODE, bare=bare), Finding | NoVerdict)
+    assert isinstance(reads(read_per_image, text, 3, CODE), tuple | NoVerdict)
 
 
 @given(st.text(), st.booleans(), st.sampled_from(["\n", "\r\n", "\n\n", "\u2028"]))
@@ -298,17 +301,17 @@ def test_no_piece_of_what_was_quoted_is_a_verdict(pieces: list[str], data: st.Da
 
 def test_lists_of_verdicts() -> None:
     reply = f"One is an advert.\nSCREENSHOT 1 {CODE}: NO\n**Screenshot 2: YES**\nScreenshot 3 {CODE}: yes."
-    assert read_per_image(reply, 3, CODE) == (False, True, True)
-    assert isinstance(read_per_image(reply, 2, CODE), NoVerdict)
-    assert isinstance(read_per_image(reply, 4, CODE), NoVerdict)
-    assert isinstance(read_per_image(reply, 3, CODE, bare=False), NoVerdict)
-    assert isinstance(read_per_image(reply + "\nSCREENSHOT 1: YES", 3, CODE), NoVerdict)
-    assert isinstance(read_per_image(reply, 3, CODE, finish_reason="length"), NoVerdict)
-    assert read_per_image(reply + f"\nSCREENSHOT 3 {CODE}: YES", 3, CODE) == (False, True, True)
+    assert reads(read_per_image, reply, 3, CODE) == (False, True, True)
+    assert isinstance(reads(read_per_image, reply, 2, CODE), NoVerdict)
+    assert isinstance(reads(read_per_image, reply, 4, CODE), NoVerdict)
+    assert isinstance(reads(read_per_image, reply, 3, CODE, bare=False), NoVerdict)
+    assert isinstance(reads(read_per_image, reply + "\nSCREENSHOT 1: YES", 3, CODE), NoVerdict)
+    assert isinstance(reads(read_per_image, reply, 3, CODE, finish_reason="length"), NoVerdict)
+    assert reads(read_per_image, reply + f"\nSCREENSHOT 3 {CODE}: YES", 3, CODE) == (False, True, True)
 
 
 @pytest.mark.parametrize(
     "text", ["VERDICT c0de: NOT\nSUCCESS", "NOT\n\n**SUCCESS**", "NOT\u2028SUCCESS", "It is not:\nSUCCESS"]
 )
 def test_a_negative_verdict_in_two_lines_is_no_positive_one(text: str) -> None:
-    assert isinstance(read_verdict(text, "criterion", "c0de"), NoVerdict)
+    assert isinstance(reads(read_verdict, text, "criterion", "c0de"), NoVerdict)

@@ -203,24 +203,24 @@ async def test_misbehaviour_is_one_clear_line(
     assert endpoint.url(behaviour) in caught.value.message
 
 
+@pytest.mark.parametrize(
+    ("behaviour", "tries", "why"),
+    [("500", QUICK.tries, "500"), ("flaky", 7, "429"), ("quota", 1, "you exceeded your quota")],
+)
+async def test_a_failing_server_is_tried_as_often_as_agreed(
+    endpoint: Endpoint, behaviour: str, tries: int, why: str
+) -> None:
+    endpoint.fails_left = 1000
+    with pytest.raises(LLMBadReply, match=why):
+        await ask(endpoint.url(behaviour), retry=QUICK.model_copy(update={"refused_tries": 7}))
+    assert len(endpoint.requests) == tries
+
+
 async def test_what_cannot_pass_is_not_tried_again(endpoint: Endpoint) -> None:
     for behaviour in ("400", "401", "html", "nothing", "truncated"):
         with pytest.raises(LLMBadReply):
             await ask(endpoint.url(behaviour))
     assert len(endpoint.requests) == 5
-
-
-async def test_a_failing_server_is_tried_as_often_as_agreed(endpoint: Endpoint) -> None:
-    with pytest.raises(LLMBadReply):
-        await ask(endpoint.url("500"))
-    assert len(endpoint.requests) == QUICK.tries
-
-
-async def test_a_busy_server_is_tried_more_often(endpoint: Endpoint) -> None:
-    endpoint.fails_left = 1000
-    with pytest.raises(LLMBadReply, match="429"):
-        await ask(endpoint.url("flaky"), retry=QUICK.model_copy(update={"refused_tries": 7}))
-    assert len(endpoint.requests) == 7
 
 
 @pytest.mark.parametrize("behaviour", ["404", "500", "html", "nothing", "truncated", "empty"])
@@ -328,12 +328,6 @@ async def test_a_retry_after_beyond_all_patience_holds_nobody_back(endpoint: End
             await client.complete(MESSAGES)
         async with asyncio.timeout(100):
             assert (await client.complete(MESSAGES)).text == "Hello."
-
-
-async def test_a_spent_quota_is_not_waited_for(endpoint: Endpoint) -> None:
-    with pytest.raises(LLMBadReply, match="you exceeded your quota"):
-        await ask(endpoint.url("quota"))
-    assert len(endpoint.requests) == 1
 
 
 async def test_refusals_lose_no_request(endpoint: Endpoint) -> None:

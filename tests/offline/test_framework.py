@@ -17,7 +17,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.offline.golden import lines
 
-from webgym.core.task import FactGroup, Rubric
 from webgym.core.truth import Click, Evidence, Give, Home, See, StateCheck
 from webgym.offline import app, latency
 from webgym.offline.app import Visitors
@@ -104,19 +103,6 @@ def part(name: str, facts: int) -> Part:
         for index in range(facts)
     )
     return Part(f"look {name} up", f"About {name}", made, (Click(path=f"/{name}"), See((f"{name}0",))))
-
-
-def groups(*sizes: int) -> Rubric:
-    return Rubric(
-        tuple(
-            FactGroup(index, f"group {index}", tuple(f"{index}.{fact}" for fact in range(size)))
-            for index, size in enumerate(sizes, start=1)
-        )
-    )
-
-
-def ids(rubric: Rubric) -> set[int]:
-    return {group.id for group in rubric.groups}
 
 
 def test_an_assignment_is_written_out_with_all_that_derives_from_it() -> None:

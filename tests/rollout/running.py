@@ -10,6 +10,7 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
 
+import pytest
 from aiohttp import web
 from benchmarks.stand_ins import TOKEN, StandInBrowsers, StandInModel, serving_app
 from pydantic import SecretStr
@@ -20,6 +21,7 @@ from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Trajectory
 from webgym.judge.config import JudgeChoice
 from webgym.llm.config import ChatConfig, Retry
+from webgym.offline.config import SitesConfig
 from webgym.results.summary import Summary
 from webgym.rollout.config import CollectorConfig
 from webgym.rollout.progress import Progress
@@ -100,6 +102,10 @@ class World:
     async def stop(self, name: str) -> None:
         await self._running.pop(name).aclose()
 
+    async def restart(self, name: str) -> None:
+        await self.stop(name)
+        await self.start(name)
+
     async def stop_all(self) -> None:
         for name in list(self._running):
             await self.stop(name)
@@ -177,6 +183,12 @@ class Run:
         async with asyncio.timeout(SECONDS):
             return await self.task
 
+    async def stop(self) -> None:
+        """Cancel it, as an interrupt does."""
+        self.task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await self.end()
+
 
 HALF = 24
 """Replies: of 4 attempts at a time, 6 to 8 have all theirs, whatever the pace."""
@@ -215,3 +227,9 @@ def books(out: Path) -> list[Trajectory]:
 def outcomes(out: Path) -> dict[str, int]:
     """How many attempts of a run ended so."""
     return dict(Counter(each.outcome.value for each in books(out)))
+
+
+def small_run(count: int, **more: Any) -> RunConfig:
+    """A run of so many tasks on small websites, without browsers."""
+    sites = SitesConfig(collection="small", per_family=1)
+    return RunConfig(server=ServerChoice(static=True), sites=sites, tasks=TaskChoice(count=count), **more)

@@ -280,23 +280,16 @@ async def test_a_page_that_is_lost_while_the_next_one_is_asked_for_is_no_loss(
     assert (driver.ending, seen[-1].title, slots) == (Ending.ANSWERED, "Next", [])
 
 
-@pytest.mark.parametrize("place", [SHOP + "next", "http://other.example/"])
-async def test_a_lost_renderer_of_a_page_that_the_agent_typed_is_a_step(bench: Bench, place: str) -> None:
-    away: list[Deed] = [Navigate(place), lambda slot: kill(slot, "renderer"), Wait(1), Answer("no")]
-    driver, seen = await bench.attempt(*away)
+OTHER = Navigate("http://other.example/")
+
+
+@pytest.mark.parametrize("away", [(Navigate(SHOP + "next"),), (OTHER,), (OTHER, MIDDLE)])
+async def test_a_lost_renderer_of_a_page_that_the_agent_typed_or_went_on_to_is_a_step(
+    bench: Bench, away: tuple[Action, ...]
+) -> None:
+    driver, seen = await bench.attempt(*away, lambda slot: kill(slot, "renderer"), Wait(1), Answer("no"))
     assert driver.ending is Ending.ANSWERED
     assert [notice.kind for notice in seen[-1].notices] == ["crashed"]
-
-
-async def test_pages_beyond_one_that_was_typed_are_the_agents_choice(bench: Bench) -> None:
-    away: list[Deed] = [
-        Navigate("http://other.example/"),
-        MIDDLE,
-        lambda slot: kill(slot, "renderer"),
-        Wait(1),
-    ]
-    driver, _ = await bench.attempt(*away, Answer("no"))
-    assert driver.ending is Ending.ANSWERED
 
 
 async def test_a_page_that_crashes_whenever_it_is_loaded_is_no_way_out(

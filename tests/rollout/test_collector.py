@@ -82,8 +82,7 @@ async def test_without_a_barrier_an_attempt_that_hangs_holds_up_no_other(
         return await reply(request)
 
     model._reply = first_hangs  # type: ignore[method-assign]
-    await world.stop("model")
-    await world.start("model")
+    await world.restart("model")
     run = Run().start(world.config(tmp_path, 12), tmp_path / "run")
     await until(lambda: run.progress.done == 11)
     lets.set()
@@ -146,9 +145,7 @@ async def test_who_waits_for_a_verdict_is_recorded_without_one_and_judged_when_t
     await until(
         lambda: world.browsers.opened == 6 and not world.browsers.sessions
     )  # none waits for the judge
-    run.task.cancel()
-    with pytest.raises(asyncio.CancelledError):
-        await run.end()
+    await run.stop()
     assert outcomes(tmp_path / "run") == {"judge_error": 6}
     for each in books(tmp_path / "run"):
         assert each.judge_failure is not None
@@ -170,13 +167,10 @@ async def test_who_ended_and_whose_browser_is_being_given_back_is_recorded_too(
         return await close(request)
 
     world.browsers._close = hangs  # type: ignore[method-assign]
-    await world.stop("browsers")
-    await world.start("browsers")
+    await world.restart("browsers")
     run = Run().start(world.config(tmp_path, 1), tmp_path / "run")
     await asyncio.wait_for(asked.wait(), SECONDS)
-    run.task.cancel()
-    with pytest.raises(asyncio.CancelledError):
-        await run.end()
+    await run.stop()
     assert outcomes(tmp_path / "run") == {"judge_error": 1}
     lets.set()
     await Run().start(None, tmp_path / "run").end()

@@ -165,8 +165,7 @@ async def test_garbage_in_place_of_steps_for_a_moment_uses_up_one_try_of_each_at
         return await step(request)
 
     world.browsers._step = garbled  # type: ignore[method-assign]
-    await world.stop("browsers")
-    await world.start("browsers")
+    await world.restart("browsers")
     config = world.config(tmp_path, 8, {"server_retry_seconds": 0.1, "give_up_after": 100}, retries=1)
     await Run().start(config, tmp_path / "run").end()
     assert outcomes(tmp_path / "run")["success"] == 8
@@ -234,8 +233,7 @@ async def test_a_browser_that_cannot_be_given_back_costs_no_attempt(tmp_path: Pa
         raise refusal(WebGymError("internal error in the server: KeyError()"))
 
     world.browsers._close = fails  # type: ignore[assignment, method-assign]
-    await world.stop("browsers")
-    await world.start("browsers")
+    await world.restart("browsers")
     await Run().start(world.config(tmp_path, 4), tmp_path / "run").end()
     assert outcomes(tmp_path / "run") == {"success": 4}
 
@@ -249,9 +247,7 @@ async def test_a_server_that_falls_silent_is_told(
     run = Run().start(world.config(tmp_path, 8), tmp_path / "run")
     silent = f"the browser server {world.url('browsers')} leaves 4 calls without an answer, step for"
     await until(lambda: silent in " ".join(run.progress.warnings))
-    run.task.cancel()
-    with pytest.raises(asyncio.CancelledError):
-        await run.end()
+    await run.stop()
     assert not run.progress.problem()
 
 
@@ -464,8 +460,7 @@ async def hold(world: World) -> None:
     world.browsers._open = opens_six  # type: ignore[assignment, method-assign]
     world.judge._verdict = two_verdicts  # type: ignore[assignment, method-assign]
     for name in ("browsers", "judge"):
-        await world.stop(name)
-        await world.start(name)
+        await world.restart(name)
     acts, replies = itertools.count(), itertools.count()
     world.browsers._step_seconds = lambda: 0.0 if next(acts) else 1000.0
     world.model._reply_seconds = lambda: 0.0 if next(replies) else 1000.0
@@ -475,8 +470,7 @@ async def hold(world: World) -> None:
 async def let_go(world: World) -> None:
     world.judge.lets.set()
     world.model._reply_seconds = world.browsers._step_seconds = lambda: 0.0
-    await world.stop("browsers")
-    await world.start("browsers")
+    await world.restart("browsers")
 
 
 def states(run: Path) -> dict[str, int]:

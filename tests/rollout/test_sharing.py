@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
 import os
 import shutil
@@ -195,9 +194,7 @@ async def test_what_an_abandoned_run_had_claimed_is_done_by_another_and_what_it_
     world.model.may = HALF
     first = Run().start(config, tmp_path / "a")
     await until_half(first, world)
-    first.task.cancel()
-    with pytest.raises(asyncio.CancelledError):
-        await first.end()
+    await first.stop()
     world.model.may = math.inf
     ended = {each.episode.task_id for each in books(tmp_path / "a") if not each.outcome.is_retried}
     await Run().start(config, tmp_path / "b").end()
@@ -303,9 +300,7 @@ async def test_what_was_taken_over_while_it_waited_for_a_verdict_has_no_reward_i
     os.utime(life, (1, 1))  # its host sleeps, say
     second = Run().start(config, tmp_path / "b")
     await until(lambda: world.judge.asked == 6)
-    first.task.cancel()
-    with pytest.raises(asyncio.CancelledError):
-        await first.end()
+    await first.stop()
     assert outcomes(tmp_path / "a") == {"judge_error": 3}
     world.judge.lets.set()
     await second.end()

@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 import pytest
+from tests.rollout.running import small_run
 
 from webgym.core.errors import ConfigError, StoreError
 from webgym.core.identity import Identity
@@ -15,11 +16,10 @@ from webgym.core.outcome import Ending, Outcome
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.trajectory import Arrival, Episode, Trajectory
 from webgym.core.websites import host_of
-from webgym.offline.config import SitesConfig
 from webgym.rollout.site_health import HealthConfig, SiteHealth, SiteRow
 from webgym.run.choice import choose_tasks
 from webgym.run.collect import collect
-from webgym.run.config import RunConfig, ServerChoice, TaskChoice
+from webgym.run.config import RunConfig, TaskChoice
 from webgym.tasks.formats import write_tasks
 
 HOUR = 3600
@@ -161,12 +161,7 @@ def test_tasks_of_websites_that_refuse_are_not_drawn(tmp_path: Path) -> None:
 
 async def test_a_run_says_who_is_left_alone_and_until_when(tmp_path: Path) -> None:
     kept = HealthConfig(file=tmp_path / "sites.jsonl")
-    config = RunConfig(
-        server=ServerChoice(static=True),
-        sites=SitesConfig(collection="small", per_family=1),
-        tasks=TaskChoice(count=1),
-        health=kept,
-    )
+    config = small_run(1, health=kept)
     SiteHealth(kept).add(refusal(host := host_of(choose_tasks(config).tasks[0].website)))
     told: list[str] = []
     await collect(config, tmp_path / "run", tell=told.append)

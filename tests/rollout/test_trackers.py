@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.rollout.running import small_run
 from tests.train.making import Made, trajectory
 
 from webgym.core.errors import ConfigError
 from webgym.core.outcome import Outcome
-from webgym.offline.config import SitesConfig
 from webgym.rollout.trackers import FOLDER, numbers_in, tracking
 from webgym.run.collect import collect, resume
-from webgym.run.config import RunConfig, ServerChoice, TaskChoice
+from webgym.run.config import RunConfig
 
 
 def row(iteration: int, rate: float | None) -> dict[str, Any]:
@@ -96,12 +96,7 @@ def test_tensorboard_shows_every_iteration_once_also_after_a_resume(tmp_path: Pa
 
 
 async def test_a_run_tells_what_its_metrics_hold_also_after_a_resume(tmp_path: Path) -> None:
-    config = RunConfig(
-        server=ServerChoice(static=True),
-        sites=SitesConfig(collection="small", per_family=1),
-        tasks=TaskChoice(count=3),
-        trackers=("tensorboard",),
-    )
+    config = small_run(3, trackers=("tensorboard",))
     for go_on in (collect(config, tmp_path / "run"), resume(tmp_path / "run")):
         await go_on
         lines = (tmp_path / "run/metrics.jsonl").read_text().splitlines()
@@ -225,12 +220,7 @@ async def test_a_tracker_that_fails_or_hangs_stops_nothing_and_is_told(
     assert told == [
         "wandb gets no more figures until this is resumed with --resume: RuntimeError: 402 not paid"
     ]
-    config = RunConfig(
-        server=ServerChoice(static=True),
-        sites=SitesConfig(collection="small", per_family=1),
-        tasks=TaskChoice(count=3),
-        trackers=("wandb",),
-    )
+    config = small_run(3, trackers=("wandb",))
     lines: list[str] = []
     summary = await collect(config, tmp_path / "run", tell=lines.append)
     assert summary["outcomes"]["success"] == 3

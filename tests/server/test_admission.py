@@ -51,6 +51,17 @@ class Calls:
 
 
 @asynccontextmanager
+async def ten_calls(gate: AdmissionController) -> AsyncIterator[None]:
+    """Ten calls, which hold their permits until the block ends."""
+    calls = Calls(gate)
+    async with asyncio.TaskGroup() as group:
+        for number in range(10):
+            group.create_task(calls.one("execute", str(number)))
+        yield
+        calls.let_go()
+
+
+@asynccontextmanager
 async def keeper(config: Admission, busy: float = 1.0) -> AsyncIterator[AdmissionController]:
     gate = AdmissionController(config, Machine(busy))
     try:
@@ -106,26 +117,18 @@ async def test_one_line_for_all_serves_by_arrival() -> None:
 
 
 async def test_more_run_while_the_processors_have_time_to_spare() -> None:
-    async with keeper(FEW, busy=0.1) as gate, asyncio.TaskGroup() as group:
-        calls = Calls(gate)
-        for number in range(10):
-            group.create_task(calls.one("execute", str(number)))
+    async with keeper(FEW, busy=0.1) as gate, ten_calls(gate):
         await until(lambda: gate.permits.running == FEW.most)
         assert gate.load["execute"].waiting == 10 - FEW.most
-        calls.let_go()
 
 
 async def test_fewer_run_once_the_processors_are_saturated() -> None:
     machine = Machine(0.1)
     gate = AdmissionController(FEW, machine)
-    async with asyncio.TaskGroup() as group:
-        calls = Calls(gate)
-        for number in range(10):
-            group.create_task(calls.one("execute", str(number)))
+    async with ten_calls(gate):
         await until(lambda: gate.permits.limit == FEW.most)
         machine.share = 1.0
         await until(lambda: gate.permits.limit == FEW.fewest)
-        calls.let_go()
     await gate.stop()
 
 
@@ -142,15 +145,11 @@ async def test_a_load_that_cannot_be_read_for_a_while_is_measured_later(
 
     monkeypatch.setattr(machine, "busy", no_file)
     gate = AdmissionController(FEW, machine)
-    async with asyncio.TaskGroup() as group:
-        calls = Calls(gate)
-        for number in range(10):
-            group.create_task(calls.one("execute", str(number)))
+    async with ten_calls(gate):
         await until(lambda: failed >= 3)
         assert gate.permits.limit == FEW.fewest
         monkeypatch.undo()
         await until(lambda: gate.permits.limit == FEW.most)
-        calls.let_go()
     await gate.stop()
     assert caplog.text.count("no files") == 1
 

@@ -73,6 +73,8 @@ async def _kept(machine: Machine) -> AsyncIterator[Fleet]:
     fleet = Fleet(machine, _CONFIG, TOKEN, lambda _: None)
     keeping = asyncio.create_task(fleet.run())
     try:
+        if machine.fails_to_start is None:
+            await _until(fleet, "w1", "w2")
         yield fleet
         assert not keeping.done(), keeping
     finally:
@@ -92,7 +94,6 @@ async def test_a_start_that_the_system_refuses_is_tried_again_and_costs_no_other
 ) -> None:
     machine = Machine()
     async with _kept(machine) as fleet:
-        await _until(fleet, "w1", "w2")
         machine.fails_to_start = _no_process
         ends["w1"].set()
         async with asyncio.timeout(100):
@@ -106,7 +107,6 @@ async def test_a_start_that_the_system_refuses_is_tried_again_and_costs_no_other
 async def test_a_worker_that_is_not_stopped_in_order_is_started_again(ends: dict[str, asyncio.Event]) -> None:
     machine = Machine()
     async with _kept(machine) as fleet:
-        await _until(fleet, "w1", "w2")
         machine.fails_to_stop = _no_process
         ends["w1"].set()
         await _until(fleet, "w2", "w3")
@@ -117,7 +117,6 @@ async def test_a_worker_that_is_lost_is_killed_and_others_stop_in_order(
 ) -> None:
     machine = Machine()
     async with _kept(machine) as fleet:
-        await _until(fleet, "w1", "w2")
         ends["w1"].set()
         await _until(fleet, "w2", "w3")
     assert machine.stops == {"w1": True, "w2": False, "w3": False}

@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 import psutil
 
-from webgym.bench.usage import MEGABYTE
+from webgym.bench.stepping import MEGABYTE
 
 
 class Process(msgspec.Struct, frozen=True):

@@ -111,28 +111,22 @@ def test_marks_returns_and_missing_ends_are_survived(tmp_path: Path) -> None:
     assert [each.id for each in read_tasks(path).tasks] == ["t0", "t1"]
 
 
-@pytest.mark.parametrize("content", [b"", b"\n\n", b"nonsense\n"])
-def test_a_file_without_tasks_is_an_error(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "tasks.jsonl"
-    path.write_bytes(content)
-    with pytest.raises(TaskFileError, match="contains no task"):
-        read_tasks(path)
-
-
-@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be", "utf-32"])
-def test_text_that_is_not_utf_8_is_named_as_such(tmp_path: Path, encoding: str) -> None:
-    path = tmp_path / "tasks.jsonl"
-    path.write_bytes("\N{BYTE ORDER MARK}{}".encode(encoding))
-    with pytest.raises(TaskFileError, match="UTF-16 or UTF-32"):
-        read_tasks(path)
-
-
-def test_files_of_benchmarks_are_known_by_another_command(tmp_path: Path) -> None:
-    path = tmp_path / "tasks.json"
-    path.write_text('[\n{"confirmed_task": "find it", "website": "a.example"}\n]')
-    with pytest.raises(TaskFileError) as refused:
-        read_tasks(path)
-    assert "webgym tasks sources" in refused.value.hint
+@pytest.mark.parametrize(
+    ("name", "content", "why"),
+    [
+        *(("tasks.jsonl", content, "contains no task") for content in (b"", b"\n\n", b"nonsense\n")),
+        *(
+            ("tasks.jsonl", "\N{BYTE ORDER MARK}{}".encode(encoding), "UTF-16 or UTF-32")
+            for encoding in ("utf-16", "utf-16-be", "utf-32")
+        ),
+        # Files of benchmarks are known by another command.
+        ("tasks.json", b'[\n{"confirmed_task": "it", "website": "a.example"}\n]', "webgym tasks sources"),
+    ],
+)
+def test_a_file_without_tasks_is_an_error(tmp_path: Path, name: str, content: bytes, why: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(TaskFileError, match=why):
+        read_tasks(tmp_path / name)
 
 
 def test_an_unknown_file_is_an_error(tmp_path: Path) -> None:

@@ -1,4 +1,5 @@
-"""Shared by the parts of ``webgym bench server``: timed steps, texts in tables, servers with sessions."""
+"""Shared by the parts of ``webgym bench server``: timed steps, texts in tables, servers with
+sessions, usage of processors and memory."""
 
 from __future__ import annotations
 
@@ -9,6 +10,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequenc
 from contextlib import asynccontextmanager, suppress
 
 import msgspec
+import psutil
 
 from webgym.bench.pages import PageServer
 from webgym.bench.server_process import ServerAddress, server_process
@@ -19,6 +21,8 @@ from webgym.core.tables import DASH
 from webgym.server.client import BrowserClient, Session
 from webgym.server.config import ClientLimits, ServerConfig
 from webgym.server.messages import Pressure, SessionOptions
+
+MEGABYTE = 1024 * 1024
 
 Report = Callable[[str], None]
 StepFunction = Callable[[int], Awaitable[object]]
@@ -153,7 +157,7 @@ async def run_steps(step_functions: Sequence[StepFunction], seconds: float, thin
 
 
 def click_or_scroll(number: int) -> BrowserAction:
-    """Click or scroll in turn, as :meth:`webgym.bench.ceiling.BareTab.step` does."""
+    """Click or scroll in turn, as :meth:`webgym.bench.server.BareTab.step` does."""
     return _CLICK if number % 2 else Scroll("down" if number % 4 else "up")
 
 
@@ -264,3 +268,62 @@ async def sessions_on(client: BrowserClient, count: int, url: str) -> list[Sessi
         return session
 
     return list(await asyncio.gather(*(open_session() for _ in range(count))))
+
+
+# --- CPU time by kind of process, and memory ------------------------------------------------------------
+
+
+def _kind(process: psutil.Process, root: int) -> str:
+    if process.pid == root:
+        return "server"
+    types = [part for part in process.cmdline() if part.startswith("--type=")]
+    return types[0].partition("=")[2] if types else "browser"
+
+
+class CpuTimes:
+    """CPU seconds of a process and its descendants, by kind: ``server``, ``browser``, ``renderer``, …
+
+    A process that starts and ends between two readings is missed.
+
+    Args:
+        root: process id of the ``server``.
+    """
+
+    def __init__(self, root: int) -> None:
+        self._root = root
+        self._seen: dict[tuple[int, float], tuple[str, float]] = {}
+        self._seen = self._read()
+
+    def _read(self) -> dict[tuple[int, float], tuple[str, float]]:
+        top = psutil.Process(self._root)
+        now = {}
+        for process in (top, *top.children(recursive=True)):
+            try:
+                key = (process.pid, process.create_time())
+                kind = self._seen[key][0] if key in self._seen else _kind(process, self._root)
+                spent = process.cpu_times()
+                now[key] = (kind, spent.user + spent.system)
+            except psutil.Error:
+                continue
+        return now
+
+    def since_last(self) -> dict[str, float]:
+        """CPU seconds by kind since the last call, or since the object was made."""
+        now: dict[tuple[int, float], tuple[str, float]] = self._read()
+        used: dict[str, float] = {}
+        for key, (kind, seconds) in now.items():
+            used[kind] = used.get(kind, 0.0) + seconds - self._seen.get(key, (kind, 0.0))[1]
+        self._seen = now
+        return used
+
+
+def browser_bytes(root: int) -> int:
+    """The proportional set size (PSS) of all descendants of a server, bytes: shared memory is divided among
+    its users."""
+    total = 0
+    for process in psutil.Process(root).children(recursive=True):
+        try:
+            total += process.memory_full_info().pss
+        except psutil.Error:
+            continue
+    return total

@@ -33,7 +33,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from webgym.browser.cdp_messages import CreatedTarget
+from webgym.browser.cdp_messages import Attached, CreatedTarget, Screenshot
 from webgym.browser.config import BrowserConfig
 from webgym.browser.egress.proxy import Egress
 from webgym.browser.find import FoundBrowser, find_browser, run_bounded
@@ -423,20 +423,12 @@ class LaunchCheck(msgspec.Struct, frozen=True):
     fonts: dict[str, bool]
 
 
-class _Attached(msgspec.Struct, frozen=True, rename="camel"):
-    session_id: str
-
-
 class _Value(msgspec.Struct, frozen=True):
     value: dict[str, bool]
 
 
 class _Evaluated(msgspec.Struct, frozen=True):
     result: _Value
-
-
-class _Picture(msgspec.Struct, frozen=True):
-    data: bytes
 
 
 async def try_browser(executable: Path, seconds: float) -> LaunchCheck:
@@ -484,7 +476,7 @@ async def _draw(process: BrowserProcess, seconds: float) -> tuple[dict[str, bool
     attached = await call(
         "Target.attachToTarget",
         {"targetId": target.target_id, "flatten": True},
-        reply=_Attached,
+        reply=Attached,
         seconds=seconds,
     )
     evaluated = await call(
@@ -497,7 +489,7 @@ async def _draw(process: BrowserProcess, seconds: float) -> tuple[dict[str, bool
     picture = await call(
         "Page.captureScreenshot",
         {"format": "png"},
-        reply=_Picture,
+        reply=Screenshot,
         seconds=seconds,
         session_id=attached.session_id,
     )

@@ -112,16 +112,11 @@ class Instances:
         now = asyncio.get_running_loop().time()
         instance = Instance(now + lifetime_minutes * 60, session=session, used=now)
         self._instances[instance.id] = instance
-        self._forget_oldest()
+        idle = (each for each in tuple(self._instances.values()) if each.session is None)
+        while len(self._instances) > INSTANCES and (oldest := next(idle, None)):
+            self.end(oldest)
         self._changed.set()
         return instance
-
-    def _forget_oldest(self) -> None:
-        while len(self._instances) > INSTANCES:
-            idle = next((it for it in self._instances.values() if it.session is None), None)
-            if idle is None:
-                return
-            self.end(idle)
 
     def find(self, instance_id: str) -> Instance:
         """The instance with this id.

@@ -161,3 +161,11 @@ def _is_name(host: str) -> bool:
     return len(host) <= 253 and all(
         0 < len(label) <= 63 and label.replace("-", "").replace("_", "").isalnum() for label in labels
     )
+
+
+def is_loopback(host: str | None) -> bool:
+    """Whether a URL's host is this machine."""
+    try:
+        return ipaddress.ip_address(host or "").is_loopback
+    except ValueError:
+        return host == "localhost"

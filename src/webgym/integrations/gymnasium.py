@@ -309,14 +309,12 @@ class WebGymVectorEnv(gymnasium.vector.VectorEnv[Observation, Sequence[Any], NDA
                 self._seen[index] = _observation(view, info["instruction"])
             infos = self._add_info(infos, info, index)
         _, rewards, terminations, truncations, _ = zip(*taken, strict=True)
-        return self._batch(), np.array(rewards), np.array(terminations), np.array(truncations), infos
-
-    def _batch(self) -> Observation:
-        return {
+        batch: Observation = {
             "screenshot": np.stack([seen["screenshot"] for seen in self._seen]),
             "instruction": tuple(seen["instruction"] for seen in self._seen),
             "text": tuple(seen["text"] for seen in self._seen),
         }
+        return batch, np.array(rewards), np.array(terminations), np.array(truncations), infos
 
     def close_extras(self, **kwargs: Any) -> None:
         """Release the browsers."""

@@ -16,7 +16,15 @@ from webgym.judge.base import Pictures
 from webgym.judge.config import JudgeConfig, Stage
 from webgym.judge.images import data_url
 from webgym.judge.untrusted import code_of
-from webgym.judge.verdicts import Finding, NoVerdict, Words, may_be_echoed, read_per_image, read_verdict
+from webgym.judge.verdicts import (
+    Finding,
+    NoVerdict,
+    Words,
+    lines_of,
+    may_be_echoed,
+    read_per_image,
+    read_verdict,
+)
 from webgym.llm.completion import Completes, Completion
 from webgym.llm.prices import Prices
 
@@ -117,7 +125,7 @@ class JudgeModelClient:
 
         Args:
             question: the request.
-            read: takes the reply's text, ``code``, ``bare``, ``finish_reason`` and ``refusal``, as
+            read: takes the reply's lines, ``code`` and ``bare``, as
                 :func:`webgym.judge.verdicts.read_verdict` does.
 
         Raises:
@@ -136,8 +144,8 @@ class JudgeModelClient:
             # once got no verdict could never get one.
             while tries < self._config.tries and unusable < _MAX_UNUSABLE * self._config.tries:
                 reply = await self._reply(question.stage, messages, is_repeat=unusable > 0)
-                ending = {"finish_reason": reply.finish_reason, "refusal": reply.refusal}
-                verdict = read(reply.text, code=code, bare=bare, **ending)
+                lines = lines_of(reply.text, reply.finish_reason, reply.refusal)
+                verdict = lines if isinstance(lines, NoVerdict) else read(lines, code=code, bare=bare)
                 if not isinstance(verdict, NoVerdict):
                     return verdict
                 problem, unusable, tries = verdict.why, unusable + 1, tries + (not reply.cached)

@@ -31,7 +31,7 @@ from webgym.judge.model_client import REASON_CHARS, JudgeModelClient, LabelledSc
 from webgym.judge.prompts import action_history, digest, framed
 from webgym.judge.rubric import cited
 from webgym.judge.untrusted import quote, shorten
-from webgym.judge.verdicts import Finding, NoVerdict, lines_of, plain
+from webgym.judge.verdicts import Finding, NoVerdict, plain
 from webgym.judge.webjudge import SUCCESS, read_status
 from webgym.llm.completion import Completes
 from webgym.llm.prices import Prices
@@ -108,22 +108,16 @@ class _Score(NamedTuple):
     note: str
 
 
-def read_points(text: str, *, finish_reason: str = "", refusal: str = "", **_: object) -> str | NoVerdict:
+def read_points(lines: Sequence[str], **_: object) -> str | NoVerdict:
     """The key points that a reply lists."""
-    lines = lines_of(text, finish_reason, refusal)
-    if isinstance(lines, NoVerdict):
-        return lines
     whole = "\n".join(lines)
     match = _POINTS_LABEL.search(whole)
     points = whole[match.end() :] if match else whole
     return points.strip() or NoVerdict("it lists no key point")
 
 
-def read_score(text: str, *, finish_reason: str = "", refusal: str = "", **_: object) -> _Score | NoVerdict:
+def read_score(lines: Sequence[str], **_: object) -> _Score | NoVerdict:
     """The score that a reply ends in, with the reasoning before it."""
-    lines = lines_of(text, finish_reason, refusal)
-    if isinstance(lines, NoVerdict):
-        return lines
     whole = "\n".join(lines)
     found = list(_DIGIT.finditer(whole))
     if not found:
@@ -132,12 +126,8 @@ def read_score(text: str, *, finish_reason: str = "", refusal: str = "", **_: ob
     return _Score(int(found[-1]["digit"]), shorten(" ".join(note.split()), _NOTE_CHARS))
 
 
-def _read_verdict(
-    text: str, *, form: re.Pattern[str] | None, finish_reason: str = "", refusal: str = "", **_: object
-) -> Finding | NoVerdict:
-    lines = lines_of(text, finish_reason, refusal)
-    if isinstance(lines, NoVerdict):
-        return lines
+def _read_verdict(lines: Sequence[str], *, form: re.Pattern[str] | None, **_: object) -> Finding | NoVerdict:
+    text = "\n".join(lines)
     passed = read_status(text) if form is None else read_status(text, form)
     if passed is None:
         words = 'Status: "success" or Status: "failure"' if form is None else "SUCCESS or NOT SUCCESS"

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final, Literal, TypeAlias
 
 import msgspec
@@ -144,27 +144,16 @@ def _is_denied(verdict: bool, before: str) -> bool:
 
 
 def read_verdict(
-    text: str,
-    words: Words,
-    code: str = "",
-    *,
-    bare: bool = True,
-    finish_reason: str = "",
-    refusal: str = "",
+    lines: Sequence[str], words: Words, code: str = "", *, bare: bool = True
 ) -> Finding | NoVerdict:
     """The verdict of a reply, or why it has none. Never raises.
 
     Args:
-        text: the reply.
+        lines: of the reply, as :func:`lines_of` gives them.
         words: which words state the two verdicts.
         code: signature code of the request; a verdict line with another code does not count.
         bare: whether a verdict line without the code counts.
-        finish_reason: of the reply, from the endpoint. Only a reply that the model itself ended has one.
-        refusal: of the model, from the endpoint. A reply with one has no verdict.
     """
-    lines = lines_of(text, finish_reason, refusal)
-    if isinstance(lines, NoVerdict):
-        return lines
     line_verdicts = [_verdict_of(line, WORDS[words], code) for line in lines]
     # Other words contradict a verdict, too: NO or FAILURE within a reply to a criterion.
     stated = {found for line in lines if (found := _verdict_of(line, None, code))}
@@ -188,21 +177,12 @@ def read_verdict(
 
 
 def read_per_image(
-    text: str,
-    count: int,
-    code: str = "",
-    *,
-    bare: bool = True,
-    finish_reason: str = "",
-    refusal: str = "",
+    lines: Sequence[str], count: int, code: str = "", *, bare: bool = True
 ) -> tuple[bool, ...] | NoVerdict:
     """One yes or no for each of ``count`` screenshots, from lines ``SCREENSHOT <number> <code>: YES``.
 
     Every screenshot must have exactly one verdict, and there must be none for other numbers.
     """
-    lines = lines_of(text, finish_reason, refusal)
-    if isinstance(lines, NoVerdict):
-        return lines
     verdicts: dict[int, set[bool]] = {}
     for line in lines:
         match = _IMAGE_LINE.fullmatch(plain(line))
@@ -243,7 +223,8 @@ def may_be_echoed(texts: Iterable[str | None], words: Words) -> bool:
 
 
 def lines_of(text: str, finish_reason: str, refusal: str) -> list[str] | NoVerdict:
-    """The non-empty lines of a reply after the model's thinking, or why it has no verdict."""
+    """The non-empty lines of a reply after the model's thinking, or why it has no verdict: only a reply that
+    the model itself ended, and without a refusal of its own, has one."""
     ended = ended_by(finish_reason)
     if refusal.strip() or ended == "filter":
         who = "the endpoint's filter" if ended == "filter" else "the model"

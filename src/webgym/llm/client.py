@@ -6,7 +6,6 @@ from __future__ import annotations
 import asyncio
 import email.utils
 import io
-import ipaddress
 import os
 import random
 import ssl
@@ -24,6 +23,7 @@ from pydantic import SecretStr
 
 from webgym.core.errors import ConfigError, LLMBadReply, LLMError, LLMTimeout, LLMUnreachable
 from webgym.core.trajectory import ended_by
+from webgym.core.websites import is_loopback
 from webgym.llm.cache import CachedReply, ReplyCache
 from webgym.llm.completion import (
     Completion,
@@ -536,20 +536,11 @@ def open_session(
     )
 
 
-def _is_loopback(base_url: str) -> bool:
-    """Whether the endpoint is on this machine, so that proxies of the environment do not apply."""
-    host = urlsplit(base_url).hostname or ""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
-
-
 def _proxy(base_url: str) -> str | None:
     """The proxy that the environment names for an endpoint on another machine."""
     url, proxies = urlsplit(base_url), getproxies()
     proxy = proxies.get(url.scheme) or proxies.get("all")
-    if not proxy or _is_loopback(base_url) or proxy_bypass(url.netloc):
+    if not proxy or is_loopback(url.hostname) or proxy_bypass(url.netloc):
         return None
     return proxy if "://" in proxy else f"http://{proxy}"
 

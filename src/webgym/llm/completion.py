@@ -106,19 +106,19 @@ def read_completion(data: bytes, *, model: str, seconds: float, cached: bool = F
         raise NoCompletion(f"{what}: {quote(data)}") from error
     if not body.choices:
         raise NoCompletion(f"a reply without choices: {error_message(data) or quote(data)}")
-    choice = body.choices[0]
+    choice, message = body.choices[0], body.choices[0].message
     prompt_tokens, completion_tokens, cached_tokens = _usage(body.usage)
-    fields = (choice.message.reasoning, choice.message.reasoning_content)
+    stated, fields = message.refusal, (message.reasoning, message.reasoning_content)
     reasoning = [field for field in fields if isinstance(field, str)]
     return Completion(
-        text=_text(choice.message),
+        text=_text(message),
         finish_reason=choice.finish_reason or "",
         prompt_tokens=prompt_tokens,
         completion_tokens=completion_tokens,
         seconds=seconds,
         model=body.model or model,
         prompt_tokens_cached=cached_tokens,
-        refusal=_refusal(choice.message),
+        refusal=stated if isinstance(stated, str) else _of_parts(message.content, "refusal"),
         cached=cached,
         reasoning=next(filter(None, reasoning), ""),
         tokens=_tokens(body.prompt_token_ids, choice),
@@ -171,10 +171,6 @@ def _of_parts(content: Any, kind: str) -> str:
     parts = content if isinstance(content, list) else []
     said = (part.get(kind) for part in parts if isinstance(part, dict))
     return "".join(text for text in said if isinstance(text, str))
-
-
-def _refusal(message: _Message) -> str:
-    return message.refusal if isinstance(message.refusal, str) else _of_parts(message.content, "refusal")
 
 
 def _block(call: Any) -> str:

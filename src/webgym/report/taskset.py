@@ -51,7 +51,7 @@ PAGE_SIZE = 100
 
 
 class TaskSet:
-    """A task set, read once. Blocking: call it from a thread.
+    """A task set, read once, and the handlers of requests for it. Made in a thread, as reading blocks.
 
     Raises:
         TaskFileError: there are no tasks.
@@ -75,46 +75,31 @@ class TaskSet:
         self.policy = document.policy
         self.html = document.render("tasks.html.j2", overview=overview) + document.tail()
 
-    def rows(self, query: TaskQuery, after: int, count: int) -> dict[str, Any]:
-        """The number of matching tasks, and ``count`` of their rows after the first ``after``."""
-        places = self.find(query)
-        chosen = places[after : after + count]
-        return {"total": len(places), "rows": [task_row(self.index.tasks[place]) for place in chosen]}
-
-    def task(self, task_id: str) -> dict[str, Any] | None:
-        """The content of one task's page; ``None`` if there is none with this id."""
-        task = self.index.get(task_id)
-        return None if task is None else task_page(task, self.index)
-
-
-class _Pages:
-    """The request handlers."""
-
-    def __init__(self, tasks: TaskSet) -> None:
-        self._tasks = tasks
-
     async def document(self, _: Request) -> Response:
         """The page itself."""
-        return page_reply(self._tasks.html, self._tasks.policy)
+        return page_reply(self.html, self.policy)
 
     async def rows(self, request: Request) -> Response:
         """Matching tasks, as rows, and their total number."""
         params = request.query_params
         if (rows := row_range(params, _MOST_ROWS)) is None:
             return error_reply(BAD_RANGE, 400)
-        query = TaskQuery(**{name: params.get(name, "") for name in _FILTERS})
-        return json_reply(await asyncio.to_thread(self._tasks.rows, query, *rows))
+        query, (after, count) = TaskQuery(**{name: params.get(name, "") for name in _FILTERS}), rows
+        places = await asyncio.to_thread(self.find, query)
+        chosen = places[after : after + count]
+        found = [task_row(self.index.tasks[place]) for place in chosen]
+        return json_reply({"total": len(places), "rows": found})
 
     async def task(self, request: Request) -> Response:
         """The content of one task's page."""
-        content = await asyncio.to_thread(self._tasks.task, request.query_params.get("id", ""))
-        if content is None:
+        task = await asyncio.to_thread(self.index.get, request.query_params.get("id", ""))
+        if task is None:
             return error_reply("no such task", 404)
-        return json_reply(content)
+        return json_reply(await asyncio.to_thread(task_page, task, self.index))
 
     async def figure(self, request: Request) -> Response:
         """A figure of the set."""
-        path = self._tasks.figures.get(request.path_params["name"])
+        path = self.figures.get(request.path_params["name"])
         if path is None or not await asyncio.to_thread(path.is_file):
             return error_reply("no such figure", 404)
         return FileResponse(path, headers=_PICTURE)
@@ -126,7 +111,7 @@ def tasks_app(path: Path) -> Starlette:
     Raises:
         TaskFileError: there are no tasks.
     """
-    pages = _Pages(TaskSet(path))
+    pages = TaskSet(path)
     return Starlette(
         routes=[
             Route("/", pages.document),

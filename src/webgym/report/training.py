@@ -27,7 +27,7 @@ from webgym.report.config import ReportConfig
 from webgym.report.content import page
 from webgym.report.template import Document, Page, outcome_words
 from webgym.report.thumbnails import thumbnails
-from webgym.report.write import ReportProgress, quiet, write_parts
+from webgym.report.write import ReportProgress, write_parts
 from webgym.results.rates import Interval
 from webgym.store.files import CONFIG, EVALUATIONS, METRICS, REPORT, disk_errors, refuse_special_files
 from webgym.store.records import Entry
@@ -188,7 +188,7 @@ class Training:
 
 
 def write_training_report(
-    path: Path, *, config: ReportConfig | None = None, progress: ReportProgress = quiet
+    path: Path, *, config: ReportConfig | None = None, progress: ReportProgress = lambda *_: None
 ) -> Path:
     """Write the report of a training, which may still be going on. Blocks.
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final, TypeAlias
 
 from markupsafe import Markup
 
@@ -24,21 +24,16 @@ MOST_PAGES: Final = 1_000
 run."""
 
 
-class ReportProgress(Protocol):
-    """Called with the progress of writing a report."""
-
-    def __call__(self, what: str, done: int, total: int) -> None:
-        """``done`` of ``total`` items of this kind are read (``"records"``, whose total is not known: 0) or
-        written (``"trajectories"``, ``"pictures"``)."""
-        ...
-
-
-def quiet(what: str, done: int, total: int) -> None:
-    """Ignores the progress."""
+ReportProgress: TypeAlias = Callable[[str, int, int], None]
+"""Called with a kind of items, how many of them are read (``"records"``) or written (``"trajectories"``,
+``"pictures"``), and their total; 0 for records, whose total is not known."""
 
 
 def write_report(
-    run_path: Path | str, *, config: ReportConfig | None = None, progress: ReportProgress = quiet
+    run_path: Path | str,
+    *,
+    config: ReportConfig | None = None,
+    progress: ReportProgress = lambda *_: None,
 ) -> Path:
     """Write the report of a run, which may still be going on. Blocks.
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import ipaddress
 import logging
 import secrets
 import time
@@ -30,6 +29,7 @@ from webgym.core.calls import CallQueue, call_queues
 from webgym.core.errors import LeaseLost, ProtocolError, ServerUnreachable, WebGymError
 from webgym.core.observation import Probed
 from webgym.core.storage import StorageState
+from webgym.core.websites import is_loopback
 from webgym.server import operations
 from webgym.server.config import ClientLimits
 from webgym.server.listening import connections
@@ -532,6 +532,7 @@ class Session:
                 log.warning("session %s was not renewed: %s", self.id, error)
 
 
+@dataclass(eq=False)
 class SessionRoute:
     """Where one session's calls are currently sent.
 
@@ -540,9 +541,8 @@ class SessionRoute:
         is_direct: whether that is the worker's; then the gateway is the alternative.
     """
 
-    def __init__(self, base_url: str, is_direct: bool) -> None:
-        self.base_url = base_url
-        self.is_direct = is_direct
+    base_url: str
+    is_direct: bool
 
 
 class SessionRouter:
@@ -603,15 +603,6 @@ def may_connect_directly(base_url: str, endpoint: str) -> bool:
         known, offered = urlsplit(base_url), urlsplit(endpoint)
     except ValueError:
         return False
-    if _is_loopback(offered.hostname) and not _is_loopback(known.hostname):
+    if is_loopback(offered.hostname) and not is_loopback(known.hostname):
         return False
     return offered.scheme == "https" or known.scheme == "http"
-
-
-def _is_loopback(host: str | None) -> bool:
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host or "").is_loopback
-    except ValueError:
-        return False

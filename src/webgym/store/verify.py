@@ -16,7 +16,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import msgspec
 
@@ -25,26 +25,7 @@ from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.text import counted, plain
 from webgym.core.trajectory import Trajectory
-from webgym.store.files import (
-    CONFIG,
-    LOCK,
-    METRICS,
-    SCREENSHOTS,
-    SET_ASIDE,
-    SUMMARY,
-    TASKS,
-    TORN,
-    TRAJECTORIES,
-    VERDICTS,
-    check_run,
-    check_tasks,
-    disk_errors,
-    image_path,
-    is_picture,
-    sync_folder,
-    take_lock,
-    write_lines,
-)
+from webgym.store import files
 from webgym.store.records import decode, pictures
 from webgym.store.runs import RunReader
 from webgym.store.verdicts import is_whole_verdict
@@ -97,19 +78,11 @@ class Findings(NamedTuple):
         return "\n".join(lines if self.is_whole else [*lines, counted(len(self.problems), "problem")])
 
 
-class VerifyProgress(Protocol):
-    """Callback for the progress of a verification."""
-
-    def __call__(self, what: str, done: int) -> None:
-        """``done`` items of the kind ``what`` (``"pictures"``, ``"trajectories"``) are verified."""
-        ...
+VerifyProgress: TypeAlias = Callable[[str, int], None]
+"""Called with a kind of items (``"pictures"``, ``"trajectories"``), and how many of them are verified."""
 
 
-def quiet(what: str, done: int) -> None:
-    """Ignore the progress."""
-
-
-def verify(run: Path, *, set_aside: bool = False, progress: VerifyProgress = quiet) -> Findings:
+def verify(run: Path, *, set_aside: bool = False, progress: VerifyProgress = lambda *_: None) -> Findings:
     """Read all of a run and report what is damaged. Blocks.
 
     Args:
@@ -122,10 +95,10 @@ def verify(run: Path, *, set_aside: bool = False, progress: VerifyProgress = qui
         StoreLocked: a process writes to the run, and ``set_aside`` is set.
         StoreFull: there is no space for ``set-aside/``.
     """
-    check_run(run)
-    check_tasks(run)
-    with disk_errors(f"verifying {run}"):
-        lock = take_lock(run) if set_aside else None
+    files.check_run(run)
+    files.check_tasks(run)
+    with files.disk_errors(f"verifying {run}"):
+        lock = files.take_lock(run) if set_aside else None
         try:
             verification = _Verification(run, set_aside, progress)
             verification.run()
@@ -149,37 +122,37 @@ class _Verification:
     def run(self) -> None:
         self._settings()
         self._pictures()
-        for shard in sorted((self._run / TRAJECTORIES).glob("*.jsonl")):
+        for shard in sorted((self._run / files.TRAJECTORIES).glob("*.jsonl")):
             self._lines(shard, self._trajectory)
         if self._without_task:
             count, first = len(self._without_task), self._without_task[0]
             lack = "1 attempt lacks its task" if count == 1 else f"{count} attempts lack their tasks"
-            self._note(TASKS, 0, f"{lack}, as {first}", moved=False)
-        for verdict_file in sorted((self._run / VERDICTS).glob("*.jsonl")):
+            self._note(files.TASKS, 0, f"{lack}, as {first}", moved=False)
+        for verdict_file in sorted((self._run / files.VERDICTS).glob("*.jsonl")):
             self._lines(
                 verdict_file, lambda line: "" if is_whole_verdict(line) else "the checksum does not match"
             )
-        if (metrics := self._run / METRICS).exists():
+        if (metrics := self._run / files.METRICS).exists():
             self._lines(metrics, partial(_problem, _metrics))
         if self._sets_aside and self.problems:
-            sync_folder(self._run)
+            files.sync_folder(self._run)
 
     def _settings(self) -> None:
         """Check the config, the summary and the tasks."""
         reader = RunReader(self._run, skip_corrupt=True)
-        for name, attribute in ((CONFIG, "config"), (SUMMARY, "summary")):
+        for name, attribute in ((files.CONFIG, "config"), (files.SUMMARY, "summary")):
             try:
                 getattr(reader, attribute)
             except StoreCorrupt as error:
-                moved = name == SUMMARY and self._move(self._run / name)
+                moved = name == files.SUMMARY and self._move(self._run / name)
                 self._note(name, 0, error.message, moved=moved)
-        self._lines(self._run / TASKS, partial(_problem, _tasks), stays=True)
+        self._lines(self._run / files.TASKS, partial(_problem, _tasks), stays=True)
         self._tasks = reader.tasks
 
     def _pictures(self) -> None:
-        files = sorted((self._run / SCREENSHOTS).glob("*/*"))
+        stored = sorted((self._run / files.SCREENSHOTS).glob("*/*"))
         with ThreadPoolExecutor(thread_name_prefix="verify") as pool:
-            for number, (file, reason) in enumerate(zip(files, pool.map(_picture, files), strict=True), 1):
+            for number, (file, reason) in enumerate(zip(stored, pool.map(_picture, stored), strict=True), 1):
                 self._progress("pictures", number)
                 if not reason:
                     self.intact_pictures.add(bytes.fromhex(file.stem))
@@ -208,7 +181,7 @@ class _Verification:
         missing = []
         for name in sorted(pictures(trajectory)):
             if bytes.fromhex(name) not in self.intact_pictures:
-                if _picture(image_path(self._run, name)):
+                if _picture(files.image_path(self._run, name)):
                     missing.append(name)
                 else:  # it was written meanwhile
                     self.intact_pictures.add(bytes.fromhex(name))
@@ -229,8 +202,8 @@ class _Verification:
         if bad and moves:
             target = self._target(path)
             moved = (line.rstrip(b"\n") + b"\n" for number, line in _numbered(path) if number in bad)
-            write_lines(target, moved, append=True)
-            write_lines(path, (line for number, line in _numbered(path) if number not in bad))
+            files.write_lines(target, moved, append=True)
+            files.write_lines(path, (line for number, line in _numbered(path) if number not in bad))
         for number, reason in bad.items():
             self._note(name, number, reason, moved=moves)
 
@@ -240,7 +213,7 @@ class _Verification:
         return self._sets_aside
 
     def _target(self, file: Path) -> Path:
-        target = self._run / SET_ASIDE / file.relative_to(self._run)
+        target = self._run / files.SET_ASIDE / file.relative_to(self._run)
         target.parent.mkdir(parents=True, exist_ok=True)
         return target
 
@@ -248,8 +221,8 @@ class _Verification:
         self.problems.append(Problem(name, line, reason, moved))
         if moved:
             entry = {"at": time.time(), "file": name, "line": line, "reason": reason}
-            log = self._run / SET_ASIDE / _LOG
-            write_lines(log, [msgspec.json.encode(entry) + b"\n"], append=True)
+            log = self._run / files.SET_ASIDE / _LOG
+            files.write_lines(log, [msgspec.json.encode(entry) + b"\n"], append=True)
 
 
 def _numbered(path: Path) -> Iterator[tuple[int, bytes]]:
@@ -259,9 +232,9 @@ def _numbered(path: Path) -> Iterator[tuple[int, bytes]]:
 
 def _picture(file: Path) -> str:
     """What is wrong with a picture; empty if nothing."""
-    if file.name.endswith(TORN):
+    if file.name.endswith(files.TORN):
         return HALF_WRITTEN
-    if file.suffix != ".png" or not is_picture(file.stem) or file.parent.name != file.stem[:2]:
+    if file.suffix != ".png" or not files.is_picture(file.stem) or file.parent.name != file.stem[:2]:
         return "not a picture of the store"
     try:
         with file.open("rb") as opened:
@@ -285,7 +258,7 @@ def _problem(decoder: msgspec.json.Decoder[Any], line: bytes) -> str:
 
 def _is_written_to(run: Path) -> bool:
     """Whether a process holds the run's lock."""
-    with _opened(run / LOCK) as fd:
+    with _opened(run / files.LOCK) as fd:
         if fd is None:
             return False
         try:

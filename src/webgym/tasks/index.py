@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webgym.core.task import Task
-from webgym.core.websites import site_of
+from webgym.core.websites import site_or_text
 
 Places: TypeAlias = NDArray[np.intp]
 
@@ -26,7 +26,7 @@ class TaskQuery:
 
     Attributes:
         domain, subdomain, source, split, level, flag: value of the task, ignoring case.
-        website: a host or a URL; matches every task on the same website (:func:`site_of`).
+        website: a host or a URL; matches every task on the same website (:func:`website_key`).
         text: words that must all occur in id, instruction, website, domain or subdomain, ignoring case.
     """
 
@@ -46,10 +46,7 @@ FACETS: Final[tuple[str, ...]] = ("split", "level", "domain", "subdomain", "sour
 
 def website_key(website: str) -> str:
     """The registrable domain of a website, for comparison; the text in lower case if it names no website."""
-    try:
-        return site_of(website)
-    except ValueError:
-        return website.strip().lower()
+    return site_or_text(website.strip().lower())
 
 
 class TaskIndex:

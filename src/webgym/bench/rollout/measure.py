@@ -19,8 +19,7 @@ from webgym.bench.rollout.endpoint import Endpoint, serving_endpoint
 from webgym.bench.rollout.plan import Cell, RolloutPlan, scripts_of
 from webgym.bench.rollout.results import Load, Measured, file_of
 from webgym.bench.server_process import ServerAddress, start_server, stop_server
-from webgym.bench.stepping import wait_until
-from webgym.bench.usage import CpuTimes
+from webgym.bench.stepping import CpuTimes, wait_until
 from webgym.browser.config import BrowserConfig
 from webgym.browser.find import find_browser
 from webgym.core.errors import ConfigError, RunFolderError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 from rich.console import Console
@@ -76,13 +76,16 @@ def build(
     twice.
     """
     from webgym.cli import _run
+    from webgym.llm.prices import Prices
     from webgym.taskset.construction.config import read_config
     from webgym.taskset.construction.progress import StageProgress
     from webgym.taskset.construction.run import BuildPaths, PendingBatches, run_dry
 
     if dry_run and batch is not None:
         raise UsageError("--dry-run and --batch exclude each other", hint="give one of them")
-    overrides = settings | {"sources": _sources(source), "prices": _prices(price)}
+    paid = None if price is None else Prices.parse(price).of("*")
+    prices = {} if paid is None else {"*": paid.model_dump()}
+    overrides = settings | {"sources": _sources(source), "prices": prices}
     chosen = read_config(config, overrides, at_most=limit)
     paths = BuildPaths.of(out, cache)
     console = Console()
@@ -124,10 +127,3 @@ def _sources(given: Sequence[str]) -> dict[str, dict[str, str]]:
             raise ConfigError(f"--source {source!r} is not NAME=PATH", hint="such as deepshop=data/deepshop")
         sources[name] = {"path": path}
     return sources
-
-
-def _prices(given: str | None) -> dict[str, Any]:
-    from webgym.llm.prices import Prices
-
-    price = None if given is None else Prices.parse(given).of("*")
-    return {} if price is None else {"*": price.model_dump()}

@@ -10,6 +10,7 @@ import shutil
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -287,18 +288,13 @@ async def test_a_warm_start_is_of_anothers_successes_which_count_as_its_own(
         calls.append((started, runs))
         return config.model_copy(update={"learn": config.learn.model_copy(update={"model": str(started)})})
 
-    class Trained:
-        def __init__(self, path: Path) -> None:
-            self.path = path
-
-        async def run(self) -> None:
-            await asyncio.to_thread(build_training, self.path, iterations=1, count=6)
-
     @asynccontextmanager
-    async def opened(held: TrainConfig, path: Path, **_: Any) -> AsyncIterator[Trained]:
+    async def opened(held: TrainConfig, path: Path, **_: Any) -> AsyncIterator[SimpleNamespace]:
         assert held.learn.model == str(path.with_name("seed-1-start"))
-        yield Trained(path)
+        yield SimpleNamespace(run=lambda: asyncio.to_thread(build_training, path, iterations=1, count=6))
 
+    copied: list[object] = []
+    monkeypatch.setattr(study, "_copy_evaluation", lambda *folders: copied.append(folders))
     monkeypatch.setattr(study, "open_training", opened)
     monkeypatch.setattr(study, "warm_start", warmed)
     monkeypatch.setattr(study, "all_tasks", lambda _: tasks(6))
@@ -306,14 +302,16 @@ async def test_a_warm_start_is_of_anothers_successes_which_count_as_its_own(
     rows = STUDY.rows | {"warm start": STUDY.rows["warm start"].model_copy(update={"settings": {}})}
     short = STUDY.model_copy(update={"base": STUDY.base | {"loop": loop}, "rows": rows})
     (first := tmp_path / "weights").mkdir()
-    with pytest.raises(UsageError, match=r"warm-start starts from attempts in .*reference"):
-        await carry_out(short, first, ["warm start"], 1, tmp_path, print)
     source = TrainingFolder(tmp_path / "trainings/reference/seed-1")
-    await asyncio.to_thread(build_training, source.path, iterations=1, count=6)
+    for iterations in (0, 1):  # one that was never begun, and one that is not in study.json
+        await asyncio.to_thread(build_training, source.path, iterations=1, count=6) if iterations else None
+        with pytest.raises(UsageError, match=r"warm-start/seed-1 starts from attempts in .*reference"):
+            await carry_out(short, first, ["warm start"], 1, tmp_path, print)
     begun = result_of(source, "reference", 1)
     write(short, [begun], tmp_path)
-    (result,) = await carry_out(short, first, ["warm start"], 1, tmp_path, print)
+    _, result = await carry_out(short, first, ["reference", "warm start"], 1, tmp_path, print)
     assert calls == [(tmp_path / "trainings/warm-start/seed-1-start", [source.run(1)])]
+    assert not copied, "the evaluation of the initial weights is not of those it starts with"
     own = result_of(TrainingFolder(tmp_path / "trainings/warm-start/seed-1"), "warm start", 1)
     before = begun.trajectories[1]
     assert result.trajectories == [0, before, before + own.trajectories[1]]

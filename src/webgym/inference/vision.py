@@ -66,10 +66,9 @@ class _RememberingVision(Qwen3VLVisionModel):
 
         # Which pictures are known: by their patches, their grid and the version of the weights.
         version = (sum(weight._version for weight in weights), torch.is_inference_mode_enabled())
-        known = self.__dict__.setdefault("_known", {})
-        if self.__dict__.get("_known_of") != version:
-            known.clear()
-            self.__dict__["_known_of"] = version
+        if version not in (versions := self.__dict__.setdefault("_known", {})):
+            versions.clear()
+        known = versions.setdefault(version, {})
         parts = hidden_states.split(sizes)
         keys = [
             (hashlib.sha256(part.float().contiguous().numpy()).digest(), *grid)

@@ -19,7 +19,7 @@ import re
 import shutil
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import accumulate, pairwise
 from pathlib import Path
 from statistics import NormalDist, mean, stdev
@@ -37,7 +37,7 @@ from webgym.store.files import CONFIG, TORN, write_whole
 from webgym.store.runs import RunReader
 from webgym.train.figures import judged
 from webgym.train.folder import TrainingFolder
-from webgym.train.loop import TrainConfig
+from webgym.train.loop import Tell, TrainConfig
 from webgym.train.start import open_training, read_config, warm_start
 
 RESULTS: Final = "study.json"
@@ -178,7 +178,7 @@ def read_study(files: Sequence[Path], overrides: Mapping[str, Any] | None = None
 
 
 async def carry_out(
-    study: StudyConfig, weights: Path, rows: Sequence[str], seeds: int, out: Path, tell: Callable[[str], None]
+    study: StudyConfig, weights: Path, rows: Sequence[str], seeds: int, out: Path, tell: Tell
 ) -> list[Result]:
     """Run all unfinished trainings, seed by seed, so that complete tables come first.
 
@@ -204,6 +204,7 @@ async def carry_out(
         folder, start = _folder(out, row, seed), study.rows[row].start
         tell(f"training {number} of {len(trainings)}: {row}, seed {seed}")
         settings = _settings(config, weights_hash if start is None else f"{weights_hash} {start}")
+        reusable = evaluated.get(_evaluation_of(config)) if start is None else None
         result_so_far = results.setdefault((row, seed), Result(row, seed, [], [], settings))
         if result_so_far.settings not in ("", settings):
             raise RunFolderError(
@@ -215,9 +216,9 @@ async def carry_out(
             core_hours = None
             if folder.stage(config.loop.iterations) is not None:
                 resume = (folder.path / CONFIG).exists()
-                if start is not None and not resume:
-                    config = await asyncio.to_thread(_warmed, config, _folder(out, start, seed), folder, tell)
-                reusable = evaluated.get(_evaluation_of(config))
+                if start is not None:  # again, too, when it is resumed: what it starts from must be there
+                    begun, first = results.get((start, seed)), _folder(out, start, seed)
+                    config = await asyncio.to_thread(_warmed, config, begun, first, folder, tell)
                 training_config, started = read_config(folder.path) if resume else config, time.process_time()
                 async with open_training(training_config, folder.path, resume=resume, tell=tell) as training:
                     if reusable is not None and not folder.evaluation(0).exists():
@@ -244,26 +245,26 @@ def _folder(out: Path, row: str, seed: int) -> TrainingFolder:
 
 
 def _warmed(
-    config: TrainConfig, first: TrainingFolder, folder: TrainingFolder, tell: Callable[[str], None]
+    config: TrainConfig, begun: Result | None, first: TrainingFolder, folder: TrainingFolder, tell: Tell
 ) -> TrainConfig:
-    """A training that starts from clones of the successes in the first iteration of another one."""
-    if not first.is_evaluated(0) or not first.run(1).exists():
+    """A training that starts from clones of the successes in the first iteration of one that is finished."""
+    if begun is None or not begun.success or not first.run(1).exists():
         raise UsageError(
-            f"{folder.path.parent.name} starts from attempts in {first.path}, which is not there",
+            f"{folder.path} starts from attempts in {first.path}, which is not there, or not finished",
             hint=f"train {first.path.parent.name} in the same folder before, with the same seeds",
         )
-    started = folder.path.with_name(f"{folder.path.name}-start")
-    return warm_start(config, [first.run(1)], all_tasks(config.rollout), started, tell)
+    to = folder.path.with_name(f"{folder.path.name}-start")
+    return warm_start(config, [first.run(1)], all_tasks(config.rollout), to, tell)
 
 
 def _since(first: Result, folder: TrainingFolder, result: Result) -> Result:
     """A result of a warm start, from the initial weights and the first attempt on."""
-    before = judged(folder.write_metrics()[0]["collect"])
+    before, shared = judged(folder.write_metrics()[0]["collect"]), first.kinds.keys() & result.kinds.keys()
     return msgspec.structs.replace(
         result,
         trajectories=[0, *(before + number for number in result.trajectories)],
         success=[first.success[0], *result.success],
-        kinds={kind: [first.kinds[kind][0], *counts] for kind, counts in result.kinds.items()},
+        kinds={kind: [first.kinds[kind][0], *result.kinds[kind]] for kind in sorted(shared)},
     )
 
 

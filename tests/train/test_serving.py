@@ -32,7 +32,7 @@ from webgym.train.config import LoraConfig
 from webgym.train.engine_serving import EnginePolicy, EngineServing, Served
 from webgym.train.logprobs import ReplyLogProbs, collate
 from webgym.train.samples import SampleMaker
-from webgym.train.selftest import EXACT_TOLERANCE, GREEDY, SELFTEST, read_selftest
+from webgym.train.selftest import EXACT_TOLERANCE, GREEDY, SELFTEST, TOLERANCE, read_selftest
 from webgym.train.serving import KeptOpen, LocalServing
 
 
@@ -75,6 +75,21 @@ async def test_what_an_update_saved_passes_its_self_test(made: Path, kind: str) 
         assert reply.tokens is not None
         assert reply.tokens.reply_ids == greedy.ids
         assert reply.tokens.reply_logprobs == pytest.approx(greedy.logprobs, abs=EXACT_TOLERANCE / 10)
+
+
+async def test_a_server_that_missed_an_update_takes_the_next(made: Path, tmp_path: Path) -> None:
+    settings, objective = CASES["all_weights"]
+    learner = updater(made / "model", objective, **settings)
+    moved = []
+    for name in ("1", "2"):
+        learner.update(samples(objective))
+        learner.save(tmp_path / name)
+        assert (test := read_selftest(tmp_path / name)) is not None
+        moved.append(test.moved)
+    assert EXACT_TOLERANCE < moved[0] < TOLERANCE, "else the two starts could not be mistaken for each other"
+    async with LocalServing(LocalConfig(path=str(made / "model"))) as serving:
+        await serving.publish(tmp_path / "2", "2")
+        assert (await ask(serving, tmp_path / "2")).weight_version == "2"
 
 
 async def test_a_copy_has_weights_of_its_own(made: Path) -> None:

@@ -17,7 +17,7 @@ release = version = version_of("webgym-rl")
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 source_suffix = {".md": "markdown"}
-exclude_patterns = ["generated"]  # included by other pages
+exclude_patterns = ["generated", "figures"]  # included by other pages
 nitpicky = False
 
 myst_enable_extensions = ["colon_fence", "deflist", "fieldlist"]

@@ -19,15 +19,7 @@ from webgym.agent.formats import parse_reply
 from webgym.agent.parser import ParsedReply
 from webgym.bench.rollout.endpoint import Engine, PrefixCache, Script, serving_endpoint
 from webgym.bench.rollout.measure import measure_into
-from webgym.bench.rollout.plan import (
-    MODES,
-    PAGE_LATENCIES,
-    PARTS,
-    Cell,
-    PageLatency,
-    RolloutPlan,
-    scripts_of,
-)
+from webgym.bench.rollout.plan import MODES, PAGE_LATENCIES, PARTS, Cell, PageLatency, RolloutPlan, scripts_of
 from webgym.bench.rollout.results import (
     Load,
     Measured,

@@ -5,15 +5,7 @@ from __future__ import annotations
 import pytest
 
 from webgym.browser.document import Document, DocumentElement, ReadRequest
-from webgym.browser.gestures import (
-    Choose,
-    Click,
-    Fill,
-    HoverAndScroll,
-    HoverOver,
-    ScrollElement,
-    Wheel,
-)
+from webgym.browser.gestures import Choose, Click, Fill, HoverAndScroll, HoverOver, ScrollElement, Wheel
 from webgym.core.action import LeftClick, Press, Target
 
 from .conftest import VIEWPORT, Site, Tab

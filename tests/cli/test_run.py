@@ -25,14 +25,7 @@ from pydantic import SecretStr
 from tests.rollout.running import Model, World, a_world, until
 
 from webgym.cli import _run
-from webgym.core.errors import (
-    ConfigError,
-    RunFolderError,
-    StoreCorrupt,
-    StoreFull,
-    StoreLocked,
-    WebGymError,
-)
+from webgym.core.errors import ConfigError, RunFolderError, StoreCorrupt, StoreFull, StoreLocked, WebGymError
 from webgym.judge.config import JudgeChoice
 from webgym.offline.web import OfflineWeb
 from webgym.run import collect as runs

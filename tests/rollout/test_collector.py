@@ -14,16 +14,7 @@ from typing import Any
 
 import pytest
 from benchmarks.stand_ins import TOKEN
-from tests.rollout.running import (
-    SECONDS,
-    Model,
-    Run,
-    World,
-    books,
-    half_of,
-    outcomes,
-    until,
-)
+from tests.rollout.running import SECONDS, Model, Run, World, books, half_of, outcomes, until
 
 from webgym.core.errors import LeaseLost, ServerUnreachable
 from webgym.core.task import LEVELS

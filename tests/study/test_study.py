@@ -18,7 +18,7 @@ import pytest
 pytest.importorskip("torch")
 
 from tests.conftest import Calls
-from tests.documented import documented
+from tests.documented import ROOT, documented
 from tests.report.training import World, build_training, tasks
 from tests.train.worlds import training_of
 
@@ -26,17 +26,7 @@ from webgym.core.errors import ConfigError, RunFolderError, UsageError
 from webgym.offline.web import OfflineWeb
 from webgym.store.runs import RunReader
 from webgym.study import conditions as study
-from webgym.study.conditions import (
-    Fit,
-    Result,
-    carry_out,
-    read_results,
-    read_study,
-    result_of,
-    student,
-    table,
-    write,
-)
+from webgym.study.conditions import Fit, Result, carry_out, read_results, read_study, result_of, table, write
 from webgym.tasks.selection import select
 from webgym.train.config import ObjectiveConfig
 from webgym.train.folder import TrainingFolder
@@ -101,6 +91,11 @@ def test_the_table_holds_means_and_spreads_and_the_papers_figures(tmp_path: Path
     assert (tmp_path / "study.md").read_text().splitlines()[: len(lines)] == lines
     assert read_results(tmp_path) == results
     assert (tmp_path / "study.png").stat().st_size > 1000
+
+
+def test_the_tables_in_the_docs_are_those_of_their_results(tmp_path: Path) -> None:
+    write(STUDY, read_results(figures := ROOT / "docs" / "figures"), tmp_path)
+    assert (tmp_path / "study.md").read_text() == (figures / "study.md").read_text()
 
 
 def test_the_area_under_the_curve_is_over_trajectories_and_may_be_of_some_kinds() -> None:
@@ -181,7 +176,7 @@ def test_the_spread_of_results_is_what_their_rows_and_seeds_do_not_explain() -> 
 
 @pytest.mark.parametrize(("freedom", "quantile"), [(2, 4.303), (3, 3.182), (9, 2.262), (63, 1.998)])
 def test_students_t(freedom: int, quantile: float) -> None:
-    assert student(0.975, freedom) == pytest.approx(quantile, rel=0.01)
+    assert study.student(0.975, freedom) == pytest.approx(quantile, rel=0.01)
 
 
 def test_the_plan_says_what_differences_will_show() -> None:

@@ -84,7 +84,8 @@ async def test_a_server_that_missed_an_update_takes_the_next(made: Path, tmp_pat
     for name in ("1", "2"):
         learner.update(samples(objective))
         learner.save(tmp_path / name)
-        assert (test := read_selftest(tmp_path / name)) is not None
+        test = read_selftest(tmp_path / name)
+        assert test is not None
         moved.append(test.moved)
     assert EXACT_TOLERANCE < moved[0] < TOLERANCE, "else the two starts could not be mistaken for each other"
     async with LocalServing(LocalConfig(path=str(made / "model"))) as serving:

@@ -443,7 +443,7 @@ def _draw(results: Sequence[Result], path: Path) -> None:
                 row_results[0].trajectories,
                 [100 * mean(point) for point in points],
                 color=CATEGORIES[number % len(CATEGORIES)],
-                linestyle=("-", "--")[number // len(CATEGORIES) % 2],
+                linestyle=("-", "--", ":")[number // len(CATEGORIES) % 3],
                 label=row,
             )
         axes.set_xlabel("trajectories collected")

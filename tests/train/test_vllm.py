@@ -31,18 +31,19 @@ from webgym.train.folder import TrainingFolder
 from webgym.train.selftest import SELFTEST, Greedy, SelfTest, known_messages, known_picture
 
 
-def saved(folder: Path, *, off: float = 0.25, since: float = 0.0, is_exact: bool = False) -> Path:
+def saved(
+    folder: Path, off: float = 0.25, since: float = 0, before: str = "1", is_exact: bool = False
+) -> Path:
     """Weights as the learner saves them, but for the weights. ``off`` tells them apart: how much lower their
-    log-probabilities are than those of the first; ``since`` is that of the weights before."""
+    log-probabilities are than the first's; ``since`` that of the weights before, ``before`` their version."""
     folder.mkdir()
     first = Greedy(fake_vllm.REPLY, fake_vllm.FIRST, [2.0] * 8)
-    before, after = (
+    then, now = (
         msgspec.structs.replace(first, logprobs=[each - lower for each in first.logprobs])
         for lower in (since, off)
     )
-    test = SelfTest(
-        *(fake_vllm.PROMPT, 7, after, before, "the heading", is_exact, known_picture()), first=first
-    )
+    known = (fake_vllm.PROMPT, 7, now, then, "the heading", is_exact, known_picture())
+    test = SelfTest(*known, first=first, since=before if since else "0")
     (folder / SELFTEST).write_bytes(msgspec.json.encode(test))
     return folder
 
@@ -345,7 +346,7 @@ async def test_a_resumed_training_publishes_to_a_server_that_has_its_newest_weig
             assert (await reply(serving)).weight_version == "3"
             fake.frozen = str(newest[0])
             with pytest.raises(PublishError, match="gives exactly the same reply as before"):
-                await serving.publish(saved(tmp_path / "4", off=0.252, since=0.25), "4")
+                await serving.publish(saved(tmp_path / "4", off=0.252, since=0.25, before="3"), "4")
 
 
 @pytest.mark.parametrize("how", ["label", "name"])

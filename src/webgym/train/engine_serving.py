@@ -30,25 +30,10 @@ from webgym.agent.openai_policy import OpenAIPolicy, as_policy_error
 from webgym.agent.policy import BasePolicy, Policy, PolicyInput
 from webgym.agent.profile import Profile
 from webgym.agent.profiles import choose_profile
-from webgym.core.errors import (
-    ConfigError,
-    LLMError,
-    PolicyBadReply,
-    PolicyError,
-    PublishError,
-    TrainingError,
-)
+from webgym.core.errors import ConfigError, LLMError, PolicyBadReply, PolicyError, PublishError, TrainingError
 from webgym.core.trajectory import Reply
 from webgym.inference.nccl import api_of
-from webgym.inference.vllm import (
-    EXPLICIT,
-    HOST,
-    ManagedServer,
-    PublishMethod,
-    VllmApi,
-    VllmConfig,
-    free_port,
-)
+from webgym.inference.vllm import EXPLICIT, HOST, ManagedServer, PublishMethod, VllmApi, VllmConfig, free_port
 from webgym.llm.health import register_client
 from webgym.train.config import LoraConfig
 from webgym.train.selftest import (
@@ -499,7 +484,7 @@ class EngineServing:
 
     async def _change(self, served: Served | None, weights: Path, version: str) -> None:
         test = read_selftest(weights)
-        if test is not None and served is not None and self._maybe_served is None:
+        if test and served and served.version == test.since and self._maybe_served is None:
             self._earlier = await served.policy.ask(*test.request(), GREEDY)
         try:
             await (self._hot_load if self._method == "lora" else self._drained)(weights, version)

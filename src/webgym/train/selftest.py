@@ -100,6 +100,7 @@ class SelfTest(msgspec.Struct, frozen=True):
         is_exact: whether the learner computed in float32.
         picture: PNG.
         first: reply of the weights that learning started from; ``None`` in tests of older versions.
+        since: version of the weights before the update; empty if unknown.
     """
 
     prompt_ids: list[int]
@@ -110,6 +111,7 @@ class SelfTest(msgspec.Struct, frozen=True):
     is_exact: bool
     picture: bytes
     first: Greedy | None = None
+    since: str = ""
 
     def request(self) -> tuple[tuple[Message, ...], dict[str, bytes]]:
         """The request, as :func:`known_request` gives it, with the picture of the test."""
@@ -186,7 +188,8 @@ def check(
         test: of the weights that were published.
         reply: the served model's greedy reply.
         tolerance: largest accepted distance, nats per token.
-        earlier: the same server's reply with the weights before the update.
+        earlier: the same server's reply with the weights before the update (``since``); ``None`` if it had
+            others, as where a stopped training goes on with a server that has just started.
 
     Raises:
         PublishError: the reply does not come from these weights.
@@ -226,8 +229,8 @@ def _check_change(test: SelfTest, earlier: Reply, reply: Reply, tolerance: float
     if earlier.tokens == reply.tokens and test.moved > _MOVED:
         raise _failure("gives exactly the same reply as before: the new weights are not in use")
     before, after = _errors(test.before, earlier), _errors(test.after, reply)
-    if before is None or after is None or _mean(before) > tolerance:  # it had other weights: those of an
-        return  # earlier update, as where a stopped training goes on, or its own
+    if before is None or after is None or _mean(before) > TOLERANCE:  # it had other weights, of its own
+        return
     off = _mean([now - then for now, then in zip(after, before, strict=False)])
     if off > tolerance:
         raise _failure(

@@ -73,8 +73,8 @@ class LocalServing:
     async def publish(self, weights: Path, version: str) -> None:
         """See :class:`Serving`."""
         test = read_selftest(weights)
-        is_other = test is not None and self._local.weight_version != version
-        earlier = await self._local.ask(*test.request(), GREEDY) if test and is_other else None
+        is_next = test is not None and self._local.weight_version == test.since
+        earlier = await self._local.ask(*test.request(), GREEDY) if test and is_next else None
         try:
             await self._local.publish(weights, version)
         except ConfigError as error:

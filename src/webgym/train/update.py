@@ -169,6 +169,7 @@ class Updater:
         self.step = 0 if resume is None else read_state(resume).step
         self._begin_moments(resume)
         self._greedy_reply: Greedy | None = None  # of the current weights to the self-test's request
+        self._since = ""  # version of the weights before the last update
         test = read_selftest(resume) if resume is not None else None
         self._first_reply = test.first if test is not None else None  # of those that learning started from
         self._needs: Collection[Need] = getattr(objective, "needs", ())
@@ -188,7 +189,7 @@ class Updater:
         Args:
             samples: to train on.
             passes: how often.
-            version: of the current weights, as replies record it, for the figures.
+            version: of the current weights, as replies record it, for the figures and the self-test.
 
         Raises:
             TrainingError: the loss or the gradient is not finite. Nothing was saved.
@@ -198,7 +199,7 @@ class Updater:
             raise ValueError("there is nothing to train on")
         config, started, figures = self.config, time.perf_counter(), _Figures()
         self.optimizer.zero_grad()  # those of an update that failed
-        self._greedy_reply = self._greedy_reply or self._greedy()
+        self._greedy_reply, self._since = self._greedy_reply or self._greedy(), version
         every = range(len(samples))
         proximal = self._logprobs(samples, every) if self.objective.off_policy else None
         start = self._start_logprobs(samples, every) if "start" in self._needs else None
@@ -411,6 +412,7 @@ class Updater:
             is_exact=self.config.precision == "fp32" and self.config.weights == "float32",
             picture=known_picture(),
             first=self._first_reply,
+            since=self._since,
         )
 
     def _clip(self) -> float:

@@ -147,7 +147,7 @@ def test_a_finding_repeats_where_the_difference_is_beyond_its_interval() -> None
     assert list(study.findings(STUDY, results))[2:] == [
         "| rewards teach (control) | -19.7 ± 1.1 | no, the opposite |",
         "| memory helps | +9.7 ± 1.1 | yes |",
-        "| uniform sampling beats biased | +0.3 ± 1.1 | not decided |",
+        "| uniform sampling beats biased | +0.3 ± 1.1 | not seen, at most +1.4 |",
     ]
     named = {row for each in STUDY.findings.values() for row in (each.better, each.worse)}
     assert named <= set(STUDY.rows)

@@ -412,9 +412,9 @@ def findings(study: StudyConfig, results: Sequence[Result]) -> Iterator[str]:
         found = fit.difference(finding.better, finding.worse) if fit is not None else None
         if found is None or found.half_width == math.inf:
             continue
-        verdict = "not decided"
-        if abs(found.mean) > found.half_width:
-            verdict = "yes" if found.mean > 0 else "no, the opposite"
+        least, most = 100 * (found.mean - found.half_width), 100 * (found.mean + found.half_width)
+        unseen = f"not seen, at most {most:+.1f}"
+        verdict = "yes" if least > 0 else "no, the opposite" if most < 0 else unseen
         yield f"| {name} | {100 * found.mean:+.1f} ± {100 * found.half_width:.1f} | {verdict} |"
 
 

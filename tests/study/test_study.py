@@ -40,11 +40,8 @@ def test_a_row_differs_from_the_reference_in_what_it_is_named_for() -> None:
     rows = {name: STUDY.training(name, 1, Path("tiny")).model_dump(mode="json") for name in STUDY.rows}
     reference = rows["reference"]
     assert reference["sampler"]["ratio"] == {"easy": 2, "medium": 5, "hard": 3}
-    assert [reference["rollout"]["attempt"][f"budget_{each}"] for each in ("easy", "medium", "hard")] == [
-        15,
-        30,
-        45,
-    ]
+    budgets = [reference["rollout"]["attempt"][f"budget_{each}"] for each in ("easy", "medium", "hard")]
+    assert budgets == [15, 30, 45]
     differing = {name: set(paths(row, reference)) for name, row in rows.items()}
     prompt = "rollout.agent.prompt_format"
     assert differing["reference"] == set()
@@ -136,18 +133,19 @@ def test_a_finding_repeats_where_the_difference_is_beyond_its_interval() -> None
         "reference": (0.40, 0.45, 0.50),
         "without memory": (0.30, 0.35, 0.41),
         "uniform sampling": (0.40, 0.46, 0.50),
-        "shuffled rewards": (0.60, 0.65, 0.69),
+        "shuffled rewards": (0.60, 0.65, 0.99),
     }
     results = [
         Result(row, seed, [0, 640], [0.0, 2 * last])
         for row, lasts in after.items()
         for seed, last in enumerate(lasts)
     ]
-    # Seeds explain most of the spread, and all rows share what is left of it.
+    # Seeds explain most of the spread, and all rows that learn share what is left of it. A control that
+    # wanders makes differences to it uncertain, and no others.
     assert list(study.findings(STUDY, results))[2:] == [
-        "| rewards teach (control) | -19.7 ± 1.1 | no, the opposite |",
-        "| memory helps | +9.7 ± 1.1 | yes |",
-        "| uniform sampling beats biased | +0.3 ± 1.1 | not seen, at most +1.4 |",
+        "| rewards teach (control) | -29.7 ± 41.3 | not seen, at most +11.6 |",
+        "| memory helps | +9.7 ± 1.2 | yes |",
+        "| uniform sampling beats biased | +0.3 ± 1.2 | not seen, at most +1.5 |",
     ]
     named = {row for each in STUDY.findings.values() for row in (each.better, each.worse)}
     assert named <= set(STUDY.rows)
@@ -181,7 +179,7 @@ def test_students_t(freedom: int, quantile: float) -> None:
 
 def test_the_plan_says_what_differences_will_show() -> None:
     rows = list(STUDY.rows)[:8]
-    cost, shows = study.plan(rows, 10, [])
+    cost, shows = study.plan(STUDY, rows, 10, [])
     assert cost == "8 rows x 10 seeds: 80 trainings, about 9.6 core hours (0.12 each, expected)"
     assert "2.3 points" in shows
     assert "spread 1.8 points, expected" in shows
@@ -195,13 +193,13 @@ def test_the_plan_says_what_differences_will_show() -> None:
         assert difference is not None
         found += difference.mean > difference.half_width
     assert 140 < found < 180
-    assert list(study.plan(rows[:1], 10, []))[1].startswith("too few rows")
+    assert list(study.plan(STUDY, rows[:1], 10, []))[1].startswith("too few rows")
     measured = [
         Result(row, seed, [0, 640], [0.2, 0.4 + 0.01 * ((seed + place) % 3)], core_hours=0.5)
         for place, row in enumerate(rows)
         for seed in range(3)
     ]
-    cost, shows = study.plan(rows, 10, measured)
+    cost, shows = study.plan(STUDY, rows, 10, measured)
     assert "about 40.0 core hours (0.50 each, measured)" in cost
     assert "measured" in shows
 

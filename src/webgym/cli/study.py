@@ -70,7 +70,7 @@ def command(
     console, initial = Console(), weights or WEIGHTS
     if plan_only:
         print("\n".join(rows))
-    for line in plan(rows, seeds, read_results(out) if out is not None else []):
+    for line in plan(study, rows, seeds, read_results(out) if out is not None else []):
         say(line, console)
     if plan_only or out is None:
         return

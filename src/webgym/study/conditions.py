@@ -155,11 +155,8 @@ class Result(msgspec.Struct):
         """
         rates = self.rates
         if on:
-            counts = [
-                [self.kinds[kind][number] for kind in on if kind in self.kinds]
-                for number in range(len(rates))
-            ]
-            if not all(sum(count for _, count in each) for each in counts):
+            counts = list(zip(*(self.kinds[kind] for kind in on if kind in self.kinds), strict=True))
+            if not counts or not all(sum(count for _, count in each) for each in counts):
                 return None
             rates = [sum(right for right, _ in each) / sum(count for _, count in each) for each in counts]
         width = self.trajectories[-1] - self.trajectories[0]
@@ -341,10 +338,11 @@ def _by_kind(run: RunReader) -> Mapping[str, tuple[int, int]]:
     return found
 
 
-def plan(rows: Sequence[str], seeds: int, results: Sequence[Result]) -> Iterator[str]:
-    """What a study costs and can show, before it is carried out.
+def plan(study: StudyConfig, rows: Sequence[str], seeds: int, results: Sequence[Result]) -> Iterator[str]:
+    """What a study costs and can show of rows that learn from rewards, before it is carried out.
 
     Args:
+        study: the study.
         rows: names of the rows to run.
         seeds: number of trainings per row.
         results: of trainings that are finished; the more there are, the less is assumed.
@@ -355,7 +353,7 @@ def plan(rows: Sequence[str], seeds: int, results: Sequence[Result]) -> Iterator
         f"{len(rows)} rows x {seeds} seeds: {trainings} trainings, about {trainings * each:.1f} core hours "
         f"({each:.2f} each, {'measured' if hours else 'expected'})"
     )
-    fit = _fit(results, ())
+    fit = _fit(study, results)
     is_measured = fit is not None and fit.freedom >= LEAST_FREEDOM
     spread = fit.spread if fit is not None and is_measured else SPREAD
     least = detectable(spread, len(rows), seeds)
@@ -368,8 +366,13 @@ def plan(rows: Sequence[str], seeds: int, results: Sequence[Result]) -> Iterator
     )
 
 
-def _fit(results: Sequence[Result], on: Sequence[str]) -> Fit | None:
-    found = {(each.row, each.seed): each.area(on) for each in results if each.rates}
+def _fit(
+    study: StudyConfig, results: Sequence[Result], compared: Sequence[str] = (), on: Sequence[str] = ()
+) -> Fit | None:
+    # What no reward holds wanders more: a difference to a control is held against the controls' spread.
+    controls = {name for name, row in study.rows.items() if "webgym.study.controls:" in str(row.settings)}
+    pool = controls.union(compared) if controls.intersection(compared) else study.rows.keys() - controls
+    found = {(each.row, each.seed): each.area(on) for each in results if each.rates and each.row in pool}
     areas = {key: area for key, area in found.items() if area is not None}
     return Fit(areas) if areas else None
 
@@ -408,7 +411,7 @@ def findings(study: StudyConfig, results: Sequence[Result]) -> Iterator[str]:
     yield "| finding | difference of areas, 95 % | repeats? |"
     yield "|---|---|---|"
     for name, finding in study.findings.items():
-        fit = _fit(results, finding.kinds)
+        fit = _fit(study, results, (finding.better, finding.worse), finding.kinds)
         found = fit.difference(finding.better, finding.worse) if fit is not None else None
         if found is None or found.half_width == math.inf:
             continue
@@ -457,7 +460,8 @@ def _draw(results: Sequence[Result], path: Path) -> None:
 #
 # All trainings share their test tasks, and those of a seed their draws as far as the rows' settings allow. So
 # a training's result is fitted as an effect of its row plus one of its seed. What remains is the spread that
-# every difference of rows is held against, with far more degrees of freedom than two rows have.
+# every difference of rows is held against, with far more degrees of freedom than two rows have; controls have
+# their own.
 
 
 class Difference(NamedTuple):
@@ -481,13 +485,8 @@ class Fit:
     def __init__(self, results: Mapping[tuple[str, int], float]) -> None:
         self._rows = sorted({row for row, _ in results})
         seeds = sorted({seed for _, seed in results})
-        design = np.array(
-            [
-                [*(row == each for each in self._rows), *(seed == each for each in seeds[1:])]
-                for row, seed in results
-            ],
-            dtype=float,
-        )
+        columns = [*self._rows, *seeds[1:]]
+        design = np.array([[column in key for column in columns] for key in results], dtype=float)
         found = np.array(list(results.values()))
         self._effects, _, rank, _ = np.linalg.lstsq(design, found, rcond=None)
         self._inverse: Any = np.linalg.pinv(design.T @ design)

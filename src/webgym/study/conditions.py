@@ -19,8 +19,8 @@ import re
 import shutil
 import time
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import accumulate, pairwise
+from collections.abc import Container, Iterator, Mapping, Sequence
+from itertools import accumulate
 from pathlib import Path
 from statistics import NormalDist, mean, stdev
 from typing import Any, Final, NamedTuple
@@ -147,11 +147,17 @@ class Result(msgspec.Struct):
         """Success of the final weights, free of the selection bias of a peak."""
         return self.rates[-1]
 
-    def area(self, on: Sequence[str] = ()) -> float | None:
+    @property
+    def places(self) -> list[int]:
+        """Where each evaluation was made, in twentieths of the trajectories."""
+        return [round(20 * number / (self.trajectories[-1] or 1)) for number in self.trajectories]
+
+    def area(self, on: Sequence[str] = (), at: Container[int] = range(21)) -> float | None:
         """Mean success over the trajectories collected, by the trapezoidal rule.
 
         Args:
             on: subdomains whose tasks count; all by default. ``None`` if none of them was attempted.
+            at: :attr:`places` of the evaluations that count; all by default.
         """
         rates = self.rates
         if on:
@@ -159,10 +165,10 @@ class Result(msgspec.Struct):
             if not counts or not all(sum(count for _, count in each) for each in counts):
                 return None
             rates = [sum(right for right, _ in each) / sum(count for _, count in each) for each in counts]
-        width = self.trajectories[-1] - self.trajectories[0]
-        pairs = zip(pairwise(self.trajectories), pairwise(rates), strict=True)
-        total = sum((end - start) * (before + after) / 2 for (start, end), (before, after) in pairs)
-        return total / width if width else None
+        points = zip(self.places, self.trajectories, rates, strict=True)
+        where, height = np.array([(number, rate) for place, number, rate in points if place in at]).T
+        width = where[-1] - where[0]
+        return float(np.trapezoid(height, where)) / width if width else None
 
 
 def read_study(files: Sequence[Path], overrides: Mapping[str, Any] | None = None) -> StudyConfig:
@@ -339,14 +345,8 @@ def _by_kind(run: RunReader) -> Mapping[str, tuple[int, int]]:
 
 
 def plan(study: StudyConfig, rows: Sequence[str], seeds: int, results: Sequence[Result]) -> Iterator[str]:
-    """What a study costs and can show of rows that learn from rewards, before it is carried out.
-
-    Args:
-        study: the study.
-        rows: names of the rows to run.
-        seeds: number of trainings per row.
-        results: of trainings that are finished; the more there are, the less is assumed.
-    """
+    """What so many seeds of these rows cost, and what those that learn from rewards can show. The more
+    ``results`` of finished trainings there are, the less is assumed."""
     hours = [result.core_hours for result in results if result.core_hours is not None]
     trainings, each = len(rows) * seeds, mean(hours) if hours else CORE_HOURS
     yield (
@@ -372,8 +372,10 @@ def _fit(
     # What no reward holds wanders more: a difference to a control is held against the controls' spread.
     controls = {name for name, row in study.rows.items() if "webgym.study.controls:" in str(row.settings)}
     pool = controls.union(compared) if controls.intersection(compared) else study.rows.keys() - controls
-    found = {(each.row, each.seed): each.area(on) for each in results if each.rates and each.row in pool}
-    areas = {key: area for key, area in found.items() if area is not None}
+    results = [each for each in results if each.rates and each.row in pool]
+    # A curve is bent: over fewer evaluations its area is smaller, so that those count that both rows have.
+    at = set(range(21)).intersection(*(each.places for each in results if each.row in compared))
+    areas = {(each.row, each.seed): area for each in results if (area := each.area(on, at)) is not None}
     return Fit(areas) if areas else None
 
 
@@ -508,12 +510,8 @@ class Fit:
 
 
 def detectable(spread: float, rows: int, seeds: int) -> float:
-    """The smallest difference between two rows that a study finds in four of five cases; ``inf`` if none.
-
-    Args:
-        spread: standard deviation of a training's result, apart from row and seed.
-        rows, seeds: of the study.
-    """
+    """The smallest difference between two rows that a study of so many rows and seeds finds in four of five
+    cases, with the spread of a :class:`Fit`; ``inf`` if none."""
     freedom = (rows - 1) * (seeds - 1)
     if freedom < LEAST_FREEDOM:
         return math.inf
